@@ -1,0 +1,520 @@
+"""Physical effects beyond the base model: one class each.
+
+A class here states what the effect is called, its parameters with units and
+bounds, the compiled law by which it acts, what it is in plain words, and the
+experiment that would expose it.  Simulation, fitting, diagnosis and the
+documentation all read the same class.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any, ClassVar
+
+from numba import cfunc
+
+from dryfric_control.friction import finite
+from dryfric_control.kernels import LAW
+
+#: What an effect may act on.
+ACTIONS = ("input", "force", "friction", "delay", "lag")
+
+
+def parameter(
+    unit: str,
+    doc: str,
+    *,
+    bounds: tuple[float, float] = (-math.inf, math.inf),
+    default: float | None = None,
+) -> Any:
+    """Declare one parameter of an effect.
+
+    Parameters
+    ----------
+    unit : str
+        Unit, "1" for a ratio.
+    doc : str
+        What the parameter is.
+    bounds : tuple of float
+        Smallest and largest allowed value.
+    default : float, optional
+        Value when the user gives none.
+
+    Returns
+    -------
+    dataclasses.Field
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> dfc.parameter("N", "force", bounds=(0.0, 10.0)).metadata["unit"]
+    'N'
+    """
+    metadata = {"unit": unit, "doc": doc, "bounds": bounds}
+    return field(default=MISSING if default is None else default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Base of every physical effect.
+
+    A subclass is a frozen dataclass whose fields are declared with
+    `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
+    `experiment`, and, unless it acts by a number alone ("delay", "lag"), a
+    static method `law`.
+
+    Notes
+    -----
+    ``law(t, x, v, u, level, direction, rest, p)`` returns, by `action`:
+
+    - "force": a force added to the drive [N]; `u` is the drive force;
+    - "friction": an addition to the Coulomb level [N]; `level` is that level
+      here and in this `direction`, `u` the net force, `rest` the time at rest;
+    - "input": the drive force that takes the place of `u` [N].
+
+    `p` holds the parameters in the order of the fields.  The law is compiled
+    once for itself; no combination of effects costs a further compilation, and
+    one call costs a few nanoseconds.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> dfc.Spring(stiffness=200.0).describe()
+    'spring: stiffness = 200 N/m, rest = 0 m'
+    """
+
+    slug: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    action: ClassVar[str] = ""
+    explanation: ClassVar[str] = ""
+    experiment: ClassVar[str] = ""
+    #: Whether position, speed and mode do not tell all it does: it looks back.
+    remembers: ClassVar[bool] = False
+    law: ClassVar[Callable[..., float]]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = finite(f"{self.slug}.{item.name}", getattr(self, item.name))
+            low, high = item.metadata["bounds"]
+            if not low <= value <= high:
+                raise ValueError(
+                    f"{self.slug}.{item.name} must lie between {low:g} and {high:g} "
+                    f"{item.metadata['unit']}, got {value!r}"
+                )
+            object.__setattr__(self, item.name, value)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Values of the parameters, in the order of `parameters`."""
+        return tuple(getattr(self, item.name) for item in fields(self))
+
+    @classmethod
+    def parameters(cls) -> dict[str, dict[str, Any]]:
+        """Unit, bounds and meaning of every parameter, by name."""
+        return {item.name: dict(item.metadata) for item in fields(cls)}
+
+    def describe(self) -> str:
+        """Slug and parameters with units, in one line."""
+        parts = []
+        for item in fields(self):
+            unit = item.metadata["unit"]
+            suffix = "" if unit == "1" else f" {unit}"
+            parts.append(f"{item.name} = {getattr(self, item.name):.6g}{suffix}")
+        return f"{self.slug}: {', '.join(parts)}"
+
+
+#: Every known effect by slug, in the order of definition.
+REGISTRY: dict[str, type[Effect]] = {}
+
+
+def register_effect(cls: type[Effect]) -> type[Effect]:
+    """Make an effect known to simulation, fitting and diagnosis.
+
+    Used as a class decorator, above ``@dataclass(frozen=True)``.
+
+    Parameters
+    ----------
+    cls : type of Effect
+        The class to register.
+
+    Returns
+    -------
+    type of Effect
+        The same class.
+
+    Raises
+    ------
+    ValueError
+        If the class lacks a slug, a known action or a law, or takes the slug
+        of another effect.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> import dryfric_control as dfc
+    >>> @dfc.register_effect
+    ... @dataclass(frozen=True)
+    ... class Magnet(dfc.Effect):
+    ...     strength: float = dfc.parameter("N m^2", "pull times distance squared")
+    ...     slug = "magnet"
+    ...     action = "force"
+    ...     @staticmethod
+    ...     def law(t, x, v, u, level, direction, rest, p):
+    ...         return p[0] / (0.1 + x) ** 2
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=1.0,
+    ...                         effects=(Magnet(strength=0.05),))
+    >>> bool(axis.simulate([0.0] * 5, dt=1e-3).y[0, -1] > 0)
+    True
+    """
+    if not cls.slug or not cls.slug.isidentifier():
+        raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
+    if cls.action not in ACTIONS:
+        raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
+    if cls.action not in ("delay", "lag") and not callable(getattr(cls, "law", None)):
+        raise ValueError(f"{cls.__name__} needs a static method law(t, x, v, u, ..., p)")
+    known = REGISTRY.get(cls.slug)
+    if known is not None and known.__qualname__ != cls.__qualname__:
+        raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
+    REGISTRY[cls.slug] = cls
+    return cls
+
+
+# Compiled laws stay alive here: the kernel holds only their addresses.
+_COMPILED: dict[type[Effect], Any] = {}
+
+
+def law_address(cls: type[Effect]) -> int:
+    """Address of an effect's compiled law, valid in this process.
+
+    Parameters
+    ----------
+    cls : type of Effect
+        The effect.
+
+    Returns
+    -------
+    int
+    """
+    if cls not in _COMPILED:
+        try:
+            _COMPILED[cls] = cfunc(LAW, cache=True)(cls.law)
+        except RuntimeError as problem:
+            # A class typed at the prompt has no file beside which to keep a cache.
+            if "cannot cache" not in str(problem):
+                raise
+            _COMPILED[cls] = cfunc(LAW)(cls.law)
+    return int(_COMPILED[cls].address)
+
+
+@register_effect
+@dataclass(frozen=True)
+class BiasForce(Effect):
+    """Constant force on the mass.
+
+    Parameters
+    ----------
+    force : float
+        Force [N], positive with x.
+    """
+
+    force: float = parameter("N", "force, positive with x")
+
+    slug = "bias_force"
+    title = "bias force"
+    action = "force"
+    explanation = (
+        "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
+        "cable, or an offset of the amplifier."
+    )
+    experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0]
+
+
+@register_effect
+@dataclass(frozen=True)
+class ViscousAsymmetry(Effect):
+    """Viscous friction that differs between the directions.
+
+    Parameters
+    ----------
+    viscous : float
+        Half the difference of the two coefficients [N s/m]: added for motion
+        in positive direction, taken away in negative direction.
+    """
+
+    viscous: float = parameter("N s/m", "half the difference, positive less negative")
+
+    slug = "viscous_asymmetry"
+    title = "viscous asymmetry"
+    action = "force"
+    explanation = (
+        "Speed-proportional friction is larger one way: a lip seal or a one-sided oil film."
+    )
+    experiment = "Run at several constant speeds both ways and compare the slopes of force."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * abs(v)
+
+
+@register_effect
+@dataclass(frozen=True)
+class CoulombAsymmetry(Effect):
+    """Coulomb level that differs between the directions.
+
+    Parameters
+    ----------
+    force : float
+        Half the difference of the two levels [N]: added for motion in
+        positive direction, taken away in negative direction.
+    """
+
+    force: float = parameter("N", "half the difference, positive less negative")
+
+    slug = "coulomb_asymmetry"
+    title = "Coulomb asymmetry"
+    action = "friction"
+    explanation = "Dry friction is larger one way: worn or preloaded contact, a wedge, a brush."
+    experiment = (
+        "Crawl both ways at the same speed and compare the levels; tilt to part it from a bias."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] if direction > 0.0 else -p[0]
+
+
+@register_effect
+@dataclass(frozen=True)
+class QuadraticDrag(Effect):
+    """Drag that grows with the square of speed.
+
+    Parameters
+    ----------
+    drag : float
+        Coefficient of ``v |v|`` [N s^2/m^2].
+    """
+
+    drag: float = parameter("N s^2/m^2", "coefficient of v |v|", bounds=(0.0, math.inf))
+
+    slug = "quadratic_drag"
+    title = "quadratic drag"
+    action = "force"
+    explanation = "Air or liquid is thrown aside, so the resistance grows with the square of speed."
+    experiment = "Run at several constant speeds up to the fastest: the force curve bends upwards."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * v * abs(v)
+
+
+@register_effect
+@dataclass(frozen=True)
+class Spring(Effect):
+    """Linear spring to the frame.
+
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness [N/m].
+    rest : float
+        Position without spring force [m].
+    """
+
+    stiffness: float = parameter("N/m", "stiffness", bounds=(0.0, math.inf))
+    rest: float = parameter("m", "position without spring force", default=0.0)
+
+    slug = "spring"
+    title = "spring"
+    action = "force"
+    explanation = (
+        "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
+    )
+    experiment = "Crawl over the whole travel: the mean of the two directions slopes with position."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * (x - p[1])
+
+
+@register_effect
+@dataclass(frozen=True)
+class Gravity(Effect):
+    """Gravity on a rotary axis.
+
+    Parameters
+    ----------
+    amplitude : float
+        Largest torque m g l [N m].
+    phase : float
+        Position at which the arm hangs [rad].
+    """
+
+    amplitude: float = parameter("N m", "largest torque m g l", bounds=(0.0, math.inf))
+    phase: float = parameter("rad", "position at which the arm hangs", default=0.0)
+
+    slug = "gravity"
+    title = "gravity on a rotary axis"
+    action = "force"
+    explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
+    experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * math.sin(x - p[1])
+
+
+@register_effect
+@dataclass(frozen=True)
+class Cogging(Effect):
+    """Force that repeats with position.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude [N].
+    period : float
+        Period [m].
+    phase : float
+        Phase at x = 0 [rad].
+    """
+
+    amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
+    period: float = parameter("m", "period", bounds=(1e-300, math.inf))
+    phase: float = parameter("rad", "phase at x = 0", default=0.0)
+
+    slug = "cogging"
+    title = "cogging"
+    action = "force"
+    explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
+    experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+
+@register_effect
+@dataclass(frozen=True)
+class InputDelay(Effect):
+    """Drive force that acts some time after the command.
+
+    Parameters
+    ----------
+    delay : float
+        Delay [s], any length, not only whole samples.
+    """
+
+    delay: float = parameter("s", "delay", bounds=(0.0, math.inf))
+
+    slug = "input_delay"
+    title = "input delay"
+    action = "delay"
+    remembers = True
+    explanation = "The drive acts late: computing time, a field bus, or a current loop's dead time."
+    experiment = "Step the force while sliding and time the bend in speed against the command."
+
+
+@register_effect
+@dataclass(frozen=True)
+class ActuatorLag(Effect):
+    """Drive force that follows the command with a first-order lag.
+
+    Parameters
+    ----------
+    time_constant : float
+        Time constant [s].
+    """
+
+    time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf))
+
+    slug = "actuator_lag"
+    title = "actuator lag"
+    action = "lag"
+    remembers = True
+    explanation = "The force builds up gradually: the winding's inductance or a valve's stroke."
+    experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
+
+
+@register_effect
+@dataclass(frozen=True)
+class InputGain(Effect):
+    """Drive force that is a multiple of the commanded one.
+
+    Parameters
+    ----------
+    gain : float
+        Force acting over force commanded [1].
+    """
+
+    gain: float = parameter("1", "force acting over force commanded", bounds=(0.0, math.inf))
+
+    slug = "input_gain"
+    title = "input gain"
+    action = "input"
+    explanation = "The drive gives more or less force than believed: torque constant or scaling."
+    experiment = "Hang a known weight on the axis and read the command that balances it."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * u
+
+
+@register_effect
+@dataclass(frozen=True)
+class DeadZone(Effect):
+    """Command below which the drive gives no force.
+
+    Parameters
+    ----------
+    width : float
+        Half width of the dead zone [N]; above it the force is the command
+        less this width.
+    """
+
+    width: float = parameter("N", "half width", bounds=(0.0, math.inf))
+
+    slug = "dead_zone"
+    title = "dead zone"
+    action = "input"
+    explanation = "Small commands are lost in the drive: valve overlap or a bridge's blanking time."
+    experiment = (
+        "Sweep the command slowly through zero while the axis is pushed by a constant load."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        if u > p[0]:
+            return u - p[0]
+        if u < -p[0]:
+            return u + p[0]
+        return 0.0
+
+
+@register_effect
+@dataclass(frozen=True)
+class Saturation(Effect):
+    """Largest force that the drive gives.
+
+    Parameters
+    ----------
+    limit : float
+        Largest magnitude of the force [N].
+    """
+
+    limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf))
+
+    slug = "saturation"
+    title = "saturation"
+    action = "input"
+    explanation = "The drive cannot give more than this: current limit, supply voltage, pressure."
+    experiment = "Step the reference further and further: the acceleration stops growing."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return min(max(u, -p[0]), p[0])

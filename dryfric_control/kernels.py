@@ -1,0 +1,669 @@
+"""Compiled one-sample step of the switched axis.
+
+Everything here takes and returns numbers and arrays: no classes, no Python
+objects.  This is the only place where the physics is integrated; every other
+face of the axis (`FrictionAxis.simulate`, the python-control blocks, fitting,
+diagnosis) calls it.
+
+The modes are those of the hybrid model (paper, eqs. (2) and (3)), with
+``s = +1, -1`` the direction of sliding::
+
+    sliding   x' = v,  m v' = w - f v - s F_s(x, v)
+              F_s = (C_s(x) + extra levels) (1 + sigma exp(-((s v - Sigma)/vs)^2))
+    stuck     x' = v,  v' = -p v,  friction = w
+
+where ``w`` is the net force without friction: the drive after its own chain
+(gain, dead zone, saturation, delay, lag) plus every force effect.
+
+Sliding is integrated by the four-stage Runge-Kutta-Nystroem method of order 4
+with an embedded estimate of order 3; stuck is exact in closed form.  A step
+that meets a switching surface is cut there: the cut is found by repeating the
+step itself, not by interpolation, so switching times are as accurate as the
+integration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+#: Scalar law of an effect: f(t, x, v, u, level, direction, rest, parameters).
+LAW = types.float64(
+    types.float64,  # t: time [s]
+    types.float64,  # x: position
+    types.float64,  # v: speed
+    types.float64,  # u: force the law acts on (drive, or net force for friction)
+    types.float64,  # level: Coulomb level at this place, 0 for force laws
+    types.float64,  # direction: +1, -1; 0 while stuck
+    types.float64,  # rest: time at rest [s]
+    types.CPointer(types.float64),  # parameters of this effect
+)
+
+FILIPPOV, PAPER = 0, 1
+
+#: Places in the array of numbers that describes an axis; the coefficients of
+#: the Coulomb levels (for +, then for -) and the effects' parameters follow.
+(
+    INVERSE_MASS,
+    VISCOUS,
+    EXCESS,
+    INVERSE_STRIBECK_SPEED,
+    STICK_SPEED,
+    STICK_RATE,
+    LOW,
+    HIGH,
+    DELAY,
+    LAG,
+    COULOMB,
+) = range(11)
+
+#: Places in the array of integers; address and first parameter of each law
+#: follow, in the order input, force, level.
+(RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_LEVEL, N_HISTORY, LAWS) = range(8)
+
+#: Places of the memory that every axis carries; the delay line follows.
+X, V, MODE, REST, LAGGED, HISTORY = 0, 1, 2, 3, 4, 5
+
+# Local error of one step, relative to the speed scale: far below the accuracy
+# promised for switching times (1e-6 s) and far above round-off.
+_TOLERANCE = 1e-9
+# exp(-40) is below the round-off of 1: further out there is no Stribeck term.
+_STRIBECK_REACH = 40.0
+# Well-posed switching never comes near this; it bounds the work per sample.
+_MAX_SWITCHES = 64
+# Numbers that one sample may write into the list of switches: two pieces with
+# a switch at their start, and as many again inside as the bound allows.
+ROOM = 3 * 2 * (2 * _MAX_SWITCHES + 2)
+_SHORTEST = 1e-9  # shortest step, as a part of the interval
+
+
+class Plant(NamedTuple):
+    """Numbers of one axis and its laws, as addresses for compiled functions."""
+
+    numbers: Any  # pointer to float64, see the places above
+    integers: Any  # pointer to int64: counts, then the laws
+
+
+class Drive(NamedTuple):
+    """Drive force inside an interval: start + slope tau + fade exp(-rate tau)."""
+
+    start: float
+    slope: float
+    fade: float
+    rate: float
+
+
+@intrinsic
+def pointer(typingctx, array):
+    """Address of the first element; the caller keeps the array alive."""
+    signature = types.CPointer(array.dtype)(array)
+
+    def codegen(context, builder, signature, args):
+        return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+    return signature, codegen
+
+
+@intrinsic
+def _call(typingctx, address, t, x, v, u, level, direction, rest, numbers, offset):
+    """Call a compiled law by its address: one kernel serves every combination."""
+    signature = types.float64(
+        types.int64, *LAW.args[:-1], types.CPointer(types.float64), types.int64
+    )
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        function = ir.FunctionType(double, [double] * 7 + [double.as_pointer()])
+        callee = builder.inttoptr(args[0], function.as_pointer())
+        parameters = builder.gep(args[8], [args[9]])
+        return builder.call(callee, [*args[1:8], parameters])
+
+    return signature, codegen
+
+
+@njit(cache=True, error_model="numpy")
+def point(numbers, integers):
+    """Arrays that describe an axis as a `Plant`; they must outlive it."""
+    return Plant(pointer(numbers), pointer(integers))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _law(plant, i, t, x, v, u, level, direction, rest):
+    address, offset = plant.integers[LAWS + 2 * i], plant.integers[LAWS + 2 * i + 1]
+    return _call(address, t, x, v, u, level, direction, rest, plant.numbers, offset)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def polynomial(coefficients, first, count, x):
+    """Value of c[0] + c[1] x + ... by Horner's rule."""
+    value = coefficients[first + count - 1]
+    for i in range(count - 2, -1, -1):
+        value = value * x + coefficients[first + i]
+    return value
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def drive_force(drive, tau):
+    """Drive force at time tau of the interval."""
+    force = drive.start + drive.slope * tau
+    if drive.fade != 0.0:
+        force += drive.fade * math.exp(-drive.rate * tau)
+    return force
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def load(plant, drive, t0, tau, x, v, s, rest):
+    """Net force on the mass without friction."""
+    u = drive_force(drive, tau)
+    w = u
+    for i in range(plant.integers[N_INPUT], plant.integers[N_INPUT] + plant.integers[N_FORCE]):
+        w += _law(plant, i, t0 + tau, x, v, u, 0.0, s, rest)
+    return w
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def coulomb_level(plant, t, x, v, w, s, rest):
+    """Friction level without Stribeck peak in direction s, a magnitude."""
+    place = min(max(x, plant.numbers[LOW]), plant.numbers[HIGH])
+    if s > 0.0:
+        base = polynomial(plant.numbers, COULOMB, plant.integers[N_PLUS], place)
+    else:
+        base = polynomial(
+            plant.numbers, COULOMB + plant.integers[N_PLUS], plant.integers[N_MINUS], place
+        )
+    level = base
+    first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
+    for i in range(first, first + plant.integers[N_LEVEL]):
+        level += _law(plant, i, t, x, v, w, base, s, rest)
+    return max(level, 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sliding_level(plant, t, x, v, w, s):
+    """Friction magnitude F_s(x, v) while sliding in direction s."""
+    level = coulomb_level(plant, t, x, v, w, s, 0.0)
+    if plant.numbers[EXCESS] > 0.0:
+        q = (s * v - plant.numbers[STICK_SPEED]) * plant.numbers[INVERSE_STRIBECK_SPEED]
+        q *= q
+        if q < _STRIBECK_REACH:
+            level *= 1.0 + plant.numbers[EXCESS] * math.exp(-q)
+    return level
+
+
+@njit(cache=True, error_model="numpy")
+def breakaway_level(plant, t, x, w, s, rest):
+    """Friction that a stuck axis can hold against motion in direction s."""
+    return (1.0 + plant.numbers[EXCESS]) * coulomb_level(plant, t, x, 0.0, w, s, rest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _acceleration(plant, drive, t0, tau, x, v, s):
+    w = load(plant, drive, t0, tau, x, v, s, 0.0)
+    return (
+        w - plant.numbers[VISCOUS] * v - s * sliding_level(plant, t0 + tau, x, v, w, s)
+    ) * plant.numbers[INVERSE_MASS]
+
+
+@njit(cache=True, error_model="numpy")
+def _slide(plant, drive, t0, tau, x, v, s, k1, d):
+    """One sliding step of length d; also the end acceleration and the error."""
+    half = 0.5 * d
+    xm = x + half * (v + 0.25 * d * k1)
+    k2 = _acceleration(plant, drive, t0, tau + half, xm, v + half * k1, s)
+    k3 = _acceleration(plant, drive, t0, tau + half, xm, v + half * k2, s)
+    k4 = _acceleration(plant, drive, t0, tau + d, x + d * (v + half * k3), v + d * k3, s)
+    x1 = x + d * (v + d * (k1 + k2 + k3) / 6.0)
+    v1 = v + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
+    k5 = _acceleration(plant, drive, t0, tau + d, x1, v1, s)
+    return x1, v1, k5, 0.1 * d * abs(k4 - k5)
+
+
+@njit(cache=True, error_model="numpy")
+def _band_excess(plant, drive, t0, tau, x, v, s):
+    """How far the load lies outside the Coulomb band, negative inside it."""
+    w = load(plant, drive, t0, tau, x, v, s, 0.0)
+    t = t0 + tau
+    if s * w > 0.0:
+        return s * w - coulomb_level(plant, t, x, v, w, s, 0.0)
+    return -s * w - coulomb_level(plant, t, x, v, w, -s, 0.0)
+
+
+_OUTER, _ZERO, _BAND = 0, 1, 2
+
+
+@njit(cache=True, error_model="numpy")
+def _surface(plant, drive, t0, tau, x, v, s, kind):
+    """Switching function that falls through zero at the switch."""
+    if kind == _OUTER:
+        return s * v - plant.numbers[STICK_SPEED]
+    if kind == _ZERO:
+        return s * v
+    return _band_excess(plant, drive, t0, tau, x, v, s)
+
+
+@njit(cache=True, error_model="numpy")
+def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
+    """Length of the step that ends on a switching surface.
+
+    Illinois' method on the step itself.  `upper` is the surface's value at
+    the end of the full step (not positive); its value at the start is
+    positive, or the surface is met at once.
+    """
+    a, b = 0.0, d
+    fa = _surface(plant, drive, t0, tau, x, v, s, kind)
+    fb = upper
+    if fa <= 0.0:
+        return 0.0
+    side = 0
+    for _ in range(100):
+        if b - a <= 1e-15 * d or fb == 0.0:
+            break
+        c = (fa * b - fb * a) / (fa - fb)
+        if not a < c < b:
+            c = 0.5 * (a + b)
+        if not a < c < b:
+            break
+        xc, vc, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, c)
+        fc = _surface(plant, drive, t0, tau + c, xc, vc, s, kind)
+        if fc > 0.0:
+            a, fa = c, fc
+            if side == 1:
+                fb *= 0.5
+            side = 1
+        else:
+            b, fb = c, fc
+            if side == -1:
+                fa *= 0.5
+            side = -1
+    return b
+
+
+@njit(cache=True, error_model="numpy")
+def _hold_excess(plant, drive, t0, tau, x, v, rest):
+    """How far the load exceeds what a stuck axis can hold, and its direction."""
+    w = load(plant, drive, t0, tau, x, v, 0.0, rest)
+    s = 1.0 if w > 0.0 else -1.0
+    return s * w - breakaway_level(plant, t0 + tau, x, w, s, rest), s
+
+
+@njit(cache=True, error_model="numpy")
+def _decay(plant, x, v, d):
+    """Stuck motion over d: v' = -p v, exactly."""
+    if v == 0.0:
+        return x, v
+    fall = -math.expm1(-plant.numbers[STICK_RATE] * d)
+    after = v - v * fall
+    # Without a floor the speed would creep into denormal numbers, which are slow.
+    return x + v * fall / plant.numbers[STICK_RATE], after if abs(after) > 1e-250 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def resolve(plant, t, x, v, mode, rest, w):
+    """Mode at an instant where the load may have jumped.
+
+    Returns the mode and the speed: an axis that breaks away against its
+    leftover speed (at most Sigma) loses that speed.
+    """
+    if mode == 0:
+        if abs(v) > plant.numbers[STICK_SPEED]:
+            return (1 if v > 0.0 else -1), v
+        s = 1.0 if w > 0.0 else -1.0
+        if s * w > breakaway_level(plant, t, x, w, s, rest):
+            return int(s), (v if s * v > 0.0 else 0.0)
+        return 0, v
+    s = float(mode)
+    if s * v < 0.0:
+        # Only the printed rule and a state given from outside come here.
+        mode, s = -mode, -s
+    if s * v <= plant.numbers[STICK_SPEED]:
+        side = s if s * w > 0.0 else -s
+        if abs(w) <= coulomb_level(plant, t, x, v, w, side, 0.0):
+            return 0, v
+    return mode, v
+
+
+@njit(cache=True, error_model="numpy")
+def begin(plant, drive, t, x, v, mode, rest):
+    """Mode, speed, friction force and acceleration as an interval starts."""
+    w = load(plant, drive, t, 0.0, x, v, float(mode), rest)
+    after, v = resolve(plant, t, x, v, mode, rest, w)
+    if after == 0:
+        return 0, v, w, 0.0
+    s = float(after)
+    if after != mode:
+        w = load(plant, drive, t, 0.0, x, v, s, 0.0)
+    friction = s * sliding_level(plant, t, x, v, w, s)
+    return (
+        after,
+        v,
+        friction,
+        (w - plant.numbers[VISCOUS] * v - friction) * plant.numbers[INVERSE_MASS],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _at_zero(plant, t, x, w, mode):
+    """Mode after a sliding speed has come down to zero (completed rule)."""
+    s = float(mode)
+    if -s * w > breakaway_level(plant, t, x, w, -s, 0.0):
+        return -mode
+    if s * w <= sliding_level(plant, t, x, 0.0, w, s):
+        return 0
+    return mode
+
+
+@njit(cache=True, error_model="numpy")
+def _record(events, count, t, before, after):
+    k = count[0]
+    events[3 * k] = t
+    events[3 * k + 1] = before
+    events[3 * k + 2] = after
+    count[0] = k + 1
+
+
+@njit(cache=True, error_model="numpy")
+def advance(plant, drive, t0, h, memory, events, count):
+    """Move the axis over [t0, t0 + h] with one smooth piece of drive.
+
+    `memory` is changed in place; each switch goes to `events` (rows of time,
+    mode before, mode after) and is counted in `count`.  Returns the friction
+    force and the mode at t0.
+    """
+    x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
+    sigma = plant.numbers[STICK_SPEED]
+    varies = (
+        drive.slope != 0.0
+        or drive.fade != 0.0
+        or plant.integers[N_FORCE] > 0
+        or plant.integers[N_LEVEL] > 0
+    )
+    varies = varies or plant.integers[N_PLUS] > 1 or plant.integers[N_MINUS] > 1
+
+    first, v, friction, k1 = begin(plant, drive, t0, x, v, mode, rest)
+    if first != mode:
+        _record(events, count, t0, mode, first)
+        mode, rest = first, 0.0
+
+    tau = 0.0
+    longest = h
+    switches = 0
+    flips = 0
+    fresh = False  # k1 must be computed anew
+    while tau < h:
+        if mode == 0:
+            d = h - tau
+            s = 1.0
+            found = False
+            if varies and switches < _MAX_SWITCHES:
+                # The middle is looked at too: a force may peak inside a sample.
+                a = 0.0
+                for part in range(1, 3):
+                    b = 0.5 * part * d
+                    xb, vb = _decay(plant, x, v, b)
+                    excess, s = _hold_excess(plant, drive, t0, tau + b, xb, vb, rest + b)
+                    if excess > 0.0:
+                        found = True
+                        for _ in range(60):
+                            c = 0.5 * (a + b)
+                            if not a < c < b:
+                                break
+                            xc, vc = _decay(plant, x, v, c)
+                            above, side = _hold_excess(plant, drive, t0, tau + c, xc, vc, rest + c)
+                            if above > 0.0:
+                                b, s = c, side
+                            else:
+                                a = c
+                        d = b
+                        break
+                    a = b
+            x, v = _decay(plant, x, v, d)
+            tau += d
+            rest += d
+            if found:
+                switches += 1
+                _record(events, count, t0 + tau, 0, int(s))
+                mode, rest, fresh, longest = int(s), 0.0, True, h
+                if s * v < 0.0:
+                    v = 0.0
+            continue
+
+        s = float(mode)
+        if fresh:
+            k1 = _acceleration(plant, drive, t0, tau, x, v, s)
+            fresh = False
+        d = min(longest, h - tau)
+        x1, v1, k5, error = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        allowed = _TOLERANCE * (abs(v) + sigma + d * abs(k1))
+        if error > allowed and d > _SHORTEST * h:
+            longest = d * max(0.1, 0.9 * (allowed / error) ** 0.25)
+            continue
+
+        inside = s * v <= sigma
+        if s * k1 < 0.0 and s * k5 > 0.0 and s * v1 > (0.0 if inside else sigma):
+            # The speed dips and recovers: stop at the dip if it is deep enough.
+            part = k1 / (k1 - k5)
+            dip = v + part * d * (k1 + 0.5 * part * (k5 - k1))
+            if s * dip < (0.0 if inside else sigma) and 1e-6 < part < 1.0 - 1e-6:
+                longest = part * d
+                continue
+
+        kind = -1
+        if s * v1 <= sigma:
+            end = _band_excess(plant, drive, t0, tau + d, x1, v1, s)
+            start = _band_excess(plant, drive, t0, tau, x, v, s) if varies else end
+            if not inside and (start <= 0.0 or end <= 0.0):
+                kind = _OUTER
+                d = _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
+            elif switches < _MAX_SWITCHES:
+                cut = d
+                if s * v1 <= 0.0 and (plant.integers[RULE] == FILIPPOV or flips == 0):
+                    kind = _ZERO
+                    cut = _cut(plant, drive, t0, tau, x, v, s, k1, d, _ZERO, s * v1)
+                if inside and end <= 0.0:
+                    other = _cut(plant, drive, t0, tau, x, v, s, k1, d, _BAND, end)
+                    if kind < 0 or other < cut:
+                        kind, cut = _BAND, other
+                d = cut
+        if kind < 0:
+            x, v, k1 = x1, v1, k5
+            tau += d
+            if tau + _SHORTEST * h >= h:
+                tau = h
+            if error < 0.01 * allowed:
+                longest = 2.0 * d
+            elif longest < h:
+                longest = d * min(2.0, 0.9 * (allowed / max(error, 1e-300)) ** 0.25)
+            continue
+
+        x, v, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        tau += d
+        fresh, longest = True, h
+        if kind == _ZERO:
+            v = 0.0
+            w = load(plant, drive, t0, tau, x, v, s, 0.0)
+            if plant.integers[RULE] == PAPER:
+                # The printed rule alone would switch without end inside the sample.
+                flips += 1
+                after = -mode
+            else:
+                after = _at_zero(plant, t0 + tau, x, w, mode)
+        elif kind == _OUTER:
+            v = s * sigma
+            excess = _band_excess(plant, drive, t0, tau, x, v, s)
+            after = 0 if excess <= 0.0 else mode
+        else:
+            after = 0
+        if after != mode:
+            switches += 1
+            _record(events, count, t0 + tau, mode, after)
+            mode, rest = after, 0.0
+
+    memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
+    return friction, first
+
+
+@njit(cache=True, error_model="numpy")
+def input_map(plant, t, memory, u):
+    """Drive force after the static input effects."""
+    for i in range(plant.integers[N_INPUT]):
+        u = _law(plant, i, t, memory[X], memory[V], u, 0.0, 0.0, 0.0)
+    return u
+
+
+@njit(cache=True, error_model="numpy")
+def _piece(plant, memory, start, end, h):
+    """Drive over one piece of length h, through the lag if there is one."""
+    slope = (end - start) / h
+    if plant.numbers[LAG] <= 0.0:
+        return Drive(start, slope, 0.0, 0.0)
+    level = start - slope * plant.numbers[LAG]
+    return Drive(level, slope, memory[LAGGED] - level, 1.0 / plant.numbers[LAG])
+
+
+@njit(cache=True, error_model="numpy")
+def _whole_samples(delay, dt):
+    """Delay as whole samples and the rest, as a part of one sample."""
+    n = int(delay / dt)
+    part = delay / dt - n
+    if part > 1.0 - 1e-9:
+        return n + 1, 0.0
+    return n, (part if part > 1e-9 else 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def sample(plant, t, dt, u0, u1, memory, events, count):
+    """One sample: the input runs from u0 to u1 (equal for a held input).
+
+    `memory` is x, v, mode, time at rest, lagged drive and the delay line (pairs
+    of start and end value, newest first); it is changed in place.  Returns the
+    friction force and the mode at t.
+    """
+    a = input_map(plant, t, memory, u0)
+    b = a if u1 == u0 else input_map(plant, t, memory, u1)
+    if plant.numbers[DELAY] <= 0.0:
+        drive = _piece(plant, memory, a, b, dt)
+        seen = advance(plant, drive, t, dt, memory, events, count)
+        if plant.numbers[LAG] > 0.0:
+            memory[LAGGED] = drive_force(drive, dt)
+        return seen
+
+    # The delay is n whole samples and a part: the input seen changes inside
+    # the sample, which is therefore walked in two pieces.
+    n, part = _whole_samples(plant.numbers[DELAY], dt)
+    seen = (0.0, 0)
+    last = plant.integers[N_HISTORY] - 1
+    for k in range(last, 0, -1):
+        memory[HISTORY + 2 * k] = memory[HISTORY + 2 * k - 2]
+        memory[HISTORY + 2 * k + 1] = memory[HISTORY + 2 * k - 1]
+    memory[HISTORY], memory[HISTORY + 1] = a, b
+    if part > 0.0:
+        old = HISTORY + 2 * (n + 1)
+        start = memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
+        drive = _piece(plant, memory, start, memory[old + 1], part * dt)
+        seen = advance(plant, drive, t, part * dt, memory, events, count)
+        if plant.numbers[LAG] > 0.0:
+            memory[LAGGED] = drive_force(drive, part * dt)
+    new = HISTORY + 2 * n
+    stop = memory[new] + (memory[new + 1] - memory[new]) * (1.0 - part)
+    drive = _piece(plant, memory, memory[new], stop, (1.0 - part) * dt)
+    after = advance(plant, drive, t + part * dt, (1.0 - part) * dt, memory, events, count)
+    if plant.numbers[LAG] > 0.0:
+        memory[LAGGED] = drive_force(drive, (1.0 - part) * dt)
+    return seen if part > 0.0 else after
+
+
+@njit(cache=True, error_model="numpy")
+def drive_now(plant, t, dt, memory, u):
+    """Drive force that acts at the sample instant when the input is u."""
+    a = input_map(plant, t, memory, u)
+    if plant.numbers[LAG] > 0.0:
+        return memory[LAGGED]
+    if plant.numbers[DELAY] <= 0.0:
+        return a
+    n, part = _whole_samples(plant.numbers[DELAY], dt)
+    if part == 0.0:
+        return a if n == 0 else memory[HISTORY + 2 * (n - 1)]
+    old = HISTORY + 2 * n
+    return memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
+
+
+@njit(cache=True, error_model="numpy")
+def outputs(plant, t, dt, memory, u):
+    """Friction force and mode at the sample instant, with the new input."""
+    drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
+    mode, _, friction, _ = begin(
+        plant, drive, t, memory[X], memory[V], int(memory[MODE]), memory[REST]
+    )
+    return friction, mode
+
+
+@njit(cache=True, error_model="numpy")
+def step(numbers, integers, memory, t, dt, u0, u1):
+    """One sample for a caller that keeps no list of switches."""
+    plant = point(numbers, integers)
+    events = np.empty(ROOM)
+    count = np.zeros(1, np.int64)
+    sample(plant, t, dt, u0, u1, pointer(memory), pointer(events), pointer(count))
+
+
+@njit(cache=True, error_model="numpy")
+def friction_now(numbers, integers, memory, t, dt, u):
+    """Friction force and mode at a sample instant with input u."""
+    return outputs(point(numbers, integers), t, dt, pointer(memory), u)
+
+
+@njit(cache=True, error_model="numpy")
+def mode_rate(numbers, integers, t, x, v, u, mode):
+    """Acceleration and friction force of one mode, which it never leaves."""
+    plant = point(numbers, integers)
+    memory = np.array([x, v, float(mode), 0.0, 0.0])
+    drive = Drive(input_map(plant, t, pointer(memory), u), 0.0, 0.0, 0.0)
+    s = float(mode)
+    w = load(plant, drive, t, 0.0, x, v, s, 0.0)
+    if mode == 0:
+        return -plant.numbers[STICK_RATE] * v, w
+    friction = s * sliding_level(plant, t, x, v, w, s)
+    return (w - plant.numbers[VISCOUS] * v - friction) * plant.numbers[INVERSE_MASS], friction
+
+
+@njit(cache=True, error_model="numpy")
+def run(numbers, integers, memory, u, dt, first, t0, out):
+    """Whole record into `out`: rows x, v, friction, mode, one column a sample.
+
+    `u` has one value per sample; `first` selects first-order hold.  `memory`
+    is changed in place and holds the state after the last sample.  Returns the
+    located switches, rows of time, mode before, mode after.
+    """
+    plant = point(numbers, integers)
+    state = pointer(memory)
+    n = u.shape[0]
+    events = np.empty(64 * ROOM)
+    count = np.zeros(1, np.int64)
+    switches = pointer(count)
+    # The mode at the start is chosen, not switched to.
+    state[MODE] = outputs(plant, t0, dt, state, u[0])[1]
+    for k in range(n - 1):
+        if 3 * count[0] + ROOM > events.shape[0]:
+            grown = np.empty(2 * events.shape[0])
+            for i in range(3 * count[0]):
+                grown[i] = events[i]
+            events = grown
+        out[0, k] = state[X]
+        out[1, k] = state[V]
+        end = u[k + 1] if first else u[k]
+        out[2, k], out[3, k] = sample(
+            plant, t0 + k * dt, dt, u[k], end, state, pointer(events), switches
+        )
+    out[0, n - 1] = state[X]
+    out[1, n - 1] = state[V]
+    out[2, n - 1], out[3, n - 1] = outputs(plant, t0 + (n - 1) * dt, dt, state, u[n - 1])
+    located = np.empty((count[0], 3))
+    for i in range(count[0]):
+        for j in range(3):
+            located[i, j] = events[3 * i + j]
+    return located

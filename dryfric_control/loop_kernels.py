@@ -1,0 +1,87 @@
+"""Compiled law of the position controller and the closed loop round the axis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dryfric_control import kernels
+
+# Largest span of the speed estimate; it sizes the controller's memory.
+LONGEST_SPAN = 8
+INTEGRAL, SPEED, READINGS = 0, 1, 2
+
+
+@njit(cache=True, error_model="numpy")
+def encode(x, quantum):
+    """Reading of an encoder: the nearest whole number of quanta."""
+    return quantum * math.floor(x / quantum + 0.5) if quantum > 0.0 else x
+
+
+@njit(cache=True, error_model="numpy")
+def control_force(gains, memory, reference, y):
+    """Drive force before and after saturation, and the speed estimate.
+
+    `gains` is kp, ki, kd, limit, speed filter, span, dt; `memory` holds the
+    integral, the filtered speed and the last readings, newest first.
+    """
+    kp, ki, kd, limit, keep, span, dt = gains
+    speed = keep * memory[SPEED] + (1.0 - keep) * (y - memory[READINGS + int(span) - 1]) / (
+        span * dt
+    )
+    wanted = kp * (reference - y) + ki * memory[INTEGRAL] - kd * speed
+    return wanted, min(max(wanted, -limit), limit), speed
+
+
+@njit(cache=True, error_model="numpy")
+def control_update(gains, memory, reference, y):
+    """Memory of the controller one sample on, changed in place."""
+    kp, ki, _, _, _, _, dt = gains
+    wanted, given, speed = control_force(gains, memory, reference, y)
+    if ki > 0.0:
+        # Back-calculation: a saturated drive unwinds the integral at the rate
+        # kp/ki at which the integral would have wound up.
+        memory[INTEGRAL] += dt * (reference - y) + (given - wanted) * dt / kp
+    memory[SPEED] = speed
+    for i in range(LONGEST_SPAN - 1, 0, -1):
+        memory[READINGS + i] = memory[READINGS + i - 1]
+    memory[READINGS] = y
+    return given
+
+
+@njit(cache=True, error_model="numpy")
+def run_loop(
+    numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, out
+):
+    """Closed loop into `out`: rows x, v, friction, mode, u, y.
+
+    The drive force is u + disturbance.  Returns the located switches.
+    """
+    plant = kernels.point(numbers, integers)
+    state = kernels.pointer(memory)
+    n = reference.shape[0]
+    events = np.empty(64 * kernels.ROOM)
+    count = np.zeros(1, np.int64)
+    for k in range(n):
+        t = k * dt
+        if 3 * count[0] + kernels.ROOM > events.shape[0]:
+            grown = np.empty(2 * events.shape[0])
+            for i in range(3 * count[0]):
+                grown[i] = events[i]
+            events = grown
+        y = encode(memory[0], quantum)
+        u = control_update(gains, controller, reference[k], y)
+        force = u + disturbance[k]
+        if k == 0:
+            state[kernels.MODE] = kernels.outputs(plant, t, dt, state, force)[1]
+        out[0, k], out[1, k], out[4, k], out[5, k] = memory[0], memory[1], u, y
+        out[2, k], out[3, k] = kernels.sample(
+            plant, t, dt, force, force, state, kernels.pointer(events), kernels.pointer(count)
+        )
+    located = np.empty((count[0], 3))
+    for i in range(count[0]):
+        for j in range(3):
+            located[i, j] = events[3 * i + j]
+    return located

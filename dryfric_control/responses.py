@@ -1,0 +1,109 @@
+"""What a simulation gives back: python-control's response plus switches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
+
+
+@dataclass(frozen=True, eq=False)
+class Events:
+    """Located switches of a simulation.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Time of each switch [s], located inside the sample.
+    before, after : ndarray of int, shape (n,)
+        Mode before and after: 0 stuck, +1 and -1 sliding.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
+    >>> resp = axis.simulate([0.0] * 1001, dt=1e-3, v0=1.0)
+    >>> len(resp.events), int(resp.events.after[0])
+    (1, 0)
+    """
+
+    time: NDArray[np.float64]
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+
+    @classmethod
+    def from_rows(cls, rows: NDArray[np.float64]) -> Events:
+        """Switches from rows of time, mode before, mode after."""
+        return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __iter__(self) -> Iterator[tuple[float, int, int]]:
+        for t, before, after in zip(self.time, self.before, self.after, strict=True):
+            yield float(t), int(before), int(after)
+
+    def times(self, before: int, after: int) -> NDArray[np.float64]:
+        """Times of one kind of switch.
+
+        Parameters
+        ----------
+        before, after : int
+            Mode before and after.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        return self.time[(self.before == before) & (self.after == after)]
+
+    def __repr__(self) -> str:
+        rows = [f"{len(self)} switches"]
+        for t, before, after in list(self)[:8]:
+            rows.append(f"  {t:.9f} s  {MODE_NAMES[before]} -> {MODE_NAMES[after]}")
+        if len(self) > 8:
+            rows.append("  ...")
+        return "\n".join(rows)
+
+
+class SimulationResponse(ct.TimeResponseData):
+    """Time response of an axis, with its located switches.
+
+    A `control.TimeResponseData` with outputs x, v, F and mode, states x and v,
+    input u, and the attribute `events`.
+    """
+
+    events: Events
+
+    def __init__(
+        self,
+        time: NDArray[Any],
+        outputs: NDArray[np.float64],
+        inputs: NDArray[np.float64],
+        events: Events,
+        **labels: Any,
+    ) -> None:
+        # The base class copies what it is given; a long record must not exist
+        # twice, so it is built on one sample and the arrays are put in after.
+        super().__init__(
+            time[:1],
+            outputs[:, :1],
+            outputs[:2, :1],
+            inputs[:, :1],
+            state_labels=["x", "v"],
+            issiso=False,
+            **({"output_labels": ["x", "v", "F", "mode"], "input_labels": ["u"]} | labels),
+        )
+        self.t, self.y, self.x, self.u = time, outputs, outputs[:2], inputs
+        self.events = events
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
+        return self.y[3].astype(np.int64)

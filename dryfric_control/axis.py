@@ -508,7 +508,7 @@ class AxisStepper:
         a = self._arrays
         kernels.step(a.numbers, a.integers, self._memory, self.time, self.dt, force, force)
         self._samples += 1
-        self.F, _ = kernels.friction_now(
+        _, self.F, _ = kernels.outputs_now(
             a.numbers, a.integers, self._memory, self.time, self.dt, force
         )
 

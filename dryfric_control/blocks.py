@@ -82,8 +82,10 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         return memory[:size]
 
     def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
-        friction, mode = kernels.friction_now(arrays.numbers, arrays.integers, full(x), t, dt, u[0])
-        return np.array([x[0], x[1], friction, float(mode)])
+        v, friction, mode = kernels.outputs_now(
+            arrays.numbers, arrays.integers, full(x), t, dt, u[0]
+        )
+        return np.array([x[0], v, friction, float(mode)])
 
     states = ["x", "v", "mode", "rest", "lagged"]
     states += [f"u{i}" for i in range(arrays.memory - kernels.HISTORY)]
@@ -148,7 +150,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
         return after[2:3]
 
     def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
-        _, mode = kernels.friction_now(arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0])
+        _, _, mode = kernels.outputs_now(arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0])
         return np.array([float(mode)])
 
     return ct.nlsys(
@@ -169,19 +171,21 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
     def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
         force, position, speed, active = u
         if round(active) != index:
-            return np.zeros(3)
+            return np.zeros(4)
         # An axis that breaks away against its leftover speed loses that speed.
         speed = 0.0 if index * speed < 0.0 else speed
         memory = np.array([position, speed, float(index), 0.0, 0.0])
-        friction, _ = kernels.friction_now(arrays.numbers, arrays.integers, memory, t, dt, force)
+        now, friction, _ = kernels.outputs_now(
+            arrays.numbers, arrays.integers, memory, t, dt, force
+        )
         kernels.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
-        return np.array([memory[0], memory[1], friction])
+        return np.array([memory[0], memory[1], now, friction])
 
     return ct.nlsys(
         None,
         output,
         inputs=["u", "x", "v", "mode"],
-        outputs=["x_next", "v_next", "F"],
+        outputs=["x_next", "v_next", "v_now", "F"],
         dt=dt,
         name=mode_label(index),
     )
@@ -258,7 +262,12 @@ def switched_axis(
         [state, rule, *modes],
         connections=connections,
         inplist=[["supervisor.u", *(f"{label}.u" for label in labels)]],
-        outlist=["state.x", "state.v", [f"{label}.F" for label in labels], "supervisor.mode"],
+        outlist=[
+            "state.x",
+            [f"{label}.v_now" for label in labels],
+            [f"{label}.F" for label in labels],
+            "supervisor.mode",
+        ],
         inputs=["u"],
         outputs=["x", "v", "F", "mode"],
         dt=dt,

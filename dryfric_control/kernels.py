@@ -371,8 +371,8 @@ def advance(plant, drive, t0, h, memory, events, count):
     """Move the axis over [t0, t0 + h] with one smooth piece of drive.
 
     `memory` is changed in place; each switch goes to `events` (rows of time,
-    mode before, mode after) and is counted in `count`.  Returns the friction
-    force and the mode at t0.
+    mode before, mode after) and is counted in `count`.  Returns speed, friction
+    force and mode at t0.
     """
     x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
     sigma = plant.numbers[STICK_SPEED]
@@ -385,6 +385,7 @@ def advance(plant, drive, t0, h, memory, events, count):
     varies = varies or plant.integers[N_PLUS] > 1 or plant.integers[N_MINUS] > 1
 
     first, v, friction, k1 = begin(plant, drive, t0, x, v, mode, rest)
+    speed = v
     if first != mode:
         _record(events, count, t0, mode, first)
         mode, rest = first, 0.0
@@ -492,6 +493,9 @@ def advance(plant, drive, t0, h, memory, events, count):
                 after = -mode
             else:
                 after = _at_zero(plant, t0 + tau, x, w, mode)
+                if after == mode and d == 0.0:
+                    # Round-off between a load and a level that are equal.
+                    after = 0
         elif kind == _OUTER:
             v = s * sigma
             excess = _band_excess(plant, drive, t0, tau, x, v, s)
@@ -504,7 +508,7 @@ def advance(plant, drive, t0, h, memory, events, count):
             mode, rest = after, 0.0
 
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
-    return friction, first
+    return speed, friction, first
 
 
 @njit(cache=True, error_model="numpy")
@@ -540,8 +544,8 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     """One sample: the input runs from u0 to u1 (equal for a held input).
 
     `memory` is x, v, mode, time at rest, lagged drive and the delay line (pairs
-    of start and end value, newest first); it is changed in place.  Returns the
-    friction force and the mode at t.
+    of start and end value, newest first); it is changed in place.  Returns
+    speed, friction force and mode at t, under the new input.
     """
     a = input_map(plant, t, memory, u0)
     b = a if u1 == u0 else input_map(plant, t, memory, u1)
@@ -555,7 +559,7 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     # The delay is n whole samples and a part: the input seen changes inside
     # the sample, which is therefore walked in two pieces.
     n, part = _whole_samples(plant.numbers[DELAY], dt)
-    seen = (0.0, 0)
+    seen = (0.0, 0.0, 0)
     last = plant.integers[N_HISTORY] - 1
     for k in range(last, 0, -1):
         memory[HISTORY + 2 * k] = memory[HISTORY + 2 * k - 2]
@@ -594,12 +598,16 @@ def drive_now(plant, t, dt, memory, u):
 
 @njit(cache=True, error_model="numpy")
 def outputs(plant, t, dt, memory, u):
-    """Friction force and mode at the sample instant, with the new input."""
+    """Speed, friction force and mode at the sample instant, under the new input.
+
+    The speed differs from the one in memory only where a stuck axis breaks
+    away against its leftover speed, which it loses.
+    """
     drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
-    mode, _, friction, _ = begin(
+    mode, v, friction, _ = begin(
         plant, drive, t, memory[X], memory[V], int(memory[MODE]), memory[REST]
     )
-    return friction, mode
+    return v, friction, mode
 
 
 @njit(cache=True, error_model="numpy")
@@ -612,8 +620,8 @@ def step(numbers, integers, memory, t, dt, u0, u1):
 
 
 @njit(cache=True, error_model="numpy")
-def friction_now(numbers, integers, memory, t, dt, u):
-    """Friction force and mode at a sample instant with input u."""
+def outputs_now(numbers, integers, memory, t, dt, u):
+    """Speed, friction force and mode at a sample instant with input u."""
     return outputs(point(numbers, integers), t, dt, pointer(memory), u)
 
 
@@ -646,7 +654,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
     count = np.zeros(1, np.int64)
     switches = pointer(count)
     # The mode at the start is chosen, not switched to.
-    state[MODE] = outputs(plant, t0, dt, state, u[0])[1]
+    state[MODE] = outputs(plant, t0, dt, state, u[0])[2]
     for k in range(n - 1):
         if 3 * count[0] + ROOM > events.shape[0]:
             grown = np.empty(2 * events.shape[0])
@@ -654,14 +662,13 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
                 grown[i] = events[i]
             events = grown
         out[0, k] = state[X]
-        out[1, k] = state[V]
         end = u[k + 1] if first else u[k]
-        out[2, k], out[3, k] = sample(
+        out[1, k], out[2, k], out[3, k] = sample(
             plant, t0 + k * dt, dt, u[k], end, state, pointer(events), switches
         )
     out[0, n - 1] = state[X]
-    out[1, n - 1] = state[V]
-    out[2, n - 1], out[3, n - 1] = outputs(plant, t0 + (n - 1) * dt, dt, state, u[n - 1])
+    t = t0 + (n - 1) * dt
+    out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
     located = np.empty((count[0], 3))
     for i in range(count[0]):
         for j in range(3):

@@ -75,9 +75,9 @@ def run_loop(
         u = control_update(gains, controller, reference[k], y)
         force = u + disturbance[k]
         if k == 0:
-            state[kernels.MODE] = kernels.outputs(plant, t, dt, state, force)[1]
-        out[0, k], out[1, k], out[4, k], out[5, k] = memory[0], memory[1], u, y
-        out[2, k], out[3, k] = kernels.sample(
+            state[kernels.MODE] = kernels.outputs(plant, t, dt, state, force)[2]
+        out[0, k], out[4, k], out[5, k] = memory[0], u, y
+        out[1, k], out[2, k], out[3, k] = kernels.sample(
             plant, t, dt, force, force, state, kernels.pointer(events), kernels.pointer(count)
         )
     located = np.empty((count[0], 3))

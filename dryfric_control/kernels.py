@@ -454,9 +454,17 @@ def advance(plant, drive, t0, h, memory, events, count):
                 continue
 
         kind = -1
-        if s * v1 <= sigma:
+        if s * v1 <= sigma or (inside and varies):
             end = _band_excess(plant, drive, t0, tau + d, x1, v1, s)
             start = _band_excess(plant, drive, t0, tau, x, v, s) if varies else end
+            if varies and start > 0.0 and end > 0.0:
+                w0 = load(plant, drive, t0, tau, x, v, s, 0.0)
+                w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
+                part = w0 / (w0 - w1)
+                if w0 * w1 < 0.0 and 1e-6 < part < 1.0 - 1e-6:
+                    # The load crosses the whole band in this step: stop in it.
+                    longest = part * d
+                    continue
             if not inside and (start <= 0.0 or end <= 0.0):
                 kind = _OUTER
                 d = _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
@@ -501,7 +509,7 @@ def advance(plant, drive, t0, h, memory, events, count):
             excess = _band_excess(plant, drive, t0, tau, x, v, s)
             after = 0 if excess <= 0.0 else mode
         else:
-            after = 0
+            after = 0 if s * v <= sigma else mode
         if after != mode:
             switches += 1
             _record(events, count, t0 + tau, mode, after)

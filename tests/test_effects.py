@@ -1,0 +1,193 @@
+"""Every effect against its equation, integrated by someone else."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dryfric_control as dfc
+from dryfric_control.effects import REGISTRY
+
+DT = 1e-3
+MASS, VISCOUS, COULOMB = 2.0, 3.0, 5.0
+
+
+def axis_with(*effects):
+    return dfc.FrictionAxis(mass=MASS, viscous=VISCOUS, coulomb=COULOMB, effects=effects)
+
+
+def slide(drive, extra, level=COULOMB, v0=0.5, end=0.2):
+    """Slow oracle: one sliding direction, tight tolerance, no switches."""
+    s = math.copysign(1.0, v0)
+
+    def rates(t, state):
+        x, v = state
+        u = drive(t)
+        c = level(s, u) if callable(level) else level
+        return [v, (u + extra(t, x, v) - VISCOUS * v - s * c) / MASS]
+
+    grid = np.arange(round(end / DT) + 1) * DT
+    state, out = [0.01, v0], [[0.01, v0]]
+    for a, b in zip(grid[:-1], grid[1:], strict=True):
+        state = solve_ivp(rates, (a, b), state, rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
+        out.append(state)
+    return np.array(out).T
+
+
+FORCES = [
+    (dfc.BiasForce(1.5), lambda t, x, v: 1.5),
+    (dfc.ViscousAsymmetry(0.7), lambda t, x, v: -0.7 * abs(v)),
+    (dfc.QuadraticDrag(2.5), lambda t, x, v: -2.5 * v * abs(v)),
+    (dfc.Spring(40.0, rest=0.02), lambda t, x, v: -40.0 * (x - 0.02)),
+    (dfc.Gravity(3.0, phase=0.4), lambda t, x, v: -3.0 * math.sin(x - 0.4)),
+    (
+        dfc.Cogging(0.8, period=0.02, phase=0.3),
+        lambda t, x, v: 0.8 * math.sin(2 * math.pi * x / 0.02 + 0.3),
+    ),
+]
+
+
+@pytest.mark.parametrize(("effect", "law"), FORCES, ids=lambda p: getattr(p, "slug", ""))
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_force_effect_acts_by_its_equation(effect, law, s):
+    drive = 9.0 * s
+    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
+    x, v = slide(lambda t: drive, law, v0=0.5 * s)
+    # The step's own tolerance is 1e-9 of the speed; 200 of them add up.
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+def test_effects_add_up_in_any_order():
+    effects = [effect for effect, _ in FORCES]
+    one = axis_with(*effects).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+    other = axis_with(*effects[::-1]).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+    np.testing.assert_allclose(one.y[:2], other.y[:2], rtol=1e-12)
+    x, v = slide(lambda t: 9.0, lambda t, x, v: sum(law(t, x, v) for _, law in FORCES))
+    np.testing.assert_allclose(one.y[1], v, rtol=0, atol=5e-8)
+
+
+def test_coulomb_asymmetry_shifts_each_direction():
+    axis = axis_with(dfc.CoulombAsymmetry(1.25))
+    for s in (1.0, -1.0):
+        resp = axis.simulate([0.0, 0.0], DT, v0=s)
+        assert resp.y[2, 0] == pytest.approx(s * (COULOMB + 1.25 * s), rel=1e-15)
+        hold = axis.simulate([s * (COULOMB + 1.25 * s) * 0.999] * 3, DT)
+        assert hold.mode[-1] == 0
+        go = axis.simulate([s * (COULOMB + 1.25 * s) * 1.001] * 3, DT)
+        assert go.mode[-1] == s
+
+
+def test_spring_alone_swings_at_its_frequency():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=0.0, effects=(dfc.Spring(200.0),))
+    resp = axis.simulate(np.zeros(1001), DT, x0=0.1)
+    # Without friction an axis still passes through its modes at the turning points.
+    np.testing.assert_allclose(resp.y[0], 0.1 * np.cos(10.0 * resp.t), atol=2e-6)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("delay", [1e-3, 2.5e-3, 7.3e-3, 0.4e-3])
+def test_input_delay_is_the_shifted_input(delay, hold):
+    rng = np.random.default_rng(1)
+    u = np.concatenate([np.zeros(5), 15.0 * rng.standard_normal(300)])
+    fine = 10
+    t = np.arange(u.size * fine) * (DT / fine)
+    if hold == "zero":
+        shifted = u[np.clip(np.floor((t - delay) / DT + 1e-9).astype(int), 0, None)]
+    else:
+        shifted = np.interp(t - delay, np.arange(u.size) * DT, u)
+    shifted[t < delay] = 0.0
+    one = axis_with(dfc.InputDelay(delay)).simulate(u, DT, v0=0.1, hold=hold)
+    other = axis_with().simulate(shifted, DT / fine, v0=0.1, hold=hold)
+    np.testing.assert_allclose(one.y[0], other.y[0, ::fine], atol=1e-9)
+
+
+def test_actuator_lag_is_a_first_order_filter():
+    lag = 4e-3
+    u = np.where(np.arange(201) < 100, 9.0, 14.0)
+
+    def filtered(t):
+        force = 9.0 * (1.0 - math.exp(-t / lag))
+        return force + (5.0 * (1.0 - math.exp(-(t - 0.1) / lag)) if t > 0.1 else 0.0)
+
+    resp = axis_with(dfc.ActuatorLag(lag)).simulate(u, DT, x0=0.01, v0=0.5)
+    x, v = slide(filtered, lambda t, x, v: 0.0)
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("effect", "u", "acting"),
+    [
+        (dfc.InputGain(0.8), 10.0, 8.0),
+        (dfc.DeadZone(2.0), 10.0, 8.0),
+        (dfc.DeadZone(2.0), -10.0, -8.0),
+        (dfc.DeadZone(2.0), 1.5, 0.0),
+        (dfc.Saturation(6.5), 10.0, 6.5),
+        (dfc.Saturation(6.5), -10.0, -6.5),
+    ],
+)
+def test_input_effect_maps_the_drive(effect, u, acting):
+    one = axis_with(effect).simulate(np.full(100, u), DT, v0=0.1)
+    other = axis_with().simulate(np.full(100, acting), DT, v0=0.1)
+    np.testing.assert_allclose(one.y, other.y, rtol=1e-14, atol=1e-15)
+
+
+def test_user_effect_runs_like_a_built_in_one():
+    @dfc.register_effect
+    @dataclass(frozen=True)
+    class Magnet(dfc.Effect):
+        strength: float = dfc.parameter("N m^2", "pull", bounds=(0.0, 10.0))
+        slug = "test_magnet"
+        action = "force"
+
+        @staticmethod
+        def law(t, x, v, u, level, direction, rest, p):
+            return p[0] / (0.2 + x) ** 2
+
+    try:
+        resp = axis_with(Magnet(0.1)).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+        _, v = slide(lambda t: 9.0, lambda t, x, v: 0.1 / (0.2 + x) ** 2)
+        np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+        with pytest.raises(ValueError, match="test_magnet.strength must lie between 0 and 10"):
+            Magnet(11.0)
+    finally:
+        REGISTRY.pop("test_magnet", None)
+
+
+def test_every_effect_tells_what_it_is():
+    for slug, cls in REGISTRY.items():
+        assert cls.slug == slug
+        assert cls.title and cls.explanation.endswith(".") and cls.experiment.endswith("."), slug
+        for name, info in cls.parameters().items():
+            assert info["unit"] and info["doc"], f"{slug}.{name}"
+            low, high = info["bounds"]
+            assert low < high
+        assert len(fields(cls)) >= 1
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dfc.Spring(-1.0), "spring.stiffness must lie between 0 and inf N/m"),
+        (lambda: dfc.Spring(math.nan), "spring.stiffness must be a finite number"),
+        (lambda: dfc.Cogging(1.0, 0.0), "cogging.period"),
+        (lambda: dfc.InputDelay(-1e-3), "input_delay.delay"),
+        (lambda: dfc.register_effect(type("A", (dfc.Effect,), {})), "slug must be"),
+        (lambda: dfc.register_effect(type("A", (dfc.Effect,), {"slug": "a"})), "action must be"),
+        (
+            lambda: dfc.register_effect(type("A", (dfc.Effect,), {"slug": "a", "action": "force"})),
+            "needs a static method law",
+        ),
+        (
+            lambda: dfc.register_effect(
+                type("A", (dfc.Effect,), {"slug": "spring", "action": "delay"})
+            ),
+            "belongs to Spring",
+        ),
+    ],
+)
+def test_bad_effects_are_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()

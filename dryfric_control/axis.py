@@ -272,6 +272,7 @@ class FrictionAxis:
             Events.from_rows(located),
             title=f"{self.name}: {law.__class__.__name__ if law else 'switched model'}",
             sysname=self.name,
+            units=self.units,
         )
 
     def stepper(self, dt: float, x0: float = 0.0, v0: float = 0.0) -> AxisStepper:

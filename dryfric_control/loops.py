@@ -15,6 +15,7 @@ from dryfric_control.friction import finite, positive
 from dryfric_control.loop_kernels import (
     LONGEST_SPAN,
     READINGS,
+    SPEED,
     control_force,
     control_update,
     encode,
@@ -156,10 +157,11 @@ class PositionController:
         keep = math.exp(-self.dt / self.filter_time) if self.filter_time > 0.0 else 0.0
         return np.array([self.kp, self.ki, self.kd, self.limit, keep, self.span, self.dt])
 
-    def memory(self, reading: float = 0.0) -> NDArray[np.float64]:
-        """Memory of a controller that has long seen one reading, shape (10,)."""
+    def memory(self, reading: float = 0.0, speed: float = 0.0) -> NDArray[np.float64]:
+        """Memory of a controller that has seen a steady motion, shape (10,)."""
         memory = np.zeros(READINGS + LONGEST_SPAN)
-        memory[READINGS:] = reading
+        memory[SPEED] = speed
+        memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
         return memory
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
@@ -219,7 +221,7 @@ def simulate_loop(
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
         Position and speed of the plant at the start.  The controller starts
-        as one that has long read `x0`.
+        as one that has followed that motion.
     disturbance : array_like, shape (n,), optional
         Force added to the drive force [N].
 
@@ -267,7 +269,7 @@ def simulate_loop(
         arrays.integers,
         memory,
         controller.gains,
-        controller.memory(encode(x0, quantum)),
+        controller.memory(encode(x0, quantum), v0),
         r,
         force,
         quantum,
@@ -283,4 +285,5 @@ def simulate_loop(
         input_labels=["r"],
         title=f"{axis.name}: closed loop",
         sysname=axis.name,
+        units=axis.units,
     )

@@ -10,6 +10,8 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
 
@@ -87,6 +89,7 @@ class SimulationResponse(ct.TimeResponseData):
         outputs: NDArray[np.float64],
         inputs: NDArray[np.float64],
         events: Events,
+        units: tuple[str, str] = ("m", "N"),
         **labels: Any,
     ) -> None:
         # The base class copies what it is given; a long record must not exist
@@ -102,8 +105,56 @@ class SimulationResponse(ct.TimeResponseData):
         )
         self.t, self.y, self.x, self.u = time, outputs, outputs[:2], inputs
         self.events = events
+        self.units = units
 
     @property
     def mode(self) -> NDArray[np.int64]:
         """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
         return self.y[3].astype(np.int64)
+
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+        """Draw position, speed and force over time, rest as a light band.
+
+        Parameters
+        ----------
+        ax : sequence of three Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: the title of the response.
+
+        Returns
+        -------
+        control.ControlPlot
+
+        Notes
+        -----
+        `control.time_response_plot` draws every signal in a panel of its own.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
+        >>> drawn = axis.simulate([3.0] * 200, dt=1e-3).plot()
+        >>> [str(one.get_ylabel()) for one in drawn.axes]
+        ['position [m]', 'speed [m/s]', 'force [N]']
+        """
+        axes = axes_of(ax, 3)
+        length, force = self.units
+        labels = self.output_labels
+        axes[0].plot(self.t, self.y[0], "k", label="x")
+        if self.input_labels[0] == "r":
+            axes[0].plot(self.t, self.u[0], "k--", linewidth=0.8, label="reference")
+        axes[1].plot(self.t, self.y[1], "k", label="v")
+        drive = self.y[labels.index("u")] if "u" in labels else self.u[0]
+        axes[2].plot(self.t, drive, color="0.55", linewidth=1.0, label="drive u")
+        axes[2].plot(self.t, self.y[2], "k", linewidth=1.0, label="friction F")
+        names = (f"position [{length}]", f"speed [{length}/s]", f"force [{force}]")
+        for one, name in zip(axes, names, strict=True):
+            shade_stuck(one, self.t, self.y[3])
+            one.set_ylabel(name)
+            one.margins(x=0.0)
+        legend_above(axes[0])
+        legend_above(axes[2])
+        axes[-1].set_xlabel("Time [s]")
+        axes[0].set_title(self.title if title is None else title, loc="left")
+        return control_plot(axes)

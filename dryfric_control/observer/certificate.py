@@ -1,0 +1,352 @@
+"""The certificate of an observer design, recomputed from its gains.
+
+A solver's word is not a certificate.  Everything here is plain double
+precision linear algebra on the gains that will run: each inequality of the
+design is evaluated for each allowed step between memory states, in its
+original form (no slack matrix), and made dimensionless by the Cholesky factors
+of the Lyapunov matrices so that no choice of units hides a violation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.observer.error_model import ErrorModel
+from dryfric_control.observer.memory import ModeGraph
+from dryfric_control.observer.switching import hardest_switching, worst_switching
+
+Array = NDArray[np.float64]
+
+#: Smallest margin that counts as negative: 3x3 factors with condition numbers
+#: up to 1e4 leave rounding errors of about 1e-12.
+LEAST_MARGIN = 1e-10
+#: Room left above the smallest gamma the Lyapunov matrices prove.
+HEADROOM = 1e-6
+
+
+class CertificateError(ValueError):
+    """A design does not keep what it promises."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One inequality of the certificate.
+
+    Attributes
+    ----------
+    kind : str
+        "gain" or "decay".
+    before, after : str
+        Memory states of the step.
+    eigenvalue : float
+        Largest eigenvalue of the dimensionless block; must be negative.
+    """
+
+    kind: str
+    before: str
+    after: str
+    eigenvalue: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proved about a design, and how close it comes.
+
+    Attributes
+    ----------
+    gamma : float
+        Certified gain from the stacked disturbances to z, SI units.
+    lower_bound : float
+        Gain actually reached along `worst_sequence`.
+    worst_sequence : tuple of int
+        Repeated sequence of modes found by search.
+    limit : float
+        Gain no causal observer of any kind can be below, decay or not.
+    hardest_sequence : tuple of int
+        Repeated sequence of modes, found by search, that shows it.
+    decay : float
+        Certified decay of the error per sample; 1 if none was asked for.
+    spectral_radius : dict of int to float
+        Largest pole magnitude of each mode when it lasts.
+    margin : float
+        Smallest distance of a block's largest eigenvalue from zero.
+    blocks : tuple of Block
+        Every block evaluated.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0,
+    ...                         stick_rate=500.0, stick_speed=1e-4)
+    >>> check = dfc.design_pi_observer(axis, dt=1e-3).certificate
+    >>> check.limit <= check.lower_bound <= check.gamma
+    True
+    """
+
+    gamma: float
+    lower_bound: float
+    worst_sequence: tuple[int, ...]
+    limit: float
+    hardest_sequence: tuple[int, ...]
+    decay: float
+    spectral_radius: dict[int, float]
+    margin: float
+    blocks: tuple[Block, ...]
+
+    @property
+    def gap(self) -> float:
+        """Relative distance from the gain reached to the gain certified."""
+        return self.gamma / self.lower_bound - 1.0
+
+    @property
+    def cost(self) -> float:
+        """Relative distance from the limit of any observer."""
+        return self.gamma / self.limit - 1.0 if self.limit else float("inf")
+
+    def summary(self) -> str:
+        """Readable statement of what is proved.
+
+        Returns
+        -------
+        str
+        """
+        radii = ", ".join(f"mode {m:+d}: {r:.5f}" for m, r in self.spectral_radius.items())
+        runs = _run_lengths(self.worst_sequence)
+        return "\n".join(
+            [
+                f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
+                f"(gap {100 * self.gap:.2f} %)",
+                f"      reached by repeating the modes {runs}",
+                f"      no observer can be below {self.limit:.6g}, "
+                f"shown by {_run_lengths(self.hardest_sequence)}",
+                f"decay {self.decay:.6g} per sample for every allowed switching",
+                f"poles {radii}",
+                f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}",
+            ]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, ready for JSON."""
+        return asdict(self)
+
+
+def _run_lengths(word: tuple[int, ...]) -> str:
+    parts: list[list[int]] = []
+    for key in word:
+        if parts and parts[-1][0] == key:
+            parts[-1][1] += 1
+        else:
+            parts.append([key, 1])
+    return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in parts)
+
+
+def _factors(matrices: Array, graph: ModeGraph, what: str) -> Array:
+    symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2.0
+    result = np.empty_like(symmetric)
+    for k, P in enumerate(symmetric):
+        try:
+            result[k] = np.linalg.cholesky(P)
+        except np.linalg.LinAlgError:
+            raise CertificateError(
+                f"the Lyapunov matrix of the {what} condition at memory state "
+                f"({graph.names[k]}) is not positive definite: the design proves nothing; "
+                "relax decay, or design again"
+            ) from None
+    return result
+
+
+def proved_gain(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, lyapunov: Array
+) -> float:
+    """Smallest gamma that given Lyapunov matrices prove.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Scaled error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    gains : ndarray, shape (nnodes, 3)
+        Observer gains, scaled.
+    lyapunov : ndarray, shape (nnodes, 3, 3)
+        Lyapunov matrices of the gain condition.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    CertificateError
+        If they prove no gamma at all.
+    """
+    factors = _factors(lyapunov, graph, "gain")
+    worst = 0.0
+    for i, j in graph.edges:
+        model = models[graph.labels[i]]
+        F, G = model.closed(gains[i])
+        inverse = np.linalg.inv(factors[i]).T
+        step, enter, out = factors[j].T @ F @ inverse, factors[j].T @ G, model.Z @ inverse
+        kept = np.eye(3) - out.T @ out - step.T @ step
+        if np.linalg.eigvalsh(kept)[0] < LEAST_MARGIN:
+            raise CertificateError(
+                f"from ({graph.names[i]}) to ({graph.names[j]}) the error energy does not "
+                "decrease: no gamma is certified; relax decay or the uncertainty, or design again"
+            )
+        total = np.eye(3) + step @ np.linalg.solve(kept, step.T)
+        worst = max(worst, float(np.linalg.eigvalsh(enter.T @ total @ enter)[-1]))
+    return float(np.sqrt(worst)) * (1.0 + HEADROOM)
+
+
+def evaluate_blocks(
+    models: Mapping[int, ErrorModel],
+    graph: ModeGraph,
+    gains: Array,
+    gamma: float,
+    decay: float,
+    lyapunov: Array,
+    lyapunov_decay: Array,
+) -> tuple[Block, ...]:
+    """Largest eigenvalue of every inequality, from the gains.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Scaled error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    gains : ndarray, shape (nnodes, 3)
+        Observer gains, scaled.
+    gamma : float
+        Gain to certify, scaled.
+    decay : float
+        Decay per sample to certify; nothing is checked at 1.
+    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
+        Lyapunov matrices of the two conditions.
+
+    Returns
+    -------
+    tuple of Block
+
+    Raises
+    ------
+    CertificateError
+        If a Lyapunov matrix is not positive definite.
+
+    Notes
+    -----
+    With P = R R' the gain block of a step i to j is
+    ``T'T + U'U - I``, ``T = R_j' [F R_i^-T, G / gamma]``, ``U = [Z R_i^-T, 0]``:
+    dimensionless, and the same in any units.
+    """
+    P = _factors(lyapunov, graph, "gain")
+    Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P
+    blocks = []
+    for i, j in graph.edges:
+        model = models[graph.labels[i]]
+        F, G = model.closed(gains[i])
+        inverse = np.linalg.inv(P[i]).T
+        T = P[j].T @ np.hstack([F @ inverse, G / gamma])
+        U = np.hstack([model.Z @ inverse, np.zeros((len(model.Z), G.shape[1]))])
+        top = float(np.linalg.eigvalsh(T.T @ T + U.T @ U - np.eye(T.shape[1]))[-1])
+        blocks.append(Block("gain", graph.names[i], graph.names[j], top))
+        if decay < 1.0:
+            T = Q[j].T @ F @ np.linalg.inv(Q[i]).T / decay
+            top = float(np.linalg.eigvalsh(T.T @ T - np.eye(3))[-1])
+            blocks.append(Block("decay", graph.names[i], graph.names[j], top))
+    return tuple(blocks)
+
+
+def check_blocks(blocks: tuple[Block, ...]) -> float:
+    """Margin by which all inequalities hold.
+
+    Raises
+    ------
+    CertificateError
+        If one does not.
+    """
+    worst = max(blocks, key=lambda block: block.eigenvalue)
+    if not worst.eigenvalue < -LEAST_MARGIN:
+        relax = (
+            "relax decay towards 1"
+            if worst.kind == "decay"
+            else "the promised gamma is not kept; relax gamma, uncertainty or noise"
+        )
+        raise CertificateError(
+            f"the {worst.kind} condition fails from ({worst.before}) to ({worst.after}): largest "
+            f"eigenvalue {worst.eigenvalue:.3g}, must be below {-LEAST_MARGIN:.0e}; {relax}, or "
+            "design again"
+        )
+    return -worst.eigenvalue
+
+
+def certify(
+    models: Mapping[int, ErrorModel],
+    graph: ModeGraph,
+    classes: Mapping[int, int],
+    gains: Array,
+    gamma: float,
+    decay: float,
+    lyapunov: Array,
+    lyapunov_decay: Array,
+    unit: float,
+) -> Certificate:
+    """Certificate of a design, or an error that says what fails.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Scaled error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    classes : mapping of int to int
+        Class of each mode.
+    gains : ndarray, shape (nnodes, 3)
+        Observer gains, scaled.
+    gamma : float
+        Gain to certify, scaled.
+    decay : float
+        Decay per sample to certify.
+    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
+        Lyapunov matrices of the two conditions.
+    unit : float
+        Unit of gamma: SI value of a scaled gain of 1.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    CertificateError
+        If an inequality does not hold.
+    """
+    if not (np.all(np.isfinite(gains)) and np.isfinite(gamma) and gamma > 0.0):
+        raise CertificateError(
+            f"gains and gamma must be finite numbers, got gamma = {gamma!r}: design again"
+        )
+    blocks = evaluate_blocks(models, graph, gains, gamma, decay, lyapunov, lyapunov_decay)
+    margin = check_blocks(blocks)
+    resting = graph.resting()
+    radius = {}
+    for mode, key in classes.items():
+        F, _ = models[key].closed(gains[resting[key]])
+        radius[mode] = float(np.max(np.abs(np.linalg.eigvals(F))))
+    lower, sequence = worst_switching(models, graph, gains, gamma)
+    limit, hardest = hardest_switching(models, graph, gamma)
+    return Certificate(
+        gamma=gamma * unit,
+        lower_bound=lower * unit,
+        worst_sequence=sequence,
+        limit=limit * unit,
+        hardest_sequence=hardest,
+        decay=decay,
+        spectral_radius=radius,
+        margin=margin,
+        blocks=blocks,
+    )

@@ -1,0 +1,484 @@
+"""Design of the switched PI observer, and the design as an object."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.friction import CoulombMap, positive
+from dryfric_control.observer.certificate import Certificate, certify
+from dryfric_control.observer.inequalities import SOLVERS
+from dryfric_control.observer.error_model import (
+    ErrorModel,
+    axis_matrices,
+    check_detectable,
+    check_sampling,
+    error_models,
+    mode_classes,
+)
+from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
+from dryfric_control.observer.scaling import Scales, scales_of
+from dryfric_control.observer.synthesis import certified_solution
+from dryfric_control.observer.weights import default_weights
+
+if TYPE_CHECKING:
+    from dryfric_control.axis import FrictionAxis
+
+Array = NDArray[np.float64]
+
+METHODS = ("paper", "slack", "path", "dwell")
+#: Memory in samples where the user names none.
+DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
+
+
+@dataclass(frozen=True)
+class ObserverDesign:
+    """A switched PI observer: gains, specifications and its certificate.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The model the observer runs: its own Coulomb maps and stick speed, no
+        Stribeck peak.
+    dt : float
+        Sampling time [s].
+    method : str
+        "paper", "slack", "path" or "dwell".
+    window : int
+        Memory of past modes [samples].
+    discretization : str
+        "euler" or "zoh".
+    uncertainty : dict of int to float
+        Amplitude of the force uncertainty in each mode [N].
+    noise : float
+        Amplitude of the measurement noise [m].
+    drift : float
+        Drift of the friction error per sample [N].
+    decay : float
+        Certified decay of the error per sample.
+    performance : tuple of float
+        Weights (q_x, q_v, q_w) of the error in z.
+    integral_modes : tuple of int
+        Modes in which the integral term acts.
+    graph : ModeGraph
+        Memory states and the steps between them.
+    node_gains : ndarray, shape (nnodes, 3)
+        Gains L_x [1], L_v [1/s] and G [N/m] of each memory state.
+    gamma : float
+        Certified gain from the stacked disturbances to z, SI units.
+    state_scale : ndarray, shape (3,)
+        Unit of each error in the scaled problem [m, m/s, N].
+    output_scale : float
+        Factor of z in the scaled problem.
+    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
+        Lyapunov matrices that prove gain and decay, scaled.
+    certificate : Certificate
+        The recomputed check.
+    """
+
+    axis: FrictionAxis
+    dt: float
+    method: str
+    window: int
+    discretization: str
+    uncertainty: dict[int, float]
+    noise: float
+    drift: float
+    decay: float
+    performance: tuple[float, float, float]
+    integral_modes: tuple[int, ...]
+    graph: ModeGraph
+    node_gains: Array
+    gamma: float
+    state_scale: Array
+    output_scale: float
+    lyapunov: Array
+    lyapunov_decay: Array
+    certificate: Certificate
+
+    @property
+    def lower_bound(self) -> float:
+        """Gain this design reaches along the worst sequence found."""
+        return self.certificate.lower_bound
+
+    @property
+    def classes(self) -> dict[int, int]:
+        """Class of each mode; +1 and -1 share one by default."""
+        return mode_classes(self.uncertainty)
+
+    @property
+    def gains(self) -> dict[int, Array]:
+        """Gains (L_x, L_v, G) of each mode once it has lasted.
+
+        With "paper" and "slack" these are all the gains there are.
+        """
+        resting = self.graph.resting()
+        return {mode: self.node_gains[resting[key]].copy() for mode, key in self.classes.items()}
+
+    @property
+    def window_gains(self) -> dict[str, Array]:
+        """Gains of every memory state, by what it remembers."""
+        pairs = zip(self.graph.names, self.node_gains, strict=True)
+        return {name: gain.copy() for name, gain in pairs}
+
+    def transition_table(self) -> NDArray[np.int64]:
+        """Next memory state for each state and next mode.
+
+        Returns
+        -------
+        ndarray of int, shape (nnodes, 3)
+            Column ``mode + 1``.  A step that `pairs` excludes leads to the state
+            in which the new mode has lasted; the certificate does not cover it.
+        """
+        following, resting = self.graph.next_nodes(), self.graph.resting()
+        return np.array(
+            [
+                [
+                    following.get((node, self.classes[mode]), resting[self.classes[mode]])
+                    for mode in (-1, 0, 1)
+                ]
+                for node in range(len(self.graph.labels))
+            ]
+        )
+
+    def resting_nodes(self) -> NDArray[np.int64]:
+        """Memory state of each mode once it has lasted; place ``mode + 1``."""
+        resting = self.graph.resting()
+        return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
+
+    def mode_matrices(self, mode: int) -> tuple[Array, Array, Array]:
+        """Matrices A_i, B_i and E_i of a mode.
+
+        Parameters
+        ----------
+        mode : int
+            0, +1 or -1.
+
+        Returns
+        -------
+        A : ndarray, shape (2, 2)
+            State matrix.
+        B : ndarray, shape (2,)
+            Column of the known force u minus Fbar; zero while stuck, where
+            friction cancels it.
+        E : ndarray, shape (2,)
+            Column of the integral term.
+        """
+        _check_mode(mode)
+        A, force = axis_matrices(self.axis, mode, self.dt, self.discretization)
+        return A, force * (mode != 0), force * (mode in self.integral_modes)
+
+    def error_dynamics(self, mode: int) -> control.StateSpace:
+        """Error dynamics of one mode that lasts, for Bode and step plots.
+
+        Parameters
+        ----------
+        mode : int
+            0, +1 or -1.
+
+        Returns
+        -------
+        control.StateSpace
+            Discrete; inputs `force` (believed minus true friction [N]), `noise`
+            [m], `drift` [N per sample]; outputs `e_x`, `e_v`, `e_w`, the last
+            being estimated minus true friction [N].
+
+        Raises
+        ------
+        ValueError
+            If `mode` is not 0, +1 or -1.
+
+        Notes
+        -----
+        A constant `force` is what the integral term is there to absorb: its
+        effect on every output but `e_w` has a zero at z = 1.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0,
+        ...                         stick_rate=500.0, stick_speed=1e-4)
+        >>> dynamics = dfc.design_pi_observer(axis, dt=1e-3).error_dynamics(1)
+        >>> bool(max(abs(dynamics.poles())) < 1)
+        True
+        """
+        A2, _, integral = self.mode_matrices(mode)
+        force = axis_matrices(self.axis, mode, self.dt, self.discretization)[1]
+        gain = self.gains[mode]
+        F = np.eye(3)
+        F[:2, :2], F[:2, 2] = A2, integral
+        F[:, 0] -= gain
+        B = np.column_stack([[*force, 0.0], -gain, [0.0, 0.0, 1.0]])
+        return control.ss(
+            F,
+            B,
+            np.eye(3),
+            np.zeros((3, 3)),
+            self.dt,
+            inputs=["force", "noise", "drift"],
+            outputs=["e_x", "e_v", "e_w"],
+            name=f"observer_error_{mode:+d}",
+        )
+
+    def check(self) -> Certificate:
+        """Recompute the certificate from the gains.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        CertificateError
+            If an inequality does not hold with the gains as they are.
+        """
+        scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
+        return certify(
+            scales.apply(_models(self)),
+            self.graph,
+            self.classes,
+            scales.scaled_gains(self.node_gains),
+            self.gamma * self.output_scale,
+            self.decay,
+            self.lyapunov,
+            self.lyapunov_decay,
+            1.0 / self.output_scale,
+        )
+
+    def save(self, path: str) -> None:
+        """Write the design to a text file; `load_design` reads it back.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write, replaced as a whole or not at all.
+        """
+        from dryfric_control.observer.storage import save_design
+
+        save_design(self, path)
+
+    def summary(self) -> str:
+        """Specifications, gains and certificate in words.
+
+        Returns
+        -------
+        str
+        """
+        u = self.uncertainty
+        lines = [
+            f"Switched PI observer, method {self.method!r}, memory {self.window} samples, "
+            f"dt = {self.dt:g} s, {self.discretization}",
+            f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} N (modes 0, +1, -1), noise "
+            f"{self.noise:.4g} m, drift {self.drift:.4g} N/sample, weights "
+            + ", ".join(f"{q:.4g}" for q in self.performance),
+        ]
+        for mode, (lx, lv, g) in self.gains.items():
+            lines.append(f"gains  mode {mode:+d}: L = ({lx:.6g}, {lv:.6g} 1/s), G = {g:.6g} N/m")
+        return "\n".join([*lines, self.certificate.summary()])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{mode:+d}</td><td>{lx:.6g}</td><td>{lv:.6g}</td><td>{g:.6g}</td>"
+            f"<td>{self.certificate.spectral_radius[mode]:.5f}</td></tr>"
+            for mode, (lx, lv, g) in self.gains.items()
+        )
+        head = "<tr><th>mode</th><th>L_x</th><th>L_v [1/s]</th><th>G [N/m]</th><th>radius</th></tr>"
+        text = html.escape(self.summary())
+        return f"<table>{head}{rows}</table><pre>{text}</pre>"
+
+
+def _check_mode(mode: int) -> None:
+    if mode not in (0, 1, -1):
+        raise ValueError(f"mode must be 0, +1 or -1, got {mode!r}")
+
+
+def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
+    return error_models(
+        design.axis,
+        design.dt,
+        uncertainty=design.uncertainty,
+        noise=design.noise,
+        drift=design.drift,
+        performance=design.performance,
+        discretization=design.discretization,
+        integral_modes=design.integral_modes,
+    )
+
+
+def _own_axis(axis: Any, coulomb: Any, stick_speed: float | None) -> Any:
+    """The model the observer runs: no Stribeck peak, half the stick speed."""
+    if stick_speed is None:
+        stick_speed = axis.stick_speed / 2.0
+    speed = positive("stick_speed", stick_speed, unit="m/s")
+    changes: dict[str, Any] = {"stribeck": None, "stick_speed": speed}
+    if coulomb is not None:
+        changes["coulomb"] = CoulombMap.of(coulomb)
+    return dataclasses.replace(axis, **changes)
+
+
+def design_pi_observer(
+    axis: FrictionAxis,
+    dt: float,
+    *,
+    method: str = "slack",
+    uncertainty: float | Mapping[int, float] | None = None,
+    noise: float | None = None,
+    drift: float | None = None,
+    decay: float | None = None,
+    performance: Iterable[float] | None = None,
+    encoder_quantum: float | None = None,
+    window: int | None = None,
+    pairs: Iterable[tuple[int, int]] | None = None,
+    discretization: str = "euler",
+    coulomb: CoulombMap | float | None = None,
+    stick_speed: float | None = None,
+    integral_modes: Iterable[int] = (0, 1, -1),
+    refine: int = 0,
+    solver: str = "clarabel",
+) -> ObserverDesign:
+    """Design a switched proportional-integral observer.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis as it is believed to be.
+    dt : float
+        Sampling time [s].
+    method : str
+        "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never
+        worse), "path" (everything indexed by the last `window` modes) or
+        "dwell" (indexed by how long the present and the previous mode have
+        lasted, sliding counted up to `window` samples).
+    uncertainty : float or mapping of int to float, optional
+        Amplitude of the force uncertainty [N], or one for each mode.
+    noise : float, optional
+        Amplitude of the measurement noise [m].
+    drift : float, optional
+        Change of the friction error per sample [N].
+    decay : float, optional
+        Factor by which an initial error must at least shrink per sample; 1
+        asks for no rate.
+    performance : (float, float, float), optional
+        Weights of the errors of position, speed and friction in z.
+    encoder_quantum : float, optional
+        Resolution of the position sensor [m], for the default of `noise`.
+    window : int, optional
+        Memory of past modes [samples]: "path" 4, "dwell" 16 by default.
+    pairs : iterable of (int, int), optional
+        Allowed changes of mode.  Default: all.
+    discretization : str
+        "euler", the paper's, or "zoh", exact for held input.
+    coulomb : CoulombMap or float, optional
+        The observer's own Coulomb levels.  Default: those of `axis`.
+    stick_speed : float, optional
+        The observer's own stick speed.  Default: half that of `axis`.
+    integral_modes : iterable of int
+        Modes in which the integral term acts on the speed estimate.
+    refine : int
+        Rounds of improvement after the first solution; each costs another
+        solution and never raises gamma.  Not for "paper".
+    solver : str
+        "clarabel", or "scs" (slower, less accurate).
+
+    Returns
+    -------
+    ObserverDesign
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid, a mode is not detectable, the sampling time
+        is too long for Euler's rule, or the specifications cannot be met.
+
+    Notes
+    -----
+    Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
+    the Coulomb level; the noise is the quantization error quantum / sqrt(12),
+    kept in the range in which the observer is neither near-deadbeat nor blind;
+    drift, decay and performance follow from the bandwidth these two fix.  No
+    default depends on units.
+
+    gamma bounds the energy of z by that of all disturbances stacked, each
+    divided by its amplitude, for every allowed sequence of modes; modes that
+    the observer decides differently from the plant are not covered.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0,
+    ...                         stick_rate=500.0, stick_speed=1e-4)
+    >>> design = dfc.design_pi_observer(
+    ...     axis, dt=1e-3, uncertainty=1.0, noise=1e-4, drift=0.0, decay=0.995,
+    ...     performance=(0.0, 1.0, 0.0))
+    >>> print(f"{design.gamma:.4f}")
+    0.0160
+    """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+    check_sampling(axis, dt, discretization)
+    if window is None:
+        window = DEFAULT_WINDOW[method]
+    if isinstance(window, bool) or int(window) != window or not 1 <= window <= 64:
+        raise ValueError(f"window must be a whole number of samples from 1 to 64, got {window!r}")
+    if method in ("paper", "slack") and window != 1:
+        raise ValueError(
+            f"window = {window} has no meaning for method {method!r}: use 'path' or 'dwell'"
+        )
+    if refine < 0 or (refine and method == "paper"):
+        raise ValueError(f"refine must be 0 for 'paper' and not negative, got {refine!r}")
+    own = _own_axis(axis, coulomb, stick_speed)
+    modes = tuple(integral_modes)
+    for mode in modes:
+        _check_mode(mode)
+    weights = default_weights(
+        own, dt, uncertainty=uncertainty, noise=noise, drift=drift, decay=decay,
+        performance=performance, encoder_quantum=encoder_quantum,
+    )  # fmt: skip
+    models = error_models(
+        own, dt, uncertainty=weights.uncertainty, noise=weights.noise, drift=weights.drift,
+        performance=weights.performance, discretization=discretization, integral_modes=modes,
+    )  # fmt: skip
+    classes = mode_classes(weights.uncertainty)
+    scales = scales_of(models, weights)
+    check_detectable(models, scales.state, weights.decay)
+    allowed = allowed_pairs(classes, pairs)
+    graph = (dwell_graph if method == "dwell" else window_graph)(allowed, int(window))
+    scaled = scales.apply(models)
+    candidate, gamma = certified_solution(
+        scaled, graph, weights.decay, paper=method == "paper", refine=refine, solver=solver
+    )
+    gains = scales.physical_gains(candidate.gains)
+    certificate = certify(
+        scaled, graph, classes, scales.scaled_gains(gains), gamma, weights.decay,
+        candidate.lyapunov, candidate.lyapunov_decay, 1.0 / scales.output,
+    )  # fmt: skip
+    return ObserverDesign(
+        axis=own,
+        dt=float(dt),
+        method=method,
+        window=int(window),
+        discretization=discretization,
+        uncertainty=weights.uncertainty,
+        noise=weights.noise,
+        drift=weights.drift,
+        decay=weights.decay,
+        performance=weights.performance,
+        integral_modes=modes,
+        graph=graph,
+        node_gains=gains,
+        gamma=certificate.gamma,
+        state_scale=scales.state,
+        output_scale=scales.output,
+        lyapunov=candidate.lyapunov,
+        lyapunov_decay=candidate.lyapunov_decay,
+        certificate=certificate,
+    )

@@ -1,0 +1,284 @@
+"""Error dynamics of the switched PI observer, mode by mode.
+
+The error of one mode, with e = (x - xhat, v - vhat, b - w), is::
+
+    e+ = (A - L C) e + (W - L D) d        z = Z e
+
+where b is the friction error in force units (believed friction minus true
+friction), w the integral term that estimates it, and d the disturbances: force
+uncertainty, measurement noise and drift of the friction error, each present
+only if its amplitude is not zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+STICK, SLIDE = 0, 1
+DISCRETIZATIONS = ("euler", "zoh")
+#: What is measured: the position alone.
+C = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Matrices of the open error dynamics in one mode.
+
+    Attributes
+    ----------
+    A : ndarray, shape (3, 3)
+        Augmented state matrix ``[A_i E_i; 0 1]``.
+    W : ndarray, shape (3, ndisturbances)
+        How the disturbances enter the error.
+    D : ndarray, shape (ndisturbances,)
+        How the disturbances enter the measurement.
+    Z : ndarray, shape (nweights, 3)
+        Performance output.
+    """
+
+    A: Array
+    W: Array
+    D: Array
+    Z: Array
+
+    def scaled(self, state: Array, output: float) -> ErrorModel:
+        """The same dynamics in units of `state` and z times `output`.
+
+        Parameters
+        ----------
+        state : ndarray, shape (3,)
+            Unit of each error; the measurement takes the unit of position.
+        output : float
+            Factor of the performance output.
+
+        Returns
+        -------
+        ErrorModel
+        """
+        return ErrorModel(
+            A=self.A * state[None, :] / state[:, None],
+            W=self.W / state[:, None],
+            D=self.D / state[0],
+            Z=self.Z * state[None, :] * output,
+        )
+
+    def closed(self, gain: Array) -> tuple[Array, Array]:
+        """Closed matrices F = A - L C and G = W - L D for a gain (3,)."""
+        return self.A - np.outer(gain, C), self.W - np.outer(gain, self.D)
+
+
+def mode_matrices(
+    rate: float, inverse_mass: float, dt: float, discretization: str
+) -> tuple[Array, Array]:
+    """State matrix and force column of ``v' = -rate v + force / mass``.
+
+    Parameters
+    ----------
+    rate : float
+        Decay rate of the speed [1/s]: viscous / mass, or the stick rate.
+    inverse_mass : float
+        1 / mass.
+    dt : float
+        Sampling time [s].
+    discretization : str
+        "euler" or "zoh" (exact for a held force).
+
+    Returns
+    -------
+    ndarray, shape (2, 2)
+    ndarray, shape (2,)
+    """
+    if discretization == "euler":
+        return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
+    z = rate * dt
+    # phi1 = (1 - e^-z) / z and phi2 = (1 - phi1) / z, by series where they cancel
+    phi1 = -math.expm1(-z) / z if z > 1e-8 else 1.0 - z / 2.0
+    phi2 = (1.0 - phi1) / z if z > 1e-4 else 0.5 - z / 6.0 + z * z / 24.0
+    A = np.array([[1.0, dt * phi1], [0.0, math.exp(-z)]])
+    return A, np.array([dt * dt * phi2, dt * phi1]) * inverse_mass
+
+
+def axis_matrices(
+    axis: Any, mode: int, dt: float, discretization: str
+) -> tuple[Array, Array]:
+    """State matrix of a mode and the column in which forces act.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        Mass, viscous coefficient and stick rate are read.
+    mode : int
+        0, +1 or -1.
+    dt : float
+        Sampling time [s].
+    discretization : str
+        "euler" or "zoh".
+
+    Returns
+    -------
+    ndarray, shape (2, 2)
+    ndarray, shape (2,)
+        The sliding mode's column in every mode, also for the integral term and
+        the force uncertainty while stuck: there friction cancels the drive, and
+        an integral term without effect could not be observed.
+    """
+    sliding, force = mode_matrices(axis.viscous / axis.mass, 1.0 / axis.mass, dt, discretization)
+    if mode == 0:
+        return mode_matrices(axis.stick_rate, 1.0 / axis.mass, dt, discretization)[0], force
+    return sliding, force
+
+
+def check_sampling(axis: Any, dt: float, discretization: str) -> None:
+    """Refuse a sampling time with which a mode is not stable.
+
+    Raises
+    ------
+    ValueError
+        If `discretization` is unknown, `dt` is not positive, or Euler's rule
+        makes the stick mode or the sliding mode oscillate without end.
+    """
+    if discretization not in DISCRETIZATIONS:
+        raise ValueError(
+            f"discretization must be one of {', '.join(DISCRETIZATIONS)}, got {discretization!r}"
+        )
+    if not (math.isfinite(dt) and dt > 0.0):
+        raise ValueError(f"dt must be a positive time [s], got {dt!r}")
+    if discretization == "euler":
+        for name, rate in (
+            ("stick_rate", axis.stick_rate),
+            ("viscous / mass", axis.viscous / axis.mass),
+        ):
+            if dt * rate >= 2.0:
+                raise ValueError(
+                    f"dt * {name} = {dt * rate:.6g} must be below 2 with Euler's rule: lower dt "
+                    f"(below {2.0 / rate:.3g} s), lower {name}, or use discretization='zoh'"
+                )
+
+
+def mode_classes(uncertainty: Mapping[int, float]) -> dict[int, int]:
+    """Which modes share a model: +1 and -1 do if equally uncertain.
+
+    Parameters
+    ----------
+    uncertainty : mapping of int to float
+        Force uncertainty of each mode 0, +1, -1.
+
+    Returns
+    -------
+    dict of int to int
+        Class of each mode; 0 is stuck, 1 is sliding, -1 sliding backwards
+        where it needs a model of its own.
+    """
+    return {0: STICK, 1: SLIDE, -1: SLIDE if uncertainty[1] == uncertainty[-1] else -1}
+
+
+def error_models(
+    axis: Any,
+    dt: float,
+    *,
+    uncertainty: Mapping[int, float],
+    noise: float,
+    drift: float,
+    performance: tuple[float, float, float],
+    discretization: str = "euler",
+    integral_modes: Iterable[int] = (0, 1, -1),
+) -> dict[int, ErrorModel]:
+    """Error dynamics of each class of modes, in physical units.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        Mass, viscous coefficient and stick rate are read.
+    dt : float
+        Sampling time [s].
+    uncertainty : mapping of int to float
+        Amplitude of the force uncertainty in each mode [N].
+    noise : float
+        Amplitude of the measurement noise [m].
+    drift : float
+        Change of the friction error per sample [N].
+    performance : tuple of float
+        Weights (q_x, q_v, q_w) of the error in z.
+    discretization : str
+        "euler" (the paper's) or "zoh".
+    integral_modes : iterable of int
+        Modes in which the integral term acts on the speed estimate.
+
+    Returns
+    -------
+    dict of int to ErrorModel
+    """
+    models = {}
+    integral = set(integral_modes)
+    weights = np.diag(performance)[np.array(performance) != 0.0]
+    for mode, key in mode_classes(uncertainty).items():
+        if key in models:
+            continue
+        A2, force = axis_matrices(axis, mode, dt, discretization)
+        A = np.eye(3)
+        A[:2, :2] = A2
+        A[:2, 2] = force if mode in integral else 0.0
+        columns, measured = [], []
+        if any(uncertainty.values()):
+            columns.append([*(uncertainty[mode] * force), 0.0])
+            measured.append(0.0)
+        if noise:
+            columns.append([0.0, 0.0, 0.0])
+            measured.append(noise)
+        if drift:
+            columns.append([0.0, 0.0, drift])
+            measured.append(0.0)
+        models[key] = ErrorModel(A, np.array(columns).T, np.array(measured), weights)
+    return models
+
+
+def check_detectable(models: Mapping[int, ErrorModel], state: Array, decay: float) -> None:
+    """Refuse a mode whose error no gain can make decay fast enough.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Error dynamics by class of modes, in physical units.
+    state : ndarray, shape (3,)
+        Unit of each error.
+    decay : float
+        Decay rate asked for, per sample.
+
+    Raises
+    ------
+    ValueError
+        If a mode hides a part of the error that decays slower than `decay`.
+
+    Notes
+    -----
+    Popov-Belevitch-Hautus: every eigenvalue of A with ``|lambda| >= decay`` must
+    leave ``[lambda I - A; C]`` with full column rank.
+    """
+    for key, model in models.items():
+        A = model.scaled(state, 1.0).A
+        for value in np.linalg.eigvals(A):
+            if abs(value) < decay * (1.0 - 1e-9):
+                continue
+            singular = np.linalg.svd(
+                np.vstack([value * np.eye(3) - A, C[None, :]]), compute_uv=False
+            )
+            # 1e-9 of the largest: gains of that size would be all rounding error
+            if singular[-1] < 1e-9 * singular[0]:
+                name = "0 (stuck)" if key == 0 else f"{key:+d} (sliding)"
+                cause = (
+                    "the integral term must act there (E_i = 0 now): add the mode to integral_modes"
+                    if not model.A[:2, 2].any()
+                    else "relax decay, or lower stick_rate"
+                )
+                raise ValueError(
+                    f"mode {name} is not detectable: no gain moves its eigenvalue {value:.6g}, "
+                    f"and decay = {decay:.6g} asks for less; {cause}"
+                )

@@ -1,0 +1,132 @@
+"""What the observer remembers of past modes, as a graph.
+
+A node is a memory state; its label is the present mode class.  When the next
+mode arrives the observer moves along an edge.  Gains and Lyapunov matrices are
+indexed by node, so a richer graph is a better observer and a tighter
+certificate.  All graphs here are deterministic: a node and the next mode fix
+the next node.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dryfric_control.observer.error_model import STICK
+
+#: Longest remembered run of sticking, present and previous, in samples: with
+#: usual stick rates the leftover speed is gone after that many.
+PRESENT_STICK, PREVIOUS_STICK = 4, 2
+
+
+@dataclass(frozen=True)
+class ModeGraph:
+    """Deterministic graph of memory states.
+
+    Attributes
+    ----------
+    labels : tuple of int
+        Mode class of each node.
+    edges : tuple of (int, int)
+        Allowed steps from node to node.
+    names : tuple of str
+        What each node remembers, for reports.
+    """
+
+    labels: tuple[int, ...]
+    edges: tuple[tuple[int, int], ...]
+    names: tuple[str, ...]
+
+    def next_nodes(self) -> dict[tuple[int, int], int]:
+        """Next node by (node, class of the next mode)."""
+        return {(i, self.labels[j]): j for i, j in self.edges}
+
+    def resting(self) -> dict[int, int]:
+        """Node of each class after the mode has lasted for long."""
+        return {self.labels[i]: i for i, j in self.edges if i == j}
+
+
+def allowed_pairs(
+    classes: dict[int, int], pairs: Iterable[tuple[int, int]] | None
+) -> set[tuple[int, int]]:
+    """Pairs of classes that may follow each other.
+
+    Parameters
+    ----------
+    classes : dict of int to int
+        Class of each mode.
+    pairs : iterable of (int, int), optional
+        Allowed changes of mode.  Default: all.  Staying is always allowed.
+
+    Raises
+    ------
+    ValueError
+        If a pair names an unknown mode.
+    """
+    if pairs is None:
+        keys = set(classes.values())
+        return {(a, b) for a in keys for b in keys}
+    result = {(key, key) for key in classes.values()}
+    for pair in pairs:
+        try:
+            first, second = pair
+            result.add((classes[first], classes[second]))
+        except (TypeError, ValueError, KeyError):
+            raise ValueError(
+                f"pairs must hold changes of mode like (0, 1), with modes 0, 1, -1; got {pair!r}"
+            ) from None
+    return result
+
+
+def window_graph(pairs: set[tuple[int, int]], length: int) -> ModeGraph:
+    """Memory of the last `length` modes, the present one included."""
+    keys = sorted({a for a, _ in pairs})
+    words = [
+        word
+        for word in itertools.product(keys, repeat=length)
+        if all(step in pairs for step in itertools.pairwise(word))
+    ]
+    index = {word: k for k, word in enumerate(words)}
+    edges = [
+        (index[word], index[(*word, key)[1:]])
+        for word in words
+        for key in keys
+        if (word[-1], key) in pairs
+    ]
+    names = tuple(",".join(str(key) for key in word) for word in words)
+    return ModeGraph(tuple(word[-1] for word in words), tuple(edges), names)
+
+
+def dwell_graph(pairs: set[tuple[int, int]], longest: int) -> ModeGraph:
+    """Memory of how long the present and the previous mode have lasted.
+
+    Runs of sliding are counted up to `longest` samples, runs of sticking up to
+    a few; a longer run counts as the longest.
+    """
+    keys = sorted({a for a, _ in pairs})
+    present = {key: min(longest, PRESENT_STICK) if key == STICK else longest for key in keys}
+    previous = {key: min(longest, PREVIOUS_STICK) if key == STICK else longest for key in keys}
+    nodes = [
+        (key, age, before, length)
+        for key in keys
+        for before in keys
+        if before != key and (before, key) in pairs
+        for age in range(1, present[key] + 1)
+        for length in range(1, previous[before] + 1)
+    ]
+    # a mode nothing leads to can still be the first one
+    entered = {node[0] for node in nodes}
+    nodes += [(k, a, k, 0) for k in keys if k not in entered for a in range(1, present[k] + 1)]
+    index = {node: k for k, node in enumerate(nodes)}
+    edges = []
+    for node, k in index.items():
+        key, age, before, length = node
+        edges.append((k, index[key, min(age + 1, present[key]), before, length]))
+        edges += [
+            (k, index[other, 1, key, min(age, previous[key])])
+            for other in keys
+            if other != key and (key, other) in pairs
+        ]
+    names = tuple(f"{key} for {age} after {before} for {n}" for key, age, before, n in nodes)
+    return ModeGraph(tuple(node[0] for node in nodes), tuple(edges), names)

@@ -1,0 +1,157 @@
+"""Observer designs as text files: JSON, versioned, checked when read."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.effects import REGISTRY
+from dryfric_control.friction import CoulombMap, finite
+from dryfric_control.observer.certificate import Certificate
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.error_model import check_sampling
+from dryfric_control.observer.memory import ModeGraph
+
+FORMAT, VERSION = "dryfric-control observer design", 1
+_ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
+_NUMBERS = ("dt", "noise", "drift", "decay", "gamma", "output_scale")
+_WORDS = ("method", "discretization")
+
+
+def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
+    """Write a design to a text file, as a whole or not at all.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        What to write.
+    path : str or path
+        File to write.
+    """
+    axis = design.axis
+    data: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    data["axis"] = {
+        "mass": axis.mass,
+        "viscous": axis.viscous,
+        "coulomb": {"plus": axis.coulomb.plus, "minus": axis.coulomb.minus},
+        "stick_speed": axis.stick_speed,
+        "stick_rate": axis.stick_rate,
+        "travel": axis.travel,
+        "switching": axis.switching,
+        "name": axis.name,
+        "units": axis.units,
+        "effects": [{"slug": e.slug, "parameters": dataclasses.asdict(e)} for e in axis.effects],
+    }
+    data |= {name: getattr(design, name) for name in (*_NUMBERS, *_WORDS, "window")}
+    data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
+    data["performance"] = design.performance
+    data["integral_modes"] = design.integral_modes
+    data["graph"] = dataclasses.asdict(design.graph)
+    data |= {name: getattr(design, name).tolist() for name in _ARRAYS}
+    target = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            # repr of a float is exact, so a design survives bit by bit
+            json.dump(data, file, indent=1, allow_nan=False)
+            file.write("\n")
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
+    """Read a design back and check that it keeps its promises.
+
+    Parameters
+    ----------
+    path : str or path
+        File written by `ObserverDesign.save`.
+
+    Returns
+    -------
+    ObserverDesign
+        Its certificate is computed anew from the gains in the file.
+
+    Raises
+    ------
+    ValueError
+        If the file is no observer design, is damaged or newer than this
+        package, or its gains fail the certificate.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> import tempfile, pathlib
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     design.save(pathlib.Path(folder) / "observer.json")
+    ...     again = dfc.load_design(pathlib.Path(folder) / "observer.json")
+    >>> bool((again.node_gains == design.node_gains).all())
+    True
+    """
+    try:
+        with open(path, encoding="utf-8") as file:
+            data = json.load(file)
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise ValueError(f"{path} is no observer design: it lacks format = {FORMAT!r}")
+    if data.get("version") != VERSION:
+        raise ValueError(
+            f"{path} has version {data.get('version')!r}, this package reads {VERSION}: design "
+            "again, or use a newer package"
+        )
+    try:
+        design = _rebuild(data)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ValueError(
+            f"{path} is damaged: {type(error).__name__}: {error}; save the design again"
+        ) from None
+    return dataclasses.replace(design, certificate=design.check())
+
+
+def _rebuild(data: dict[str, Any]) -> ObserverDesign:
+    axis = dict(data["axis"])
+    axis["coulomb"] = CoulombMap(axis["coulomb"]["plus"], axis["coulomb"]["minus"])
+    axis["units"] = tuple(axis["units"])
+    axis["effects"] = tuple(REGISTRY[e["slug"]](**e["parameters"]) for e in axis["effects"])
+    graph = data["graph"]
+    edges = tuple((int(i), int(j)) for i, j in graph["edges"])
+    nodes = len(graph["labels"])
+    if len(graph["names"]) != nodes or not all(0 <= k < nodes for edge in edges for k in edge):
+        raise ValueError("graph does not fit together")
+    arrays: dict[str, Any] = {name: np.array(data[name], dtype=float) for name in _ARRAYS}
+    shapes = {
+        "node_gains": (nodes, 3), "state_scale": (3,),
+        "lyapunov": (nodes, 3, 3), "lyapunov_decay": (nodes, 3, 3),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or not np.all(np.isfinite(arrays[name])):
+            raise ValueError(f"{name} must hold numbers in shape {shape}")
+    plain: dict[str, Any] = {name: finite(name, data[name]) for name in _NUMBERS}
+    plain |= {name: str(data[name]) for name in _WORDS}
+    check_sampling(FrictionAxis(**axis), plain["dt"], plain["discretization"])
+    q_x, q_v, q_w = (float(q) for q in data["performance"])
+    return ObserverDesign(
+        axis=FrictionAxis(**axis),
+        graph=ModeGraph(
+            tuple(int(k) for k in graph["labels"]), edges, tuple(str(n) for n in graph["names"])
+        ),
+        uncertainty={int(mode): float(value) for mode, value in data["uncertainty"].items()},
+        performance=(q_x, q_v, q_w),
+        integral_modes=tuple(int(mode) for mode in data["integral_modes"]),
+        certificate=Certificate(0.0, 0.0, (), 0.0, (), 1.0, {}, 0.0, ()),
+        **arrays,
+        window=int(data["window"]),
+        **plain,
+    )

@@ -1,0 +1,352 @@
+"""Gain from below: how bad can switching get?
+
+Two recursions on the largest reachable error share one compiled step.  With a
+design's own gains it bounds the true gain of that design along a sequence of
+modes; with the best gain at every sample it bounds what any observer can do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dryfric_control.observer.error_model import ErrorModel
+from dryfric_control.observer.memory import ModeGraph
+
+Array = NDArray[np.float64]
+
+#: Relative width at which a bisection on gamma stops.
+WIDTH = 2e-5
+#: Longest sequence tried, in samples; stopping early only lowers the bound.
+LONGEST = 20_000
+#: The same while a search only ranks sequences.
+COARSE, SHORT = 1e-3, 2_000
+
+
+@njit(cache=True, error_model="numpy")
+def _grow(S, Z, level):  # type: ignore[no-untyped-def]
+    """``(S^-1 - Z'Z / level)^-1`` in place; False if that is not positive."""
+    s = np.empty(3)
+    for k in range(Z.shape[0]):
+        for i in range(3):
+            s[i] = S[i, 0] * Z[k, 0] + S[i, 1] * Z[k, 1] + S[i, 2] * Z[k, 2]
+        rest = level - (Z[k, 0] * s[0] + Z[k, 1] * s[1] + Z[k, 2] * s[2])
+        if rest <= 0.0:
+            return False
+        for i in range(3):
+            for j in range(3):
+                S[i, j] += s[i] * s[j] / rest
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _move(S, F, N, out):  # type: ignore[no-untyped-def]
+    """out = F S F' + N."""
+    for i in range(3):
+        for j in range(i, 3):
+            total = N[i, j]
+            for k in range(3):
+                row = S[k, 0] * F[j, 0] + S[k, 1] * F[j, 1] + S[k, 2] * F[j, 2]
+                total += F[i, k] * row
+            out[i, j] = total
+            out[j, i] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-untyped-def]
+    """Whether some disturbance along the repeated word beats `gamma`.
+
+    `word` holds places in F (n,3,3), N (n,3,3), Z (n,nz,3).  With `best` each
+    step first corrects by the best gain for measurement noise `noise` (n,).
+    """
+    S = np.zeros((3, 3))
+    out = np.empty((3, 3))
+    before = np.zeros((3, 3))
+    level = gamma * gamma
+    place = 0
+    for _ in range(longest):
+        i = word[place]
+        if not _grow(S, Z[i], level):
+            return True
+        if best:
+            power = S[0, 0] + noise[i] * noise[i]
+            if power > 0.0:
+                a, b, c = S[0, 0], S[1, 0], S[2, 0]
+                S[0, 0] -= a * a / power
+                S[0, 1] -= a * b / power
+                S[0, 2] -= a * c / power
+                S[1, 0] = S[0, 1]
+                S[1, 1] -= b * b / power
+                S[1, 2] -= b * c / power
+                S[2, 0] = S[0, 2]
+                S[2, 1] = S[1, 2]
+                S[2, 2] -= c * c / power
+        _move(S, F[i], N[i], out)
+        S[:] = out
+        place += 1
+        if place == word.size:
+            place = 0
+            still = True
+            for i in range(3):
+                if abs(S[i, i] - before[i, i]) > 1e-10 * S[i, i]:
+                    still = False
+            if still:
+                return False
+            before[:] = S
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _gain_along(word, F, N, Z, noise, best, low, high, width, longest):  # type: ignore[no-untyped-def]
+    """Largest gamma in [low, high] that is provably exceeded, else `low`."""
+    if not _exceeds(word, F, N, Z, noise, best, low, longest):
+        return low
+    while high > low * (1.0 + width):
+        middle = math.sqrt(low * high)
+        if _exceeds(word, F, N, Z, noise, best, middle, longest):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@dataclass(frozen=True)
+class _Game:
+    """One of the two recursions with its arrays; `keys` names the places."""
+
+    keys: list[int]
+    F: Array
+    N: Array
+    Z: Array
+    noise: Array
+    best: bool
+
+    def exceeds(self, place: NDArray[np.int64], gamma: float, longest: int) -> bool:
+        return bool(
+            _exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest)
+        )
+
+    def gain(
+        self, place: NDArray[np.int64], low: float, high: float, width: float, longest: int
+    ) -> float:
+        return float(
+            _gain_along(
+                place, self.F, self.N, self.Z, self.noise, self.best, low, high, width, longest
+            )
+        )
+
+
+def _best_game(models: Mapping[int, ErrorModel]) -> _Game:
+    keys = sorted(models)
+    return _Game(
+        keys=keys,
+        F=np.array([models[key].A for key in keys]),
+        N=np.array([models[key].W @ models[key].W.T for key in keys]),
+        Z=np.array([models[key].Z for key in keys]),
+        noise=np.array([math.sqrt(float(models[key].D @ models[key].D)) for key in keys]),
+        best=True,
+    )
+
+
+def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
+    """Gain no observer can be below when the modes repeat `word`.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Error dynamics by mode class, any units.
+    word : tuple of int
+        Sequence of classes, repeated without end and known to the observer.
+
+    Returns
+    -------
+    float
+        Lower bound on gamma for every causal observer, whatever its order; 0
+        if the error cannot be excited.
+
+    Notes
+    -----
+    The Riccati recursion of the optimal a-priori H-infinity filter from a zero
+    initial error (Hassibi, Sayed and Kailath, Indefinite-Quadratic Estimation
+    and Control, SIAM 1999).  A gamma counts only if the recursion breaks down
+    within finitely many samples, which makes the bound strict.
+    """
+    game = _best_game(models)
+    place = np.array([game.keys.index(key) for key in word])
+    high = 1.0
+    while game.exceeds(place, high, LONGEST):
+        high *= 2.0
+    low = high
+    while not game.exceeds(place, low, LONGEST):
+        low /= 2.0
+        if low < 1e-12 * high:
+            return 0.0
+    return game.gain(place, low, high, WIDTH, LONGEST)
+
+
+def _words(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
+    """Constant modes, then runs of one mode between short runs of another."""
+    keys = sorted(set(graph.labels))
+    pairs = {(graph.labels[i], graph.labels[j]) for i, j in graph.edges}
+    for key in keys:
+        yield (key,)
+    for first in keys:
+        for second in keys:
+            if first < second and {(first, second), (second, first)} <= pairs:
+                for short in (1, 2, 3, 5):
+                    for long in (1, 2, 4, 8, 12, 16, 24, 32, 48):
+                        yield (first,) * short + (second,) * long
+                        if short < long:
+                            yield (first,) * long + (second,) * short
+
+
+def _neighbours(word: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Words with one run a little longer or shorter, or doubled up."""
+    runs: list[list[int]] = []
+    for key in word:
+        if runs and runs[-1][0] == key:
+            runs[-1][1] += 1
+        else:
+            runs.append([key, 1])
+    for k, (_key, length) in enumerate(runs):
+        for change in (-4, -2, -1, 1, 2, 4):
+            if length + change > 0:
+                yield tuple(
+                    key
+                    for n, (key, count) in enumerate(runs)
+                    for _ in range(count + (change if n == k else 0))
+                )
+
+
+def path_of(graph: ModeGraph, word: tuple[int, ...]) -> list[int] | None:
+    """Nodes visited once the word has repeated often enough to settle."""
+    following = graph.next_nodes()
+    node = graph.resting()[word[-1]]
+    seen: list[list[int]] = []
+    while True:
+        path = []
+        for key in word:
+            step = following.get((node, key))
+            if step is None:
+                return None
+            node = step
+            path.append(node)
+        if path in seen:
+            # a cycle of several words: take all of it
+            return [n for part in seen[seen.index(path) :] for n in part]
+        seen.append(path)
+
+
+def _search(
+    game: _Game,
+    words: Iterator[tuple[int, ...]],
+    places: Callable[[tuple[int, ...]], list[int] | None],
+    best: float,
+    worst: tuple[int, ...],
+    high: float,
+    rounds: int = 3,
+) -> tuple[float, tuple[int, ...]]:
+    """Word with the largest gain in [best, high]: the words given, then changes to the winner."""
+    tried: set[tuple[int, ...]] = set()
+
+    def attempt(word: tuple[int, ...]) -> bool:
+        nonlocal best, worst
+        if word in tried:
+            return False
+        tried.add(word)
+        path = places(word)
+        if path is None:
+            return False
+        low = best * (1.0 + COARSE)
+        place = np.array(path)
+        if not game.exceeds(place, low, SHORT):
+            return False
+        best, worst = game.gain(place, low, high, COARSE, SHORT), word
+        return True
+
+    for word in words:
+        attempt(word)
+    for _ in range(rounds):
+        if not any([attempt(word) for word in _neighbours(worst)]):
+            break
+    place = np.array(places(worst), dtype=np.int64)
+    return game.gain(place, best, high, WIDTH, LONGEST), worst
+
+
+def worst_switching(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, high: float
+) -> tuple[float, tuple[int, ...]]:
+    """Search the switching sequence that is worst for given gains.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    gains : ndarray, shape (nnodes, 3)
+        Observer gains, in the units of the models.
+    high : float
+        Certified gain, above which there is nothing to find.
+
+    Returns
+    -------
+    float
+        Gain reached: a lower bound on the true gain of this design.
+    tuple of int
+        The sequence of mode classes, repeated, that reaches it.
+    """
+    closed = [models[key].closed(gain) for key, gain in zip(graph.labels, gains, strict=True)]
+    game = _Game(
+        keys=list(range(len(closed))),
+        F=np.array([f for f, _ in closed]),
+        N=np.array([g @ g.T for _, g in closed]),
+        Z=np.array([models[key].Z for key in graph.labels]),
+        noise=np.zeros(len(closed)),
+        best=False,
+    )
+    start = (graph.labels[0],)
+    return _search(
+        game, _words(graph), lambda word: path_of(graph, word), 1e-9 * high, start, high
+    )
+
+
+def hardest_switching(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, high: float
+) -> tuple[float, tuple[int, ...]]:
+    """Search the switching sequence that is hardest for any observer.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Error dynamics by mode class.
+    graph : ModeGraph
+        Allowed changes of mode.
+    high : float
+        A certified gain, above which there is nothing to find.
+
+    Returns
+    -------
+    float
+        Gain that no causal observer can be below, even if it knew the sequence
+        beforehand.
+    tuple of int
+        The sequence of mode classes.
+    """
+    game = _best_game(models)
+    alone = {key: best_gain(models, (key,)) for key in models}
+    start = max(alone, key=lambda key: alone[key])
+
+    def places(word: tuple[int, ...]) -> list[int] | None:
+        allowed = path_of(graph, word) is not None
+        return [game.keys.index(key) for key in word] if allowed else None
+
+    if alone[start] == 0.0:
+        return 0.0, (start,)
+    found, word = _search(game, _words(graph), places, alone[start], (start,), high)
+    return max(found, alone[start]), word

@@ -1,0 +1,300 @@
+"""Gains of the switched PI observer by linear matrix inequalities.
+
+For every allowed step from memory node i to node j, with F = A - L C and
+G = W - L D of node i, the design asks for P > 0, Q > 0 such that::
+
+    |e+|^2_Pj - |e|^2_Pi + |z|^2 - gamma^2 |d|^2 < 0        (gain)
+    |e+|^2_Qj - alpha^2 |e|^2_Qi < 0   for d = 0            (decay)
+
+Each is written with a slack matrix, which makes it linear in the unknowns
+(Daafouz, Riedinger and Iung, IEEE Trans. Automatic Control 47(11), 2002)::
+
+    [ -P_i + Z'Z       0         A'S - C'V   ]
+    [     *       -gamma^2 I     W'S - D'V   ]  < 0,       L' = V S^-1
+    [     *            *       P_j - S - S'  ]
+
+Theorem 1 of the paper is the case S = P_i (with L = P^-1 V'; the printed
+V' P^-1 has wrong dimensions) and one Lyapunov matrix for both conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.observer.certificate import (
+    CertificateError,
+    check_blocks,
+    evaluate_blocks,
+    proved_gain,
+)
+from dryfric_control.observer.inequalities import MatrixProgram
+from dryfric_control.observer.error_model import C, ErrorModel
+from dryfric_control.observer.memory import ModeGraph
+
+Array = NDArray[np.float64]
+
+#: Strictness asked of the solver, raised until the certificate holds; the first-order
+#: solver starts from the third, its own accuracy being no better.
+MARGINS = (1e-8, 1e-7, 1e-6, 1e-5)
+
+_SYMMETRIC = np.zeros((6, 3, 3))
+for _k, (_r, _c) in enumerate(zip(*np.triu_indices(3), strict=True)):
+    _SYMMETRIC[_k, _r, _c] = _SYMMETRIC[_k, _c, _r] = 1.0
+_FULL = np.eye(9).reshape(9, 3, 3)
+_COLUMN = np.eye(3)
+
+
+class InfeasibleError(ValueError):
+    """The solver proved that no design exists."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What the solver proposes; the certificate decides.
+
+    Attributes
+    ----------
+    gamma : float
+        The solver's value of the optimal gain.
+    gains : ndarray, shape (nnodes, 3)
+        Observer gains, in the units of the models given.
+    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
+        Lyapunov matrices of the gain and of the decay condition.
+    status : str
+        The solver's word.
+    """
+
+    gamma: float
+    gains: Array
+    lyapunov: Array
+    lyapunov_decay: Array
+    status: str
+
+
+def _block(
+    model: ErrorModel, slack: Array, symmetric: bool, factor: float, performance: bool
+) -> tuple[Array, Array]:
+    """Coefficients of one inequality for P_i, the slack, V, P_j (and gamma^2).
+
+    With slack matrix S' = K Y, K = `slack` fixed and Y unknown, and V' = K v:
+    both inequalities of a node share Y and v, and L = Y^-1 v in each.
+    """
+    nd = model.W.shape[1] if performance else 0
+    n = 6 + nd
+    last = slice(n - 3, n)
+    basis = slack @ (_SYMMETRIC if symmetric else _FULL)
+    column = _COLUMN @ slack.T
+    ns = len(basis)
+    out = np.zeros((6 + ns + 3 + 6 + performance, n, n))
+    out[:6, :3, :3] = -factor * _SYMMETRIC
+    s, v = slice(6, 6 + ns), slice(6 + ns, 9 + ns)
+    out[s, :3, last] = (basis @ model.A).transpose(0, 2, 1)
+    out[v, :3, last] = -C[None, :, None] * column[:, None, :]
+    if performance:
+        out[s, 3 : 3 + nd, last] = (basis @ model.W).transpose(0, 2, 1)
+        out[v, 3 : 3 + nd, last] = -model.D[None, :, None] * column[:, None, :]
+        out[-1, 3 : 3 + nd, 3 : 3 + nd] = -np.eye(nd)
+    upper = out[6 : 9 + ns]
+    out[6 : 9 + ns] = upper + upper.transpose(0, 2, 1)
+    out[s, last, last] = -basis - basis.transpose(0, 2, 1)
+    out[9 + ns : 15 + ns, last, last] = _SYMMETRIC
+    constant = np.zeros((n, n))
+    if performance:
+        constant[:3, :3] = model.Z.T @ model.Z
+    return out, constant
+
+
+def solve_lmi(
+    models: Mapping[int, ErrorModel],
+    graph: ModeGraph,
+    decay: float,
+    *,
+    paper: bool = False,
+    around: Candidate | None = None,
+    solver: str = "clarabel",
+    margin: float = 1e-8,
+) -> Candidate:
+    """Solve the design inequalities once.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Scaled error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    decay : float
+        Decay rate alpha per sample; 1 leaves the decay condition out.
+    paper : bool
+        Use Theorem 1: the slack is P_i, and it also proves the decay.
+    around : Candidate, optional
+        A design to improve: the slack matrices start from its Lyapunov
+        matrices, edge by edge, so the gain cannot get worse.
+    solver : str
+        "clarabel" or "scs".
+    margin : float
+        Strictness of every inequality in the scaled problem.
+
+    Returns
+    -------
+    Candidate
+
+    Raises
+    ------
+    InfeasibleError
+        If the solver proves that no design exists, or returns no numbers.
+    """
+    nodes = len(graph.labels)
+    with_decay = decay < 1.0
+    separate = with_decay and not paper
+    offsets = {"P": 0, "Q": 6 if separate else 0}
+    slack_at = 0 if paper else (12 if separate else 6)
+    gain_at = 6 if paper else slack_at + 9
+    size = gain_at + 3
+    program = MatrixProgram(nodes * size + 1, margin)
+    identity = np.eye(3)
+    level = 1.0
+    if around is not None:
+        # the decay condition fixes its matrices up to a factor only
+        level = float(np.trace(around.lyapunov.sum(0)) / np.trace(around.lyapunov_decay.sum(0)))
+    cache: dict[tuple[int, bool], tuple[Array, Array]] = {}
+
+    def block(i: int, j: int, performance: bool) -> tuple[Array, Array]:
+        model = models[graph.labels[i]]
+        factor = 1.0 if performance else decay**2
+        if around is not None:
+            at = around.lyapunov[j] if performance else level * around.lyapunov_decay[j]
+            return _block(model, at, paper, factor, performance)
+        key = (graph.labels[i], performance)
+        if key not in cache:
+            cache[key] = _block(model, identity, paper, factor, performance)
+        return cache[key]
+
+    def index(i: int, j: int, name: str) -> NDArray[np.intp]:
+        here, there = i * size, j * size
+        return np.concatenate(
+            [
+                here + offsets[name] + np.arange(6),
+                here + np.arange(slack_at, slack_at + (6 if paper else 9)),
+                here + np.arange(gain_at, gain_at + 3),
+                there + offsets[name] + np.arange(6),
+            ]
+        )
+
+    for i in range(nodes):
+        for start in sorted(set(offsets.values())):
+            program.below_zero(i * size + start + np.arange(6), -_SYMMETRIC, np.zeros((3, 3)))
+    for i, j in graph.edges:
+        columns, constant = block(i, j, True)
+        program.below_zero(np.append(index(i, j, "P"), nodes * size), columns, constant)
+        if with_decay:
+            columns, constant = block(i, j, False)
+            program.below_zero(index(i, j, "Q"), columns, constant)
+
+    x, status = program.minimise(nodes * size, solver)
+    if status == "infeasible" or not np.all(np.isfinite(x)) or x[-1] <= 0.0:
+        raise InfeasibleError(f"no design exists, says the solver ({status})")
+    table = x[:-1].reshape(nodes, size)
+
+    def symmetric(start: int) -> Array:
+        return np.einsum("nk,kij->nij", table[:, start : start + 6], _SYMMETRIC)
+
+    P, Q = symmetric(offsets["P"]), symmetric(offsets["Q"])
+    Y = P if paper else table[:, slack_at : slack_at + 9].reshape(nodes, 3, 3)
+    right = table[:, gain_at : gain_at + 3, None]
+    gains = np.asarray(np.linalg.solve(Y, right)[:, :, 0], dtype=np.float64)
+    return Candidate(float(np.sqrt(x[-1])), gains, P, Q, status)
+
+
+def certified_solution(
+    models: Mapping[int, ErrorModel],
+    graph: ModeGraph,
+    decay: float,
+    *,
+    paper: bool = False,
+    refine: int = 0,
+    solver: str = "clarabel",
+) -> tuple[Candidate, float]:
+    """Solve until the gains that come out prove what they promise.
+
+    Parameters
+    ----------
+    models : mapping of int to ErrorModel
+        Scaled error dynamics by mode class.
+    graph : ModeGraph
+        Memory of the observer.
+    decay : float
+        Decay rate alpha per sample; 1 leaves the decay condition out.
+    paper : bool
+        Use Theorem 1.
+    refine : int
+        Rounds of improvement.
+    solver : str
+        "clarabel" or "scs".
+
+    Returns
+    -------
+    Candidate
+    float
+        Certified gamma, scaled.
+
+    Raises
+    ------
+    ValueError
+        If no design exists, or none that passes its certificate.
+    """
+    best: tuple[Candidate, float] | None = None
+    for _ in range(refine + 1):
+        around = best[0] if best else None
+        improved = None
+        failure: Exception | None = None
+        for margin in MARGINS if solver == "clarabel" else MARGINS[2:]:
+            try:
+                found = solve_lmi(
+                    models, graph, decay, paper=paper, around=around, solver=solver, margin=margin
+                )
+                gamma = proved_gain(models, graph, found.gains, found.lyapunov)
+                blocks = evaluate_blocks(
+                    models, graph, found.gains, gamma, decay, found.lyapunov, found.lyapunov_decay
+                )
+                check_blocks(blocks)
+            except CertificateError as error:
+                failure = error
+                continue
+            except InfeasibleError as error:
+                failure = error
+                break
+            improved = (found, gamma)
+            break
+        if improved is None:
+            if best is None:
+                raise ValueError(_advice(models, graph, decay, paper, solver)) from failure
+            break
+        if best is not None and improved[1] >= best[1]:
+            break
+        best = improved
+    assert best is not None
+    return best
+
+
+def _advice(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, decay: float, paper: bool, solver: str
+) -> str:
+    """Which specification stands in the way."""
+    if decay < 1.0:
+        try:
+            certified_solution(models, graph, 1.0, paper=paper, solver=solver)
+        except ValueError:
+            pass
+        else:
+            return (
+                f"decay = {decay:.6g} per sample cannot be certified for every allowed switching; "
+                "relax decay towards 1, or use more memory (method='path' or 'dwell')"
+            )
+    return (
+        "no gain can be certified for the allowed changes of mode; forbid some by pairs, lower "
+        "stick_rate, or use more memory (method='path' or 'dwell')"
+    )

@@ -1,0 +1,178 @@
+"""Specifications of the observer, and defaults that suit any axis.
+
+Everything follows from two amplitudes, the uncertain force d and the
+measurement noise n.  Their dimensionless ratio dt^2 d / (m n) is the square of
+the natural frequency of the observer, in radians per sample: how far the
+uncertain force moves the mass within one sample, measured in noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.friction import finite, positive
+
+#: Uncertain force as a fraction of the Coulomb level.
+UNCERTAIN_FRACTION = 0.2
+#: Natural frequency [rad/sample] without knowledge of the sensor, and its range
+#: with it: above, the observer is near-deadbeat and copies the noise into the
+#: speed; below, it takes thousands of samples to forget its start.
+BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.03, 0.3
+#: Drift of the friction error per sample, relative to bandwidth times d.
+DRIFT_FRACTION = 0.5
+#: Certified decay: an error shrinks at this fraction of the bandwidth.
+DECAY_FRACTION = 0.05
+#: Weights of position, speed and friction, each as a speed at that frequency.
+PERFORMANCE = (2.0, 1.0, 0.3)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Specifications of the observer in SI units.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling time [s].
+    kick : float
+        Speed gained in one sample per force, dt / mass [s/kg].
+    uncertainty : dict of int to float
+        Amplitude of the force uncertainty in each mode [N].
+    noise : float
+        Amplitude of the measurement noise [m].
+    drift : float
+        Drift of the friction error per sample [N].
+    decay : float
+        Decay per sample.
+    performance : tuple of float
+        Weights of the errors of position, speed and friction in z.
+    bandwidth : float
+        Natural frequency [rad/sample] the amplitudes amount to.
+    """
+
+    dt: float
+    kick: float
+    uncertainty: dict[int, float]
+    noise: float
+    drift: float
+    decay: float
+    performance: tuple[float, float, float]
+    bandwidth: float
+
+
+def coulomb_level(axis: Any) -> float:
+    """Mean Coulomb level of both directions over the travel [N]."""
+    low, high = (0.0, 0.0) if axis.travel is None else axis.travel
+    places = np.linspace(low, high, 65)
+    return float(np.mean([axis.coulomb(places, direction) for direction in (1, -1)]))
+
+
+def _uncertainty(axis: Any, value: float | Mapping[int, float] | None) -> dict[int, float]:
+    if value is None:
+        level = coulomb_level(axis)
+        if level <= 0.0:
+            raise ValueError(
+                "uncertainty has no default on an axis without Coulomb friction: give the "
+                "amplitude of the unknown force"
+            )
+        value = UNCERTAIN_FRACTION * level
+    if isinstance(value, Mapping):
+        if set(value) != {0, 1, -1}:
+            raise ValueError(
+                f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}"
+            )
+        return {
+            mode: positive(f"uncertainty[{mode}]", value[mode], unit="N", zero=True)
+            for mode in (0, 1, -1)
+        }
+    return dict.fromkeys((0, 1, -1), positive("uncertainty", value, unit="N", zero=True))
+
+
+def default_weights(
+    axis: Any,
+    dt: float,
+    *,
+    uncertainty: float | Mapping[int, float] | None = None,
+    noise: float | None = None,
+    drift: float | None = None,
+    decay: float | None = None,
+    performance: Iterable[float] | None = None,
+    encoder_quantum: float | None = None,
+) -> Weights:
+    """Fill in the specifications the user left open.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        Mass, Coulomb levels and travel are read.
+    dt : float
+        Sampling time [s].
+    uncertainty, noise, drift, decay, performance
+        As in `design_pi_observer`; None asks for the default.
+    encoder_quantum : float, optional
+        Resolution of the position sensor [m].
+
+    Returns
+    -------
+    Weights
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or nothing disturbs the axis.
+
+    Notes
+    -----
+    With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = quantum / sqrt(12),
+    moved if need be until 0.03 <= beta <= 0.3, or such that beta = 0.15 if no
+    quantum is given; drift = beta d / 2 per sample; decay = 1 - beta / 20; and
+    z weighs the speed error by 1 and, by what they are worth as a speed at the
+    frequency beta, the position error by 2 and the friction error by 0.3:
+    (2 beta / dt, 1, 0.3 dt / (beta m)).
+    """
+    kick = dt / axis.mass
+    amplitudes = _uncertainty(axis, uncertainty)
+    d = max(amplitudes.values())
+    if drift is not None:
+        drift = positive("drift", drift, unit="N", zero=True)
+    if d == 0.0:
+        raise ValueError(
+            "uncertainty is zero in every mode: an observer of an exactly known axis need not "
+            "look at the measurement; give a small force instead"
+        )
+    step = dt * kick * d
+    if noise is not None:
+        noise = positive("noise", noise, unit="m", zero=True)
+        bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
+        bandwidth = min(max(bandwidth, 1e-4), 1.0)
+    elif encoder_quantum is not None:
+        quantum = positive("encoder_quantum", encoder_quantum, unit="m")
+        bandwidth = min(max(math.sqrt(step * math.sqrt(12.0) / quantum), SLOWEST), FASTEST)
+        noise = step / bandwidth**2
+    else:
+        bandwidth = BANDWIDTH
+        noise = step / bandwidth**2
+    if drift is None:
+        drift = DRIFT_FRACTION * bandwidth * d
+    if decay is None:
+        decay = 1.0 - DECAY_FRACTION * bandwidth
+    decay = finite("decay", decay)
+    if not 0.0 < decay <= 1.0:
+        raise ValueError(f"decay must lie above 0 and up to 1 (no rate asked for), got {decay!r}")
+    if performance is None:
+        q_x, q_v, q_w = PERFORMANCE
+        performance = (q_x * bandwidth / dt, q_v, q_w * kick / bandwidth)
+    weights = tuple(
+        positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(performance)
+    )
+    if len(weights) != 3 or not any(weights):
+        raise ValueError(
+            "performance must hold three weights (q_x, q_v, q_w), not all zero, got "
+            f"{weights!r}"
+        )
+    return Weights(dt, kick, amplitudes, noise, drift, decay, weights, bandwidth)

@@ -1,0 +1,281 @@
+"""The certificate: an independent check, spoiled designs, bounds from below."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from dryfric_control import FrictionAxis
+from dryfric_control.observer import CertificateError, design_pi_observer
+from dryfric_control.observer.error_model import ErrorModel
+from dryfric_control.observer.switching import best_gain, path_of, worst_switching
+
+DT = 1e-3
+AXIS = FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=500.0, stick_speed=1e-4)
+SPEC = {
+    "uncertainty": 1.0,
+    "noise": 1e-4,
+    "drift": 0.0,
+    "decay": 0.995,
+    "performance": (0.0, 1.0, 0.0),
+}
+CASES = {
+    "paper": {"method": "paper", **SPEC},
+    "slack": {"method": "slack", **SPEC},
+    "path": {"method": "path", "window": 3, **SPEC},
+    "dwell": {"method": "dwell", "window": 6, **SPEC},
+    "refined": {"method": "path", "window": 2, "refine": 2, **SPEC},
+    "all channels": {"encoder_quantum": 1e-6},
+    "zero-order hold": {"discretization": "zoh"},
+    "no rate": {"decay": 1.0, "method": "path", "window": 2},
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def design(request):
+    return design_pi_observer(AXIS, DT, **CASES[request.param])
+
+
+def closed_loop(design, node):
+    """Error dynamics in SI units, written out anew from the axis and the gains."""
+    mode = design.graph.labels[node]
+    m, f, p = design.axis.mass, design.axis.viscous, design.axis.stick_rate
+    rate = p if mode == 0 else f / m
+    continuous = np.array([[0.0, 1.0, 0.0], [0.0, -rate, 1.0 / m], [0.0, 0.0, 0.0]])
+    if design.discretization == "euler":
+        A = np.eye(3) + DT * continuous
+        push = A[:2, 2].copy()
+    else:
+        A = scipy.linalg.expm(DT * continuous)
+        continuous[1, 1] = -f / m
+        push = scipy.linalg.expm(DT * continuous)[:2, 2]
+        A[:2, 2] = push
+    L = design.node_gains[node]
+    F = A - np.outer(L, [1.0, 0.0, 0.0])
+    columns = [np.append(push * design.uncertainty[mode], 0.0), -L * design.noise]
+    if design.drift:
+        columns.append(np.array([0.0, 0.0, design.drift]))
+    q = np.array(design.performance)
+    return F, np.array(columns).T, np.diag(q)[q != 0.0]
+
+
+def test_every_block_holds_by_an_independent_check(design):
+    """Scipy alone: generalized eigenvalues of the quadratic forms in SI units."""
+    T = np.diag(1.0 / design.state_scale)
+    P = [design.output_scale**-2 * T @ X @ T for X in design.lyapunov]
+    Q = [T @ X @ T for X in design.lyapunov_decay]
+    for i, j in design.graph.edges:
+        F, G, Z = closed_loop(design, i)
+        step = np.hstack([F, G])
+        before = scipy.linalg.block_diag(P[i] - Z.T @ Z, design.gamma**2 * np.eye(G.shape[1]))
+        # energy after, in units of energy before plus supply, must stay below 1
+        assert scipy.linalg.eigh(step.T @ P[j] @ step, before, eigvals_only=True)[-1] < 1.0
+        if design.decay < 1.0:
+            ratio = scipy.linalg.eigh(F.T @ Q[j] @ F, Q[i], eigvals_only=True)[-1]
+            assert np.sqrt(ratio) < design.decay
+
+
+def test_report_says_what_was_checked(design):
+    check = design.certificate
+    kinds = {block.kind for block in check.blocks}
+    assert kinds == ({"gain", "decay"} if design.decay < 1.0 else {"gain"})
+    assert len(check.blocks) == len(kinds) * len(design.graph.edges)
+    assert max(block.eigenvalue for block in check.blocks) == -check.margin < 0.0
+    assert check.limit <= check.lower_bound <= check.gamma == design.gamma
+    assert design.lower_bound == check.lower_bound
+    for mode, gain in design.gains.items():
+        F, _, _ = closed_loop(design, design.resting_nodes()[mode + 1])
+        radius = max(abs(np.linalg.eigvals(F)))
+        # the same matrix in other units: eigenvalues differ by rounding
+        assert check.spectral_radius[mode] == pytest.approx(radius, rel=1e-6)
+        assert radius <= design.decay
+        assert np.array_equal(gain, design.node_gains[design.resting_nodes()[mode + 1]])
+
+
+def test_check_recomputes_the_same(design):
+    again = design.check()
+    # gains went to physical units and back: rounding only
+    assert again.gamma == pytest.approx(design.certificate.gamma, rel=1e-12)
+    assert again.margin == pytest.approx(design.certificate.margin, abs=1e-9)
+
+
+@pytest.mark.parametrize("element", range(3))
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_a_perturbed_gain_is_refused(design, element, factor):
+    gains = design.node_gains.copy()
+    gains[-1, element] *= factor
+    with pytest.raises(CertificateError, match="condition fails"):
+        dataclasses.replace(design, node_gains=gains).check()
+
+
+def test_an_indefinite_lyapunov_matrix_is_refused(design):
+    for name in ("lyapunov", "lyapunov_decay")[: 2 if design.decay < 1.0 else 1]:
+        matrices = getattr(design, name).copy()
+        values, vectors = np.linalg.eigh(matrices[0])
+        values[0] = -values[0]
+        matrices[0] = vectors @ np.diag(values) @ vectors.T
+        with pytest.raises(CertificateError, match="not positive definite"):
+            dataclasses.replace(design, **{name: matrices}).check()
+
+
+def test_promising_more_than_is_proved_is_refused(design):
+    # a thousandth below what the Lyapunov matrices prove
+    with pytest.raises(CertificateError, match=r"gain condition fails.*relax"):
+        dataclasses.replace(design, gamma=0.999 * design.gamma).check()
+    if design.decay < 1.0:
+        with pytest.raises(CertificateError, match=r"decay condition fails.*relax decay"):
+            # no error can decay faster than the slowest pole of a lasting mode
+            faster = 0.999 * max(design.certificate.spectral_radius.values())
+            dataclasses.replace(design, decay=faster).check()
+    with pytest.raises(CertificateError, match="finite"):
+        dataclasses.replace(design, gamma=float("nan")).check()
+
+
+def test_another_axis_is_refused(design):
+    heavier = design.axis.replace(mass=3.0 * design.axis.mass)
+    with pytest.raises(CertificateError):
+        dataclasses.replace(design, axis=heavier).check()
+
+
+def lifted_gain(design, path, repeats):
+    """Largest singular value of the map from all disturbances to all z."""
+    steps = [closed_loop(design, node) for node in path] * repeats
+    nz, nd, n = steps[0][2].shape[0], steps[0][1].shape[1], len(steps)
+    T = np.zeros((n * nz, n * nd))
+    states = np.zeros((3, n * nd))  # the error now, for each disturbance so far
+    for k, (F, G, Z) in enumerate(steps):
+        T[k * nz : (k + 1) * nz] = Z @ states
+        states = F @ states
+        states[:, k * nd : (k + 1) * nd] = G
+    last = n * nz - 1
+    power = scipy.linalg.eigh(T @ T.T, eigvals_only=True, subset_by_index=[last, last])
+    return float(np.sqrt(power[0]))
+
+
+def test_worst_switching_is_reached_by_an_explicit_disturbance(design):
+    """The lifted operator over a finite horizon, singular values by scipy."""
+    check = design.certificate
+    path = path_of(design.graph, check.worst_sequence)
+    period = len(path)
+    reached = lifted_gain(design, path, max(2, 500 // period))
+    assert reached < check.gamma
+    # 500 samples see all but about 1e-3 of the gain of the endless sequence
+    assert reached == pytest.approx(check.lower_bound, rel=4e-3)
+
+
+def test_no_short_sequence_beats_the_one_found():
+    """Every word of up to six modes, against the search."""
+    design = design_pi_observer(AXIS, DT, **CASES["slack"])
+    for period in range(1, 7):
+        for word in itertools.product((0, 1), repeat=period):
+            path = path_of(design.graph, word)
+            assert lifted_gain(design, path, 120 // period) < design.lower_bound
+
+
+def test_the_gap_of_the_reference_designs_is_small():
+    for name, largest in (("paper", 0.05), ("slack", 0.02), ("path", 0.02), ("dwell", 0.02)):
+        gap = design_pi_observer(AXIS, DT, **CASES[name]).certificate.gap
+        assert 0.0 <= gap < largest
+
+
+def test_best_gain_against_the_algebraic_riccati_equation():
+    """Stabilizing solution for gammas above, none for gammas below."""
+    design = design_pi_observer(AXIS, DT, **SPEC)
+    A = np.array([[1.0, DT], [0.0, 1.0 - 0.4 * DT]])
+    C, Z = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+    W = np.array([0.0, DT])
+
+    def feasible(gamma):
+        both = np.vstack([C, Z])
+        weight = np.diag([1e-8, -(gamma**2)])
+        try:
+            S = scipy.linalg.solve_discrete_are(A.T, both.T, np.outer(W, W), weight)
+        except np.linalg.LinAlgError:
+            return False
+        return bool(np.linalg.eigvalsh(S)[0] >= 0.0 and S[1, 1] < gamma**2)
+
+    limit = best_gain({1: _physical_models(design)[1]}, (1,))
+    # the recursion stops after 20,000 samples and a bisection of width 2e-5
+    assert feasible(1.001 * limit)
+    assert not feasible(0.999 * limit)
+
+
+def test_limit_is_shown_by_an_invisible_disturbance(design):
+    """A force whose trace in the measurement the noise cancels is invisible.
+
+    So is its negative, and an observer has to answer both alike: its error is at
+    least z on one of them.  The largest ratio of z to the force and the
+    cancelling noise is therefore a bound for every observer; by scipy alone.
+    """
+    check = design.certificate
+    model = _physical_models(design)
+    word = check.hardest_sequence * max(2, 500 // len(check.hardest_sequence))
+    first = model[word[0]]
+    quiet = [k for k in range(first.W.shape[1]) if first.D[k] == 0.0]
+    n, nd, nz = len(word), len(quiet), first.Z.shape[0]
+    states = np.zeros((3, n * nd))
+    T, Y = np.zeros(((n + 1) * nz, n * nd)), np.zeros((n, n * nd))
+    for k, key in enumerate(word):
+        T[k * nz : (k + 1) * nz], Y[k] = model[key].Z @ states, states[0]
+        states = model[key].A @ states
+        states[:, k * nd : (k + 1) * nd] = model[key].W[:, quiet]
+    T[n * nz :] = first.Z @ states
+    cost = np.eye(n * nd) + Y.T @ Y / design.noise**2
+    last = n * nd - 1
+    power = scipy.linalg.eigh(T.T @ T, cost, eigvals_only=True, subset_by_index=[last, last])
+    # 500 samples see all but about 1e-3 of the endless sequence
+    assert np.sqrt(power[0]) == pytest.approx(check.limit, rel=4e-3)
+    assert np.sqrt(power[0]) < check.limit * (1.0 + 1e-4)  # longer can only be harder
+
+
+def test_without_a_decay_rate_memory_meets_the_limit():
+    """So the limit is tight, and what is left with a rate is the price of it."""
+    spec = SPEC | {"decay": 1.0}
+    design = design_pi_observer(AXIS, DT, method="dwell", window=20, **spec)
+    assert design.certificate.cost < 0.01
+
+
+def test_best_gain_against_an_exhaustive_scalar_case():
+    """A scalar integrator: gamma has a closed form.
+
+    e+ = e + d - L (e + n), z = e, unit amplitudes.  The filter Riccati equation
+    S = 1 + 1/(1/S + 1 - 1/g^2) has a positive solution with S < g^2 down to the
+    g at which 1/S - 1/g^2 -> 0, that is S = g^2: g^2 = 1 + 1 = 2.
+    """
+    A = np.diag([1.0, 0.0, 0.0])
+    W = np.zeros((3, 2))
+    W[0, 0] = 1.0
+    model = ErrorModel(A, W, np.array([0.0, 1.0]), np.array([[1.0, 0.0, 0.0]]))
+    assert best_gain({1: model}, (1,)) == pytest.approx(np.sqrt(2.0), rel=5e-5)  # bisection width
+
+
+def test_search_finds_the_only_bad_switching():
+    """Two rotations, each contracting alone, that together amplify."""
+    design = design_pi_observer(AXIS, DT, method="slack", **SPEC)
+    alone = max(
+        worst_switching(
+            {key: model for key in (0, 1)}, design.graph, np.tile(design.node_gains[k], (2, 1)), 1e3
+        )[0]
+        for k, model in enumerate(_physical_models(design).values())
+    )
+    together, word = worst_switching(
+        _physical_models(design), design.graph, design.node_gains, 1e3
+    )
+    assert len(set(word)) == 2
+    assert together > alone
+
+
+def _physical_models(design):
+    result = {}
+    for node, key in enumerate(design.graph.labels):
+        F, G, Z = closed_loop(design, node)
+        L = design.node_gains[node]
+        A = F + np.outer(L, [1.0, 0.0, 0.0])
+        D = np.zeros(G.shape[1])
+        D[1] = design.noise
+        result[key] = ErrorModel(A, G + np.outer(L, D), D, Z)
+    return result

@@ -518,3 +518,148 @@ class Saturation(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
+
+
+@register_effect
+@dataclass(frozen=True)
+class PositionDependence(Effect):
+    """Coulomb level that changes along the travel.
+
+    Parameters
+    ----------
+    slope : float
+        Relative change of the level per length [1/m].
+    curvature : float
+        Coefficient of the square [1/m^2].
+    centre : float
+        Position at which the level is the axis' own [m].
+    """
+
+    slope: float = parameter("1/m", "relative change per length")
+    curvature: float = parameter("1/m^2", "coefficient of the square", default=0.0)
+    centre: float = parameter("m", "position of the unchanged level", default=0.0)
+
+    slug = "position_dependence"
+    title = "position-dependent friction"
+    action = "friction"
+    explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
+    experiment = "Crawl over the whole travel both ways and plot the force over position."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        q = x - p[2]
+        return level * (p[0] + p[1] * q) * q
+
+
+@register_effect
+@dataclass(frozen=True)
+class LoadDependence(Effect):
+    """Friction that grows with the transmitted force.
+
+    Parameters
+    ----------
+    coefficient : float
+        Added friction over net force [1].
+    """
+
+    coefficient: float = parameter("1", "added friction over net force", bounds=(0.0, 1.0))
+
+    slug = "load_dependence"
+    title = "load-dependent friction"
+    action = "friction"
+    explanation = (
+        "The force that the gear or screw carries presses its teeth together: more friction."
+    )
+    experiment = (
+        "Repeat one motion with different loads, braking included: friction follows the load."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * abs(u)
+
+
+@register_effect
+@dataclass(frozen=True)
+class Drift(Effect):
+    """Friction level that changes over the record.
+
+    Parameters
+    ----------
+    rate : float
+        Relative change of the Coulomb level per time [1/s].
+    """
+
+    rate: float = parameter("1/s", "relative change of the level per time")
+
+    slug = "drift"
+    title = "friction drift"
+    action = "friction"
+    explanation = "Friction rises or falls while the machine runs: warming grease, a drying seal."
+    experiment = "Repeat the same crawl every few minutes from cold to warm."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return level * p[0] * t
+
+
+@register_effect
+@dataclass(frozen=True)
+class DwellTime(Effect):
+    """Breakaway level that grows with the time at rest.
+
+    Parameters
+    ----------
+    rise : float
+        Breakaway force gained after a long rest [N].
+    time_constant : float
+        Time constant of the gain [s].
+    """
+
+    rise: float = parameter("N", "breakaway gained after a long rest", bounds=(0.0, math.inf))
+    time_constant: float = parameter("s", "time constant", bounds=(1e-9, math.inf))
+
+    slug = "dwell_time"
+    title = "dwell-time dependence"
+    action = "friction"
+    remembers = True
+    explanation = (
+        "At rest the contacts creep together and the oil is squeezed out: it sticks harder."
+    )
+    experiment = "Break away after rests of different lengths with the same slow ramp of force."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * -math.expm1(-rest / p[1])
+
+
+@register_effect
+@dataclass(frozen=True)
+class TimePeriodic(Effect):
+    """Force that repeats with time.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude [N].
+    frequency : float
+        Frequency [Hz].
+    phase : float
+        Phase at t = 0 [rad].
+    """
+
+    amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
+    frequency: float = parameter("Hz", "frequency", bounds=(0.0, math.inf))
+    phase: float = parameter("rad", "phase at t = 0", default=0.0)
+
+    slug = "time_periodic"
+    title = "disturbance periodic in time"
+    action = "force"
+    explanation = (
+        "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
+    )
+    experiment = "Hold the axis at several speeds and at rest: the frequency stays the same."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])

@@ -25,7 +25,7 @@ def slide(drive, extra, level=COULOMB, v0=0.5, end=0.2):
     def rates(t, state):
         x, v = state
         u = drive(t)
-        c = level(s, u) if callable(level) else level
+        c = level(t, x, u) if callable(level) else level
         return [v, (u + extra(t, x, v) - VISCOUS * v - s * c) / MASS]
 
     grid = np.arange(round(end / DT) + 1) * DT
@@ -46,6 +46,19 @@ FORCES = [
         dfc.Cogging(0.8, period=0.02, phase=0.3),
         lambda t, x, v: 0.8 * math.sin(2 * math.pi * x / 0.02 + 0.3),
     ),
+    (
+        dfc.TimePeriodic(0.8, frequency=35.0, phase=0.3),
+        lambda t, x, v: 0.8 * math.sin(2 * math.pi * 35.0 * t + 0.3),
+    ),
+]
+
+LEVELS = [
+    (
+        dfc.PositionDependence(slope=1.5, curvature=-2.0, centre=0.02),
+        lambda t, x, u: COULOMB * (1.0 + 1.5 * (x - 0.02) - 2.0 * (x - 0.02) ** 2),
+    ),
+    (dfc.LoadDependence(0.1), lambda t, x, u: COULOMB + 0.1 * abs(u)),
+    (dfc.Drift(0.6), lambda t, x, u: COULOMB * (1.0 + 0.6 * t)),
 ]
 
 
@@ -58,6 +71,29 @@ def test_force_effect_acts_by_its_equation(effect, law, s):
     # The step's own tolerance is 1e-9 of the speed; 200 of them add up.
     np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
     np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(("effect", "level"), LEVELS, ids=lambda p: getattr(p, "slug", ""))
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_friction_effect_acts_by_its_equation(effect, level, s):
+    drive = 9.0 * s
+    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
+    x, v = slide(lambda t: drive, lambda t, x, v: 0.0, level=level, v0=0.5 * s)
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize("rest", [0.01, 0.1, 1.0])
+def test_breakaway_grows_with_the_time_at_rest(rest):
+    effect = dfc.DwellTime(rise=3.0, time_constant=0.2)
+    level = COULOMB + 3.0 * (1.0 - math.exp(-rest / 0.2))
+    n = round(rest / DT)
+    for force, mode in ((0.999 * level, 0), (1.001 * level, 1)):
+        resp = axis_with(effect).simulate(np.r_[np.zeros(n), force, force], DT)
+        assert resp.mode[n] == mode
+    # Sliding, and at rest again, it starts anew.
+    block = dfc.axis_block(axis_with(effect), DT)
+    assert block.state_labels[3] == "rest"
 
 
 def test_effects_add_up_in_any_order():

@@ -1,0 +1,124 @@
+"""Numeric variables of MAT-files, versions 5 to 7.
+
+The file layout is MathWorks' "MAT-File Format", level 5. A reader of our own, because the one in
+scipy ends the interpreter on some damaged files.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+_MAT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
+              13: "u8"}  # fmt: skip
+_MAT_MATRIX, _MAT_COMPRESSED = 14, 15
+_MAT_STRUCT, _MAT_NUMERIC = 2, range(6, 16)
+_MAT_LARGEST = 2**32  # bytes of one variable; compressed ones could claim anything
+_MAT_DEPTH = 8
+
+
+class DamagedMatError(Exception):
+    """What is wrong with the bytes."""
+
+
+def mat_variables(data: bytes) -> dict[str, Any]:
+    """Numeric variables by name; structs as dicts."""
+    if len(data) < 128 or data[126:128] not in (b"IM", b"MI"):
+        raise DamagedMatError("its header is not one")
+    order = "<" if data[126:128] == b"IM" else ">"
+    found: dict[str, Any] = {}
+    for kind, payload in _mat_elements(memoryview(data)[128:], order):
+        if kind == _MAT_COMPRESSED:
+            payload = _inflated(payload)
+            kind, payload = next(_mat_elements(payload, order), (0, payload))
+        if kind == _MAT_MATRIX:
+            name, value = _mat_matrix(payload, order, 0)
+            if name and value is not None:
+                found[name] = value
+    return found
+
+
+def _inflated(payload: memoryview) -> memoryview:
+    unpack = zlib.decompressobj()
+    try:
+        content = unpack.decompress(payload, _MAT_LARGEST)
+    except zlib.error as err:
+        raise DamagedMatError(str(err)) from err
+    if not unpack.eof:
+        raise DamagedMatError("a compressed variable is cut off or too large")
+    return memoryview(content)
+
+
+def _mat_elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Type and content of the elements that follow each other."""
+    at = 0
+    while at < len(data):
+        if len(data) - at < 8:
+            raise DamagedMatError("it ends within an element")
+        head, size = struct.unpack_from(order + "II", data, at)
+        if head >> 16:  # small element: size and content within the tag
+            head, size, start, step = head & 0xFFFF, head >> 16, at + 4, 8
+            if size > 4:
+                raise DamagedMatError("a small element is too large")
+        else:
+            start = at + 8
+            step = 8 + (size if head == _MAT_COMPRESSED else -(-size // 8) * 8)
+        if start + size > len(data):
+            raise DamagedMatError("it ends within an element")
+        yield head, data[start : start + size]
+        at += step
+
+
+def _mat_matrix(payload: memoryview, order: str, depth: int) -> tuple[str, Any]:
+    """Name and value of a matrix; None for what is neither numbers nor struct."""
+    parts = _mat_elements(payload, order)
+
+    def numbers() -> npt.NDArray[Any]:
+        kind, content = next(parts, (0, payload[:0]))
+        dtype = np.dtype(order + _MAT_TYPES.get(kind, "u1"))
+        if kind not in _MAT_TYPES or len(content) % dtype.itemsize:
+            raise DamagedMatError(f"an element of type {kind} where numbers belong")
+        return np.frombuffer(content, dtype)
+
+    flags = numbers()
+    if flags.size != 2:
+        raise DamagedMatError("a variable without flags")
+    kind, is_complex = int(flags[0]) & 0xFF, bool(int(flags[0]) & 0x800)
+    if kind != _MAT_STRUCT and kind not in _MAT_NUMERIC:
+        return "", None
+    shape = tuple(int(n) for n in numbers())
+    name = numbers().tobytes().decode("latin-1")
+    if len(shape) < 2 or min(shape) < 0:
+        raise DamagedMatError(f"variable {name[:40]!r} has shape {shape[:8]}")
+    if kind == _MAT_STRUCT:
+        if math.prod(shape) != 1 or depth == _MAT_DEPTH:
+            return name, None
+        width = int(numbers()[:1].sum())
+        text = numbers().tobytes()
+        if not 0 < width <= len(text):
+            return name, None
+        keys = [text[k : k + width].split(b"\0")[0].decode("latin-1")
+                for k in range(0, len(text), width)]  # fmt: skip
+        fields = {}
+        for key, (inner, content) in zip(keys, parts, strict=False):
+            value = _mat_matrix(content, order, depth + 1)[1] if inner == _MAT_MATRIX else None
+            if value is not None:
+                fields[key] = value
+        return name, fields
+    value = numbers()
+    if is_complex:
+        imaginary = numbers()
+        if imaginary.size != value.size:
+            raise DamagedMatError(f"variable {name[:40]!r} has an incomplete imaginary part")
+        value = value + 1j * imaginary
+    if value.size != math.prod(shape) or len(shape) > 8:
+        raise DamagedMatError(
+            f"variable {name[:40]!r} has {value.size} numbers for shape {shape[:8]}"
+        )
+    return name, value.reshape(shape, order="F")

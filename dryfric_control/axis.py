@@ -580,7 +580,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         action: [e for e in axis.effects if e.action == action]
         for action in ("input", "force", "friction", "delay", "lag")
     }
-    laws = [*by_action["input"], *by_action["force"], *by_action["friction"]]
+    forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
+    laws = [*by_action["input"], *forces, *by_action["friction"]]
     delay = sum(e.values[0] for e in by_action["delay"])
     lag = sum(e.values[0] for e in by_action["lag"])
     low, high = axis.travel or (-np.inf, np.inf)
@@ -605,7 +606,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         len(axis.coulomb.plus),
         len(axis.coulomb.minus),
         len(by_action["input"]),
-        len(by_action["force"]),
+        len(forces),
+        sum(not effect.depends_on_speed for effect in forces),
         len(by_action["friction"]),
         history,
     ]

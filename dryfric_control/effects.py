@@ -92,6 +92,8 @@ class Effect:
     experiment: ClassVar[str] = ""
     #: Whether position, speed and mode do not tell all it does: it looks back.
     remembers: ClassVar[bool] = False
+    #: Whether a force law reads v, u or direction; one that does not costs less.
+    depends_on_speed: ClassVar[bool] = True
     law: ClassVar[Callable[..., float]]
 
     def __post_init__(self) -> None:
@@ -224,6 +226,7 @@ class BiasForce(Effect):
     slug = "bias_force"
     title = "bias force"
     action = "force"
+    depends_on_speed = False
     explanation = (
         "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
         "cable, or an offset of the amplifier."
@@ -332,6 +335,7 @@ class Spring(Effect):
     slug = "spring"
     title = "spring"
     action = "force"
+    depends_on_speed = False
     explanation = (
         "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
     )
@@ -361,6 +365,7 @@ class Gravity(Effect):
     slug = "gravity"
     title = "gravity on a rotary axis"
     action = "force"
+    depends_on_speed = False
     explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
     experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
 
@@ -391,6 +396,7 @@ class Cogging(Effect):
     slug = "cogging"
     title = "cogging"
     action = "force"
+    depends_on_speed = False
     explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
     experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
 
@@ -655,6 +661,7 @@ class TimePeriodic(Effect):
     slug = "time_periodic"
     title = "disturbance periodic in time"
     action = "force"
+    depends_on_speed = False
     explanation = (
         "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
     )

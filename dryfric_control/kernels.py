@@ -15,8 +15,8 @@ The modes are those of the hybrid model (paper, eqs. (2) and (3)), with
 where ``w`` is the net force without friction: the drive after its own chain
 (gain, dead zone, saturation, delay, lag) plus every force effect.
 
-Sliding is integrated by the four-stage Runge-Kutta-Nystroem method of order 4
-with an embedded estimate of order 3; stuck is exact in closed form.  A step
+Sliding is integrated by the four-stage Runge-Kutta-Nystroem method of order 4,
+its error estimated from its own stages; stuck is exact in closed form.  A step
 that meets a switching surface is cut there: the cut is found by repeating the
 step itself, not by interpolation, so switching times are as accurate as the
 integration.
@@ -63,17 +63,19 @@ FILIPPOV, PAPER = 0, 1
 ) = range(11)
 
 #: Places in the array of integers; address and first parameter of each law
-#: follow, in the order input, force, level.
-(RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_LEVEL, N_HISTORY, LAWS) = range(8)
+#: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
+#: force laws depend on place and time alone.
+(RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY, LAWS) = range(9)
 
 #: Places of the memory that every axis carries; the delay line follows.
 X, V, MODE, REST, LAGGED, HISTORY = 0, 1, 2, 3, 4, 5
 
 # Local error of one step, relative to the speed scale: far below the accuracy
 # promised for switching times (1e-6 s) and far above round-off.
-_TOLERANCE = 1e-9
+_TOLERANCE = 1e-10
 # exp(-40) is below the round-off of 1: further out there is no Stribeck term.
 _STRIBECK_REACH = 40.0
+_STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
 # Well-posed switching never comes near this; it bounds the work per sample.
 _MAX_SWITCHES = 64
 # Numbers that one sample may write into the list of switches: two pieces with
@@ -157,25 +159,46 @@ def drive_force(drive, tau):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def load(plant, drive, t0, tau, x, v, s, rest):
-    """Net force on the mass without friction."""
-    u = drive_force(drive, tau)
-    w = u
-    for i in range(plant.integers[N_INPUT], plant.integers[N_INPUT] + plant.integers[N_FORCE]):
-        w += _law(plant, i, t0 + tau, x, v, u, 0.0, s, rest)
-    return w
+def _place_force(plant, t, x, s, rest):
+    """Sum of the force laws that depend on place and time alone."""
+    force = 0.0
+    for i in range(plant.integers[N_INPUT], plant.integers[N_INPUT] + plant.integers[N_PLACE]):
+        force += _law(plant, i, t, x, 0.0, 0.0, 0.0, s, rest)
+    return force
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def coulomb_level(plant, t, x, v, w, s, rest):
-    """Friction level without Stribeck peak in direction s, a magnitude."""
+def _motion_force(plant, t, x, v, u, s, rest):
+    """Sum of the force laws that depend on speed or drive as well."""
+    force = 0.0
+    first = plant.integers[N_INPUT]
+    for i in range(first + plant.integers[N_PLACE], first + plant.integers[N_FORCE]):
+        force += _law(plant, i, t, x, v, u, 0.0, s, rest)
+    return force
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def load(plant, drive, t0, tau, x, v, s, rest):
+    """Net force on the mass without friction."""
+    u = drive_force(drive, tau)
+    t = t0 + tau
+    return (u + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _base_level(plant, x, s):
+    """Coulomb level of the map in direction s."""
     place = min(max(x, plant.numbers[LOW]), plant.numbers[HIGH])
     if s > 0.0:
-        base = polynomial(plant.numbers, COULOMB, plant.integers[N_PLUS], place)
-    else:
-        base = polynomial(
-            plant.numbers, COULOMB + plant.integers[N_PLUS], plant.integers[N_MINUS], place
-        )
+        return polynomial(plant.numbers, COULOMB, plant.integers[N_PLUS], place)
+    return polynomial(
+        plant.numbers, COULOMB + plant.integers[N_PLUS], plant.integers[N_MINUS], place
+    )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _full_level(plant, t, x, v, w, base, s, rest):
+    """Friction level without Stribeck peak, given the map's level."""
     level = base
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     for i in range(first, first + plant.integers[N_LEVEL]):
@@ -184,15 +207,26 @@ def coulomb_level(plant, t, x, v, w, s, rest):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def sliding_level(plant, t, x, v, w, s):
-    """Friction magnitude F_s(x, v) while sliding in direction s."""
-    level = coulomb_level(plant, t, x, v, w, s, 0.0)
+def coulomb_level(plant, t, x, v, w, s, rest):
+    """Friction level without Stribeck peak in direction s, a magnitude."""
+    return _full_level(plant, t, x, v, w, _base_level(plant, x, s), s, rest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _stribeck(plant, level, v, s):
+    """Level raised by the Stribeck peak at speed v."""
     if plant.numbers[EXCESS] > 0.0:
         q = (s * v - plant.numbers[STICK_SPEED]) * plant.numbers[INVERSE_STRIBECK_SPEED]
         q *= q
         if q < _STRIBECK_REACH:
-            level *= 1.0 + plant.numbers[EXCESS] * math.exp(-q)
+            return level * (1.0 + plant.numbers[EXCESS] * math.exp(-q))
     return level
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sliding_level(plant, t, x, v, w, s):
+    """Friction magnitude F_s(x, v) while sliding in direction s."""
+    return _stribeck(plant, coulomb_level(plant, t, x, v, w, s, 0.0), v, s)
 
 
 @njit(cache=True, error_model="numpy")
@@ -202,25 +236,90 @@ def breakaway_level(plant, t, x, w, s, rest):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _rate(plant, t, x, v, s, u, placed, base):
+    """Acceleration, given the drive, the place forces and the map's level."""
+    w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
+    friction = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, 0.0), v, s)
+    return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _acceleration(plant, drive, t0, tau, x, v, s):
-    w = load(plant, drive, t0, tau, x, v, s, 0.0)
-    return (
-        w - plant.numbers[VISCOUS] * v - s * sliding_level(plant, t0 + tau, x, v, w, s)
-    ) * plant.numbers[INVERSE_MASS]
+    u = drive_force(drive, tau)
+    t = t0 + tau
+    placed = u + _place_force(plant, t, x, s, 0.0)
+    return _rate(plant, t, x, v, s, u, placed, _base_level(plant, x, s))
 
 
 @njit(cache=True, error_model="numpy")
 def _slide(plant, drive, t0, tau, x, v, s, k1, d):
-    """One sliding step of length d; also the end acceleration and the error."""
+    """One sliding step of length d: state, stages 2 to 4, place acceleration.
+
+    Stages 2 and 3 share their place, so what depends on place and time alone
+    is evaluated once for both.
+    """
     half = 0.5 * d
     xm = x + half * (v + 0.25 * d * k1)
-    k2 = _acceleration(plant, drive, t0, tau + half, xm, v + half * k1, s)
-    k3 = _acceleration(plant, drive, t0, tau + half, xm, v + half * k2, s)
+    t = t0 + tau + half
+    u = drive_force(drive, tau + half)
+    placed = u + _place_force(plant, t, xm, s, 0.0)
+    base = _base_level(plant, xm, s)
+    k2 = _rate(plant, t, xm, v + half * k1, s, u, placed, base)
+    k3 = _rate(plant, t, xm, v + half * k2, s, u, placed, base)
     k4 = _acceleration(plant, drive, t0, tau + d, x + d * (v + half * k3), v + d * k3, s)
     x1 = x + d * (v + d * (k1 + k2 + k3) / 6.0)
     v1 = v + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
-    k5 = _acceleration(plant, drive, t0, tau + d, x1, v1, s)
-    return x1, v1, k5, 0.1 * d * abs(k4 - k5)
+    return x1, v1, k2, k3, k4, (placed - u) * plant.numbers[INVERSE_MASS]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _step_error(k1, k2, k3, k4, placed, moved, d, allowed):
+    """Estimate of the speed error of one step from its stages; 0 if surely allowed.
+
+    Three ways to err are told apart.  With a rate a' = lambda a the stages give
+    z = lambda d from (k3 - k2)/(k2 - k1) = z/2, and the error is z^5/120 of the
+    speed.  With a force that varies along the way like a sine of phase phi per
+    step, the error is d A phi^4/120 at most (a spring; d A phi^4/2880 if the
+    way is given, Simpson's rule); the second difference is A phi^2/4, and phi
+    follows from it over the first difference, A phi, or over the place force.
+    Where such a force passes zero the error is in the place moved to, and phi^2
+    is d^2 times the first difference over the way.
+    """
+    turn, lean = abs(k3 - k2), abs(k2 - k1)
+    bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
+    way = abs(moved)
+    smooth = 0.42 * d * turn * turn * turn <= allowed * lean * lean
+    smooth = smooth and d * d * d * rise * rise <= 40.0 * allowed * way
+    if smooth and (
+        4.0 * d * bend * bend <= 10.0 * allowed * abs(placed)
+        or d * bend * bend * bend <= 0.63 * allowed * rise * rise
+    ):
+        return 0.0
+    stiff, uneven = 0.0, 0.0
+    if turn > 0.0:
+        ratio = turn / (lean + 1e-3 * turn)
+        stiff = turn * min(1.0, 0.14 * ratio * ratio)
+    if bend > 0.0:
+        ratio = bend / (rise + bend)
+        uneven = bend * min(0.53 * ratio * ratio, bend / (7.5 * abs(placed) + bend))
+    coupled = rise * min(1.0, d * d * rise / (120.0 * way)) if way > 0.0 else 0.0
+    return d * (stiff + uneven + coupled)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _peak_step(plant, v, v1, s, d):
+    """Length of a step that does not pass the Stribeck peak unseen."""
+    if plant.numbers[EXCESS] == 0.0:
+        return d
+    change = abs(v1 - v) * plant.numbers[INVERSE_STRIBECK_SPEED]
+    if change <= 1.0:
+        return d
+    # Speeds over the Stribeck speed, from where the peak is felt.
+    sigma, inverse = plant.numbers[STICK_SPEED], plant.numbers[INVERSE_STRIBECK_SPEED]
+    above = (s * v - sigma) * inverse - _STRIBECK_EDGE
+    if above >= 0.0 and (s * v1 - sigma) * inverse >= _STRIBECK_EDGE:
+        return d
+    return d * min(1.0, max(above, 0.7) / change)
 
 
 @njit(cache=True, error_model="numpy")
@@ -268,7 +367,7 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
             c = 0.5 * (a + b)
         if not a < c < b:
             break
-        xc, vc, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, c)
+        xc, vc, _, _, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, c)
         fc = _surface(plant, drive, t0, tau + c, xc, vc, s, kind)
         if fc > 0.0:
             a, fa = c, fc
@@ -327,7 +426,7 @@ def resolve(plant, t, x, v, mode, rest, w):
     return mode, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def begin(plant, drive, t, x, v, mode, rest):
     """Mode, speed, friction force and acceleration as an interval starts."""
     w = load(plant, drive, t, 0.0, x, v, float(mode), rest)
@@ -366,30 +465,53 @@ def _record(events, count, t, before, after):
     count[0] = k + 1
 
 
-@njit(cache=True, error_model="numpy")
-def advance(plant, drive, t0, h, memory, events, count):
-    """Move the axis over [t0, t0 + h] with one smooth piece of drive.
-
-    `memory` is changed in place; each switch goes to `events` (rows of time,
-    mode before, mode after) and is counted in `count`.  Returns speed, friction
-    force and mode at t0.
-    """
-    x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
-    sigma = plant.numbers[STICK_SPEED]
-    varies = (
-        drive.slope != 0.0
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _varies(plant, drive):
+    """Whether load or level can change while the axis is at rest."""
+    i = plant.integers
+    return (
+        i[N_FORCE] + i[N_LEVEL] > 0
+        or i[N_PLUS] + i[N_MINUS] > 2
+        or drive.slope != 0.0
         or drive.fade != 0.0
-        or plant.integers[N_FORCE] > 0
-        or plant.integers[N_LEVEL] > 0
     )
-    varies = varies or plant.integers[N_PLUS] > 1 or plant.integers[N_MINUS] > 1
 
-    first, v, friction, k1 = begin(plant, drive, t0, x, v, mode, rest)
-    speed = v
-    if first != mode:
-        _record(events, count, t0, mode, first)
-        mode, rest = first, 0.0
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
+    """Try the interval in one step; whether no switch is near, and the state."""
+    if mode == 0:
+        x1, v1 = _decay(plant, x, v, h)
+        if _varies(plant, drive):
+            # The middle is looked at too: a force may peak inside a sample.
+            xm, vm = _decay(plant, x, v, 0.5 * h)
+            middle, _ = _hold_excess(plant, drive, t0, 0.5 * h, xm, vm, rest + 0.5 * h)
+            end, _ = _hold_excess(plant, drive, t0, h, x1, v1, rest + h)
+            return middle <= 0.0 and end <= 0.0, x1, v1
+        return True, x1, v1
+    s = float(mode)
+    sigma = plant.numbers[STICK_SPEED]
+    if s * v <= sigma:
+        return False, x, v
+    x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, 0.0, x, v, s, k1, h)
+    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1))
+    lowest = s * v1
+    if s * k1 < 0.0 and s * k4 > 0.0:
+        part = k1 / (k1 - k4)
+        lowest = min(lowest, s * (v + 0.5 * part * h * k1))
+    calm = (
+        lowest > sigma
+        and _peak_step(plant, v, v1, s, h) == h
+        and _step_error(k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
+    )
+    return calm, x1, v1
+
+
+@njit(cache=True, error_model="numpy")
+def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
+    """Move over an interval with switches in it, or too rough for one step."""
+    sigma = plant.numbers[STICK_SPEED]
+    varies = _varies(plant, drive)
     tau = 0.0
     longest = h
     switches = 0
@@ -401,7 +523,6 @@ def advance(plant, drive, t0, h, memory, events, count):
             s = 1.0
             found = False
             if varies and switches < _MAX_SWITCHES:
-                # The middle is looked at too: a force may peak inside a sample.
                 a = 0.0
                 for part in range(1, 3):
                     b = 0.5 * part * d
@@ -438,17 +559,27 @@ def advance(plant, drive, t0, h, memory, events, count):
             k1 = _acceleration(plant, drive, t0, tau, x, v, s)
             fresh = False
         d = min(longest, h - tau)
-        x1, v1, k5, error = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = _TOLERANCE * (abs(v) + sigma + d * abs(k1))
-        if error > allowed and d > _SHORTEST * h:
-            longest = d * max(0.1, 0.9 * (allowed / error) ** 0.25)
-            continue
+        error = _step_error(k1, k2, k3, k4, placed, x1 - x, d, allowed)
+        if d > _SHORTEST * h:
+            if error > allowed:
+                longest = d * max(0.1, 0.9 * (allowed / error) ** 0.2)
+                continue
+            seen = _peak_step(plant, v, v1, s, d)
+            if seen < 0.99 * d:
+                longest = seen
+                continue
+            if v == 0.0 and s * k1 > 0.0 and s * v1 <= 0.0:
+                # From rest and back to it in one step: stop near the turn.
+                longest = d * min(max(k1 / (k1 - k4), 0.1), 0.9)
+                continue
 
         inside = s * v <= sigma
-        if s * k1 < 0.0 and s * k5 > 0.0 and s * v1 > (0.0 if inside else sigma):
+        if s * k1 < 0.0 and s * k4 > 0.0 and s * v1 > (0.0 if inside else sigma):
             # The speed dips and recovers: stop at the dip if it is deep enough.
-            part = k1 / (k1 - k5)
-            dip = v + part * d * (k1 + 0.5 * part * (k5 - k1))
+            part = k1 / (k1 - k4)
+            dip = v + part * d * (k1 + 0.5 * part * (k4 - k1))
             if s * dip < (0.0 if inside else sigma) and 1e-6 < part < 1.0 - 1e-6:
                 longest = part * d
                 continue
@@ -479,17 +610,15 @@ def advance(plant, drive, t0, h, memory, events, count):
                         kind, cut = _BAND, other
                 d = cut
         if kind < 0:
-            x, v, k1 = x1, v1, k5
+            x, v, fresh = x1, v1, True
             tau += d
             if tau + _SHORTEST * h >= h:
                 tau = h
-            if error < 0.01 * allowed:
-                longest = 2.0 * d
-            elif longest < h:
-                longest = d * min(2.0, 0.9 * (allowed / max(error, 1e-300)) ** 0.25)
+            if longest < h:
+                longest = d * min(3.0, 0.9 * (allowed / max(error, 1e-300)) ** 0.2)
             continue
 
-        x, v, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        x, v, _, _, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, d)
         tau += d
         fresh, longest = True, h
         if kind == _ZERO:
@@ -516,7 +645,28 @@ def advance(plant, drive, t0, h, memory, events, count):
             mode, rest = after, 0.0
 
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
-    return speed, friction, first
+
+
+@njit(cache=True, error_model="numpy")
+def advance(plant, drive, t0, h, memory, events, count):
+    """Move the axis over [t0, t0 + h] with one smooth piece of drive.
+
+    `memory` is changed in place; each switch goes to `events` (rows of time,
+    mode before, mode after) and is counted in `count`.  Returns speed, friction
+    force and mode at t0.
+    """
+    x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
+    first, v, friction, k1 = begin(plant, drive, t0, x, v, mode, rest)
+    if first != mode:
+        _record(events, count, t0, mode, first)
+        mode, rest = first, 0.0
+    calm, x1, v1 = _calm(plant, drive, t0, h, x, v, mode, rest, k1)
+    if calm:
+        memory[X], memory[V], memory[MODE] = x1, v1, mode
+        memory[REST] = rest + h if mode == 0 else 0.0
+    else:
+        _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1)
+    return v, friction, first
 
 
 @njit(cache=True, error_model="numpy")

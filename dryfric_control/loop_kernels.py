@@ -12,6 +12,7 @@ from dryfric_control import kernels
 # Largest span of the speed estimate; it sizes the controller's memory.
 LONGEST_SPAN = 8
 INTEGRAL, SPEED, READINGS = 0, 1, 2
+KP, KI, KD, LIMIT, KEEP, SPAN, STEP = range(7)
 
 
 @njit(cache=True, error_model="numpy")
@@ -25,25 +26,24 @@ def control_force(gains, memory, reference, y):
     """Drive force before and after saturation, and the speed estimate.
 
     `gains` is kp, ki, kd, limit, speed filter, span, dt; `memory` holds the
-    integral, the filtered speed and the last readings, newest first.
+    integral, the filtered speed and the last readings, newest first.  Both
+    may be arrays or pointers.
     """
-    kp, ki, kd, limit, keep, span, dt = gains
-    speed = keep * memory[SPEED] + (1.0 - keep) * (y - memory[READINGS + int(span) - 1]) / (
-        span * dt
-    )
-    wanted = kp * (reference - y) + ki * memory[INTEGRAL] - kd * speed
-    return wanted, min(max(wanted, -limit), limit), speed
+    span = gains[SPAN]
+    difference = (y - memory[READINGS + int(span) - 1]) / (span * gains[STEP])
+    speed = gains[KEEP] * memory[SPEED] + (1.0 - gains[KEEP]) * difference
+    wanted = gains[KP] * (reference - y) + gains[KI] * memory[INTEGRAL] - gains[KD] * speed
+    return wanted, min(max(wanted, -gains[LIMIT]), gains[LIMIT]), speed
 
 
 @njit(cache=True, error_model="numpy")
 def control_update(gains, memory, reference, y):
-    """Memory of the controller one sample on, changed in place."""
-    kp, ki, _, _, _, _, dt = gains
+    """Move the controller one sample on; returns its drive force."""
     wanted, given, speed = control_force(gains, memory, reference, y)
-    if ki > 0.0:
+    if gains[KI] > 0.0:
         # Back-calculation: a saturated drive unwinds the integral at the rate
         # kp/ki at which the integral would have wound up.
-        memory[INTEGRAL] += dt * (reference - y) + (given - wanted) * dt / kp
+        memory[INTEGRAL] += gains[STEP] * (reference - y + (given - wanted) / gains[KP])
     memory[SPEED] = speed
     for i in range(LONGEST_SPAN - 1, 0, -1):
         memory[READINGS + i] = memory[READINGS + i - 1]
@@ -61,6 +61,7 @@ def run_loop(
     """
     plant = kernels.point(numbers, integers)
     state = kernels.pointer(memory)
+    control, past = kernels.pointer(gains), kernels.pointer(controller)
     n = reference.shape[0]
     events = np.empty(64 * kernels.ROOM)
     count = np.zeros(1, np.int64)
@@ -71,12 +72,12 @@ def run_loop(
             for i in range(3 * count[0]):
                 grown[i] = events[i]
             events = grown
-        y = encode(memory[0], quantum)
-        u = control_update(gains, controller, reference[k], y)
+        y = encode(state[kernels.X], quantum)
+        u = control_update(control, past, reference[k], y)
         force = u + disturbance[k]
         if k == 0:
             state[kernels.MODE] = kernels.outputs(plant, t, dt, state, force)[2]
-        out[0, k], out[4, k], out[5, k] = memory[0], u, y
+        out[0, k], out[4, k], out[5, k] = state[kernels.X], u, y
         out[1, k], out[2, k], out[3, k] = kernels.sample(
             plant, t, dt, force, force, state, kernels.pointer(events), kernels.pointer(count)
         )

@@ -1,0 +1,26 @@
+"""Identification: from measured records to an axis."""
+
+from dryfric_control.identification.coulomb import CoulombIdentification, identify_coulomb
+from dryfric_control.identification.fit import Fit, FitWarning, fit
+from dryfric_control.identification.replay import LoopReplay, Replay, replay, replay_loop
+from dryfric_control.identification.slow_ramp import SlowRamp, slow_ramp_experiment
+from dryfric_control.identification.stick_slip import Ripple, ripple
+from dryfric_control.identification.stribeck import StribeckIdentification, identify_stribeck
+
+__all__ = [
+    "CoulombIdentification",
+    "Fit",
+    "FitWarning",
+    "LoopReplay",
+    "Replay",
+    "Ripple",
+    "SlowRamp",
+    "StribeckIdentification",
+    "fit",
+    "identify_coulomb",
+    "identify_stribeck",
+    "replay",
+    "replay_loop",
+    "ripple",
+    "slow_ramp_experiment",
+]

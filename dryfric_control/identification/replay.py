@@ -1,0 +1,314 @@
+"""Replay a record: windowed free runs, and the whole closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.identification.windows import Windows, cut
+from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.records import Record
+from dryfric_control.responses import SimulationResponse
+
+if TYPE_CHECKING:
+    import control as ct
+
+FloatArray = NDArray[np.float64]
+
+
+def length_text(value: float, unit: str) -> str:
+    """A small length with a readable prefix."""
+    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
+        if abs(value) >= 0.1 * factor:
+            return f"{value / factor:.3g} {prefix}{unit}"
+    return f"{value / 1e-9:.3g} n{unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Errors of windowed free runs over a record.
+
+    Made by `replay`.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The axis that ran.
+    windows : Windows
+        Windows and their starts.
+    positions : ndarray, shape (n,)
+        Position of the free runs at every sample.
+    rms_by_window : ndarray, shape (nwindows,)
+        RMS error of position in each window.
+    quantum : float
+        Encoder quantum, or what stands for it where the encoder shows none
+        (noise times sqrt(12)).
+    """
+
+    axis: FrictionAxis
+    windows: Windows
+    positions: FloatArray
+    rms_by_window: FloatArray
+    quantum: float
+
+    @property
+    def errors(self) -> FloatArray:
+        """Run less measured position at every sample, shape (n,)."""
+        return np.asarray(self.positions - self.windows.record.x)
+
+    @property
+    def rms(self) -> float:
+        """RMS error over all samples."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def median(self) -> float:
+        """Median over the windows of the RMS error."""
+        return float(np.median(self.rms_by_window))
+
+    @property
+    def score(self) -> float:
+        """Mean over the windows of log(1 + (RMS error/quantum)^2)."""
+        return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
+
+    def summary(self) -> str:
+        """Errors in one line."""
+        record = self.windows.record
+        unit = self.axis.units[0]
+        size = float(self.windows.samples[0] * record.dt)
+        name = f"{record.name}: " if record.name else ""
+        return (
+            f"{name}free runs of {size:.3g} s ({len(self.windows)} windows from "
+            f"{record.t[0]:.4g} s to {record.t[-1]:.4g} s): RMS error "
+            f"{length_text(self.rms, unit)} ({self.rms / self.quantum:.3g} quanta), median "
+            f"{length_text(self.median, unit)}, worst "
+            f"{length_text(float(self.rms_by_window.max()), unit)}"
+        )
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers of the replay, ready for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "rms": self.rms,
+            "median": self.median,
+            "worst": float(self.rms_by_window.max()),
+            "quantum": self.quantum,
+            "score": self.score,
+            "start_times": self.windows.start_times.tolist(),
+            "rms_by_window": self.rms_by_window.tolist(),
+        }
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw measured position and free runs, and their errors.
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw; a new figure when left out.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from dryfric_control.identification.figures import plot_replay
+
+        return plot_replay(self, ax)
+
+
+def replay(
+    axis: FrictionAxis,
+    record: Record,
+    window: float = 0.25,
+    hold: str = "zero",
+    *,
+    shift: float = 0.0,
+) -> Replay:
+    """Run an axis freely over short windows of a record.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    record : Record
+        The record: its input drives the runs, its position judges them.
+    window : float, optional
+        Length of a window [s].
+    hold : {"zero", "first"}, optional
+        Whether the recorded input is held or runs linearly between samples.
+    shift : float, optional
+        Time by which the input acts later than recorded [s].
+
+    Returns
+    -------
+    Replay
+
+    Raises
+    ------
+    ValueError
+        If the window holds fewer than 5 samples or more than the record.
+
+    Notes
+    -----
+    Each window starts from the smoothed record.  A replay of a whole record
+    from one start would integrate every small force error twice, for the whole
+    time, and judge nothing but that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.records import Record
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(2000)
+    >>> u = 20.0 * np.sin(6.0 * t)
+    >>> record = Record(t, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0]))
+    >>> bool(replay(axis, record).median < 10e-6)
+    True
+    """
+    windows = cut(record, window, hold)
+    positions = windows.run(axis, shift)
+    quantum = record.quantum or np.sqrt(12.0) * max(record.noise, 1e-9 * record.range)
+    rms = np.sqrt(windows.mean_squares(positions - record.x))
+    return Replay(axis, windows, positions, rms, float(quantum))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopReplay:
+    """Whole closed loop replayed from its reference.
+
+    Made by `replay_loop`.
+
+    Attributes
+    ----------
+    record : Record
+        What was measured.
+    response : SimulationResponse
+        What the model's loop did; outputs x, v, F, mode, u, y.
+    """
+
+    record: Record
+    response: SimulationResponse
+    units: tuple[str, str]
+
+    @property
+    def position_rms(self) -> float:
+        """RMS of modelled less measured position."""
+        return float(np.sqrt(np.mean((self.response.y[0] - self.record.x) ** 2)))
+
+    @property
+    def force_rms(self) -> float:
+        """RMS of modelled less measured drive force."""
+        return float(np.sqrt(np.mean((self.response.y[4] - self.record.u) ** 2)))
+
+    @property
+    def relative_force(self) -> float:
+        """RMS error of the drive force relative to its RMS."""
+        return self.force_rms / float(np.sqrt(np.mean(self.record.u**2)))
+
+    def summary(self) -> str:
+        """Errors in one line."""
+        worst = float(np.max(np.abs(self.response.y[0] - self.record.x)))
+        return (
+            f"closed loop over {self.record.duration:.4g} s: position RMS error "
+            f"{length_text(self.position_rms, self.units[0])}, worst "
+            f"{length_text(worst, self.units[0])}; drive force RMS error "
+            f"{self.force_rms:.3g} {self.units[1]} ({100 * self.relative_force:.2f} %)"
+        )
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, float]:
+        """Numbers of the replay, ready for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "position_rms": self.position_rms,
+            "force_rms": self.force_rms,
+            "relative_force": self.relative_force,
+        }
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw position and drive force, measured and replayed.
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw; a new figure when left out.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from dryfric_control.identification.figures import plot_loop
+
+        return plot_loop(self, ax)
+
+
+def replay_loop(axis: FrictionAxis, record: Record, controller: PositionController) -> LoopReplay:
+    """Replay a record's whole closed loop with its controller.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    record : Record
+        The record; its `reference` drives the loop.
+    controller : PositionController
+        The controller that ran when the record was taken, in the record's
+        units of force.
+
+    Returns
+    -------
+    LoopReplay
+
+    Raises
+    ------
+    ValueError
+        If the record has no reference, or another sampling time than the
+        controller.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.records import Record
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> loop = dfc.PositionController(kp=2000.0, ki=0.0, kd=90.0, dt=1e-3)
+    >>> r = 0.1 * np.sin(3e-3 * np.arange(3000))
+    >>> done = dfc.simulate_loop(axis, loop, r)
+    >>> record = Record(done.t, done.y[4], done.y[5], r)
+    >>> replay_loop(axis, record, loop).position_rms < 1e-6
+    True
+    """
+    if record.reference is None:
+        raise ValueError("record has no reference: a closed loop cannot be replayed without")
+    if abs(controller.dt - record.dt) > 1e-6 * record.dt:
+        raise ValueError(
+            f"controller.dt is {controller.dt:g} s and the record's step {record.dt:g} s: they "
+            "must agree"
+        )
+    start = record.derivatives()
+    response = simulate_loop(
+        axis,
+        controller,
+        record.reference,
+        quantum=record.quantum or 0.0,
+        x0=float(start.x[0]),
+        v0=float(start.v[0]),
+    )
+    return LoopReplay(record, response, axis.units)

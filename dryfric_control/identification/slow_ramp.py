@@ -1,0 +1,201 @@
+"""The slow-ramp experiment: a crawl over the travel and back."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.friction import positive
+from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.records import Record
+from dryfric_control.responses import SimulationResponse
+
+if TYPE_CHECKING:
+    import control as ct
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SlowRamp:
+    """A slow-ramp experiment and what the model did in it.
+
+    Made by `slow_ramp_experiment`.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The axis that was run.
+    controller : PositionController
+        The loop of very low bandwidth.
+    record : Record
+        What a bench would record: t, u, x (as the encoder reads it) and the
+        reference.
+    response : SimulationResponse
+        The model's own signals, friction and mode among them.
+    """
+
+    axis: FrictionAxis
+    controller: PositionController
+    record: Record
+    response: SimulationResponse
+
+    @property
+    def reference(self) -> FloatArray:
+        """Position reference at every sample, shape (n,)."""
+        return np.asarray(self.record.reference)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write time and reference for a real bench.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write; columns ``t [s]`` and ``reference``.
+        """
+        target = Path(path)
+        unit = self.axis.units[0]
+        handle, name = tempfile.mkstemp(dir=target.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(f"t [s],reference [{unit}]\n")
+                for t, r in zip(self.record.t, self.reference, strict=True):
+                    file.write(f"{t:.9g},{r:.9g}\n")
+            os.replace(name, target)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    def summary(self) -> str:
+        """The experiment in one line."""
+        low, high = float(self.reference.min()), float(self.reference.max())
+        speed = float(np.max(np.abs(np.diff(self.reference)))) / self.record.dt
+        length = self.axis.units[0]
+        return (
+            f"slow ramp over {low:.4g} to {high:.4g} {length} and back in "
+            f"{self.record.duration:.4g} s, {speed:.3g} {length}/s; "
+            f"{len(self.response.events)} switches"
+        )
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers of the experiment, ready for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "dt": self.record.dt,
+            "duration": self.record.duration,
+            "low": float(self.reference.min()),
+            "high": float(self.reference.max()),
+            "switches": len(self.response.events),
+            "kp": self.controller.kp,
+            "ki": self.controller.ki,
+            "kd": self.controller.kd,
+        }
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw reference and position, and the drive force (paper, Fig. 4).
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw; a new figure when left out.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from dryfric_control.identification.figures import plot_slow_ramp
+
+        return plot_slow_ramp(self, ax)
+
+
+def slow_ramp_experiment(
+    axis: FrictionAxis,
+    duration: float = 60.0,
+    dt: float = 1e-3,
+    *,
+    bandwidth: float = 10.0,
+    travel: tuple[float, float] | None = None,
+    quantum: float = 0.0,
+    controller: PositionController | None = None,
+) -> SlowRamp:
+    """Run a slow triangle over the travel under a soft position loop.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis, as far as it is known; it designs the loop.
+    duration : float, optional
+        Time for the way there and back [s].
+    dt : float, optional
+        Sampling time [s].
+    bandwidth : float, optional
+        Bandwidth of the position loop [rad/s]: low, so that the drive force
+        follows friction instead of fighting it.
+    travel : tuple of float, optional
+        Lowest and highest position.  Default: the axis' own travel.
+    quantum : float, optional
+        Encoder increment; 0 reads exactly.
+    controller : PositionController, optional
+        Another loop in place of the one designed from `bandwidth`.
+
+    Returns
+    -------
+    SlowRamp
+        With `record` for `identify_coulomb`, and `to_csv` to run the same
+        reference on a bench.
+
+    Raises
+    ------
+    ValueError
+        If no travel is known or an argument is out of its range.
+
+    Notes
+    -----
+    The speed is small and nearly constant, so in m v' = u - f v - F(x) the
+    terms m v' and f v drop out and the drive force is the friction at the
+    place reached (paper, section 3).  Where the axis sticks and slips, that
+    holds on average only, see `identify_coulomb`.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
+    >>> ramp = slow_ramp_experiment(axis, duration=20.0)
+    >>> len(ramp.record), round(float(ramp.record.x.max()), 2)
+    (20000, 0.3)
+    """
+    duration = positive("duration", duration, unit="s")
+    dt = positive("dt", dt, unit="s")
+    span = axis.travel if travel is None else travel
+    if span is None:
+        raise ValueError("travel is not known: give travel=(low, high), or an axis that has one")
+    low, high = span
+    if not low < high:
+        raise ValueError(f"travel must run from low to high, got {span!r}")
+    if controller is None:
+        controller = PositionController.from_bandwidth(axis, bandwidth, dt)
+    elif abs(controller.dt - dt) > 1e-9 * dt:
+        raise ValueError(f"controller.dt is {controller.dt:g} s and dt {dt:g} s: they must agree")
+    t = np.arange(round(duration / dt)) * dt
+    reference = np.interp(t, [0.0, 0.5 * duration, duration], [low, high, low])
+    response = simulate_loop(axis, controller, reference, quantum=quantum, x0=low)
+    record = Record(
+        t, response.y[4], response.y[5], reference,
+        units={"x": axis.units[0], "u": axis.units[1]}, name=f"slow ramp of {axis.name}",
+        quantum=quantum,
+    )  # fmt: skip
+    return SlowRamp(axis, controller, record, response)

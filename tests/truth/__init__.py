@@ -1,0 +1,34 @@
+"""Independent truth for blind tests: shares no code with the product.
+
+`plant` integrates the physics, `reference` excites it, `bench` draws random
+axes, encoders, controllers and hidden effects and returns the record.
+"""
+
+from .bench import (
+    CONDITIONS,
+    EFFECTS,
+    EQUAL,
+    OUTSIDE,
+    Case,
+    make_case,
+    make_null,
+    make_outside,
+    make_pair,
+)
+from .plant import Plant, closed_loop, free_runs, open_loop
+
+__all__ = [
+    "CONDITIONS",
+    "EFFECTS",
+    "EQUAL",
+    "OUTSIDE",
+    "Case",
+    "Plant",
+    "closed_loop",
+    "free_runs",
+    "make_case",
+    "make_null",
+    "make_outside",
+    "make_pair",
+    "open_loop",
+]

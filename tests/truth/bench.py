@@ -1,0 +1,324 @@
+"""Random closed-loop records with hidden effects, seeded.
+
+    case = make_case("bias_force", seed=3)            # one hidden effect
+    case = make_pair(seed=3), make_null(seed=3), make_outside(seed=3)
+
+An effect's strength is drawn relative to the axis (a share of its Coulomb
+level, say) from the band written in `_draw`.  Every effect must matter in the
+record: `Case.visibility` is the mean over windows of 0.25 s of
+log(1 + (RMS error / quantum)^2) of a free run of the plant without that
+effect, started from the true state; for effects outside the catalogue, local
+or rare by nature, the mean over the loudest tenth of the windows.  Below
+`VISIBLE` the strength is redrawn from a band stretched by 1.5, then by 2.25;
+if that does not help, the axis and the reference are redrawn too (a record
+without slow break-aways after rests cannot show `dwell_time`).
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bands import DT, EFFECTS, FIELDS, OUTSIDE, OUTSIDE_FIELDS, Bands, Effects, slowest
+from .plant import Plant, closed_loop, free_runs
+from .reference import make_reference
+
+Array = NDArray[np.float64]
+
+WINDOW = 250
+VISIBLE = 1.0  # spurious candidates gain at most 0.03 on this scale
+LOUD = 4.0  # the same for the loudest tenth: RMS error of 7 quanta
+CONDITIONS = ("exact", "off", "coarse", "short")
+
+# Pairs that one record can hardly hold apart by construction (the same force on
+# most of the record), or that the bench cannot combine (two transmissions).
+EQUAL = frozenset(
+    frozenset(pair)
+    for pair in (
+        ("bias_force", "coulomb_asymmetry"),
+        ("coulomb", "dead_zone"),
+        ("input_gain", "load_dependence"),
+        ("input_delay", "actuator_lag"),
+        ("spring", "gravity"),
+        ("bias_force", "spring"),
+        ("bias_force", "gravity"),
+        ("coulomb_asymmetry", "spring"),
+        ("coulomb_asymmetry", "gravity"),
+        ("coulomb", "drift"),
+        ("coulomb", "position_dependence"),
+        ("viscous", "quadratic_drag"),
+        ("inertia", "input_gain"),
+        ("coulomb", "input_gain"),
+        ("coulomb", "load_dependence"),
+        ("dead_zone", "input_gain"),
+        ("dead_zone", "load_dependence"),
+        ("backlash", "compliance"),
+        ("presliding", "compliance"),
+        ("presliding", "backlash"),
+    )
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One record with everything that is true about it.
+
+    Attributes
+    ----------
+    t, u, x, reference : ndarray, shape (n,)
+        Time [s], held drive force [N], encoder reading [m], reference [m].
+    quantum, noise : float
+        Encoder quantum and standard deviation of its noise [m].
+    believed, actual : dict
+        Base axis as the user believes it and as it is: mass, viscous, coulomb,
+        stribeck (None or excess and speed), stick_speed, travel.
+    truth : dict
+        Hidden effects, {slug: {parameter: value}}; empty for a clean record.
+    twins : dict
+        {slug: (slug, ...)}: effects that give the very same record on this axis,
+        whatever is done with it (a bias is an asymmetry without a Stribeck peak).
+    visibility : dict
+        Score of each hidden effect; see the module's docstring.
+    unit : str
+        "m" or "rad"; forces are then N or N m, masses kg or kg m^2.
+    states : ndarray, shape (n, 7)
+        True states, for checks of the generator only.
+    """
+
+    t: Array
+    u: Array
+    x: Array
+    reference: Array
+    quantum: float
+    noise: float
+    believed: dict[str, Any]
+    actual: dict[str, Any]
+    truth: Effects
+    twins: dict[str, tuple[str, ...]]
+    visibility: dict[str, float]
+    condition: str
+    seed: int
+    unit: str
+    plant: Plant
+    substeps: int
+    states: Array
+
+
+def make_case(
+    effects: str | Sequence[str] | Mapping[str, Mapping[str, float]],
+    seed: int,
+    condition: str = "exact",
+) -> Case:
+    """Closed-loop record of a random axis with `effects` hidden in it.
+
+    Parameters
+    ----------
+    effects : str, sequence of str or dict
+        Slugs with random parameters, or {slug: parameters} with given ones
+        (then used as they are, without the visibility check).
+    seed : int
+    condition : {"exact", "off", "coarse", "short"}
+        Believed base parameters exact, encoder 1 to 5 um, 20 s; each of mass,
+        viscous and coulomb believed up to 3 % wrong; 50 um encoder; 6 s of steps.
+    """
+    slugs = (effects,) if isinstance(effects, str) else tuple(effects)
+    known = FIELDS | OUTSIDE_FIELDS
+    for slug in slugs:
+        if slug not in known:
+            raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(known)}")
+    if {"backlash", "compliance"} <= set(slugs):
+        raise ValueError("effects: the bench has one transmission: backlash or compliance")
+    if condition not in CONDITIONS:
+        raise ValueError(f"condition {condition!r}: one of {', '.join(CONDITIONS)}")
+    name = zlib.crc32(" ".join(sorted(slugs)).encode())
+    rng = np.random.default_rng([seed, name, CONDITIONS.index(condition)])
+    if isinstance(effects, Mapping):
+        for slug in slugs:
+            if not known[slug]:
+                raise ValueError(f"effects: {slug!r} has no parameters to give; pass its name")
+        return _Bench(rng, slugs, condition).run({k: dict(p) for k, p in effects.items()}, seed)
+    for _ in range(20):
+        bench = _Bench(rng, slugs, condition)
+        for stretch in (1.0, 1.5, 2.25):
+            case = bench.run({slug: bench.bands.draw(slug, stretch) for slug in slugs}, seed)
+            if all(
+                score >= (LOUD if slug in OUTSIDE_FIELDS else VISIBLE)
+                for slug, score in case.visibility.items()
+            ):
+                return case
+    raise RuntimeError(f"no record shows all of {slugs} (seed {seed}, {condition}); widen a band")
+
+
+def make_null(seed: int, condition: str = "exact") -> Case:
+    """Record of an axis with nothing hidden in it."""
+    return make_case((), seed, condition)
+
+
+def make_pair(seed: int, condition: str = "exact", pair: tuple[str, str] | None = None) -> Case:
+    """Record with two effects, drawn from all pairs not in `EQUAL`."""
+    if pair is None:
+        rng = np.random.default_rng([seed, 2])
+        while pair is None or frozenset(pair) in EQUAL:
+            first, second = rng.choice(len(EFFECTS), size=2, replace=False)
+            pair = (EFFECTS[first], EFFECTS[second])
+    return make_case(pair, seed, condition)
+
+
+def make_outside(seed: int, condition: str = "exact", kind: str | None = None) -> Case:
+    """Record with an effect that no candidate of the catalogue describes."""
+    return make_case(OUTSIDE[seed % len(OUTSIDE)] if kind is None else kind, seed, condition)
+
+
+def visibility(case: Case, slug: str) -> float:
+    """Score of free runs of the plant without `slug`; see the module."""
+    rest = {name: p for name, p in case.truth.items() if name != slug}
+    plant = _plant(case.actual if slug not in BASE else _without(case, slug), rest)
+    x = free_runs(plant, case.u, DT, case.substeps, case.states, WINDOW)
+    n = case.t.size // WINDOW * WINDOW
+    error = (case.x - x)[:n].reshape(-1, WINDOW) / case.quantum
+    score = np.sort(np.log1p(np.mean(error**2, axis=1)))
+    return float(np.mean(score[-max(1, score.size // 10) :] if slug in OUTSIDE_FIELDS else score))
+
+
+BASE = {"inertia": "mass", "viscous": "viscous", "coulomb": "coulomb"}
+
+
+def _without(case: Case, slug: str) -> dict[str, Any]:
+    return case.actual | {BASE[slug]: case.believed[BASE[slug]]}
+
+
+def _plant(axis: Mapping[str, Any], truth: Mapping[str, Mapping[str, float]]) -> Plant:
+    """The plant of a base axis with effects."""
+    low, high = axis["travel"]
+    values = {
+        "mass": axis["mass"],
+        "viscous": axis["viscous"],
+        "coulomb": axis["coulomb"],
+        "stick_speed": axis["stick_speed"],
+        "middle": 0.5 * (low + high),
+        "half_travel": 0.5 * (high - low),
+    }
+    if axis["stribeck"] is not None:
+        values["excess"] = axis["stribeck"]["excess"]
+        values["stribeck_speed"] = axis["stribeck"]["speed"]
+    known = FIELDS | OUTSIDE_FIELDS
+    for slug, parameters in truth.items():
+        for name, value in parameters.items():
+            if name in known[slug]:
+                values[known[slug][name]] = value
+    if "backlash" in truth:
+        # Contact: the Coulomb level bends it by 2e-6 of the travel (0.6 um of
+        # 0.3 m), damping ratio 0.7: next to rigid, next to no rebound.
+        share = values["load_fraction"]
+        reduced = values["mass"] * share * (1.0 - share)
+        stiffness = axis["coulomb"] / (2e-6 * (high - low))
+        values["coupling_stiffness"] = stiffness
+        values["coupling_damping"] = 2.0 * 0.7 * np.sqrt(stiffness * reduced)
+    return Plant(**{name: float(value) for name, value in values.items()})
+
+
+def _substeps(plant: Plant) -> int:
+    """Enough substeps that a finer grid moves nothing by a tenth of a quantum."""
+    if plant.gap > 0.0:
+        return 120
+    return 40 if plant.load_fraction > 0.0 or plant.presliding > 0.0 else 30
+
+
+def _twins(axis: Mapping[str, Any], truth: Effects) -> dict[str, tuple[str, ...]]:
+    even = {"stribeck", "position_dependence", "presliding", "drift", "backlash", "compliance"}
+    if axis["stribeck"] is None and "bias_force" in truth and not even & set(truth):
+        return {"bias_force": ("coulomb_asymmetry",)}
+    return {}
+
+
+class _Bench:
+    """Axis, controller, encoder and reference of one record."""
+
+    def __init__(self, rng: np.random.Generator, slugs: tuple[str, ...], condition: str) -> None:
+        self.rng = rng
+        self.condition = condition
+        rotary = "gravity" in slugs or rng.random() < 0.15
+        self.unit = "rad" if rotary else "m"
+        self.scale = 12.0 if rotary else 1.0  # a rotary travel is 12 times as many units
+        scale = self.scale
+        mass = 10.0 ** rng.uniform(0.0, 1.3)
+        coulomb = mass * 10.0 ** rng.uniform(-0.3, 0.6)  # stops 0.5 to 4 m/s^2
+        viscous = mass * rng.uniform(2.0, 12.0)
+        travel = scale * rng.uniform(0.2, 0.5)
+        excess = rng.uniform(0.1, 0.5)
+        speed = max(scale * rng.uniform(0.005, 0.02), slowest(excess, coulomb, mass / scale))
+        # Without a Stribeck peak an asymmetry *is* a bias, F = s Fc + b either way:
+        # nothing could name it, so that its axes have one.
+        peaked = "coulomb_asymmetry" in slugs or rng.random() < 0.5
+        flat = "stribeck" in slugs or not peaked
+        self.axis: dict[str, Any] = {
+            "mass": mass / scale,
+            "viscous": viscous / scale,
+            "coulomb": coulomb,
+            "stribeck": None if flat else {"excess": excess, "speed": speed},
+            "stick_speed": scale * 10.0 ** rng.uniform(-5.0, -4.0),
+            "travel": (0.0, travel),
+        }
+        self.speed = scale * rng.uniform(0.25, 0.5)
+        short = condition == "short"
+        self.reference = make_reference(rng, self.axis["travel"], self.speed, DT, short)
+        n = self.reference.size
+        fine = rng.uniform(1.0, 5.0)
+        self.coarse = condition == "coarse"
+        self.quantum = scale * 1e-6 * (50.0 if self.coarse else fine)
+        self.noise = self.quantum * (rng.uniform(0.1, 0.4) if rng.random() < 0.5 else 0.0)
+        self.readings = self.noise * rng.standard_normal(n)
+        # A coarse encoder gets a softer loop and a slower speed filter, else its
+        # steps alone would drive the axis through its friction.
+        omega = rng.uniform(25.0, 32.0 if self.coarse else 45.0)
+        damping = rng.uniform(0.7, 1.0)
+        m = self.axis["mass"]
+        self.kp = m * omega**2
+        self.kd = 2.0 * damping * m * omega
+        self.ki = self.kp * rng.uniform(1.0, 4.0) if rng.random() < 0.5 else 0.0
+        self.filter_time = rng.uniform(1.5e-3, 4e-3) * (2.0 if self.coarse else 1.0)
+        self.limit = 3.0 * (45.0 * m + self.axis["viscous"]) * self.speed + 6.0 * coulomb
+        wrong = rng.uniform(-0.03, 0.03, size=3)
+        self.believed = dict(self.axis)
+        if condition == "off":
+            for (slug, key), share in zip(BASE.items(), wrong, strict=True):
+                if slug not in slugs:
+                    self.believed[key] = self.axis[key] * (1.0 + share)
+        self.push, self.wander, self.offset = np.zeros(n), np.zeros(n), np.zeros(n)
+        peak = 0.0
+        if "saturation" in slugs:
+            u, _, _ = self._loop(_plant(self.axis, {}))
+            peak = float(np.quantile(np.abs(u), 0.998))
+        self.bands = Bands(
+            rng, self.axis, scale, self.speed, self.coarse, peak, self.quantum, self.reference,
+            self.push, self.wander, self.offset,
+        )  # fmt: skip
+
+    def _loop(self, plant: Plant) -> tuple[Array, Array, Array]:
+        result: tuple[Array, Array, Array] = closed_loop(
+            plant, self.reference, DT, _substeps(plant), self.kp, self.ki, self.kd,
+            self.filter_time, self.limit, self.quantum, self.readings, self.offset,
+            self.push, self.wander,
+        )  # fmt: skip
+        return result
+
+    def run(self, truth: Effects, seed: int) -> Case:
+        actual = dict(self.axis)
+        for slug, key in BASE.items():
+            if slug in truth:
+                actual[key] = truth[slug][key]
+        plant = _plant(actual, truth)
+        u, x, states = self._loop(plant)
+        case = Case(
+            t=np.arange(u.size) * DT, u=u, x=x, reference=self.reference,
+            quantum=self.quantum, noise=self.noise, believed=self.believed, actual=actual,
+            truth=truth, twins=_twins(actual, truth), visibility={}, condition=self.condition,
+            seed=seed, unit=self.unit, plant=plant, substeps=_substeps(plant), states=states,
+        )  # fmt: skip
+        case.visibility.update({slug: visibility(case, slug) for slug in truth})
+        return case

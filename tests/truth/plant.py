@@ -1,0 +1,409 @@
+"""Time-stepping simulation of one dry-friction axis on its test bench.
+
+Scheme: fixed substeps; half a step of position, a full kick of the speed,
+half a step of position (Moreau-Jean).  Coulomb friction is set-valued: the
+kick may not carry the speed through zero unless the load leaves the friction
+set there, i.e. the friction impulse is clipped to breakaway level x time.
+No mode automaton and no event solver.
+
+The axis.  With g the Coulomb magnitude that opposes motion of sign s,
+
+    m v' = w + e(t, x, v) - F,            w  the drive force after its chain
+    e = bias - f v - c v|v| - k (x - x0) - G sin(x + phi) + A sin(2 pi x/L + phi)
+        + A sin(2 pi nu t + phi)
+    |F| <= breakaway at v = 0,  F = s g(t, x, |v|, w) in motion,
+    g = Fc (1 + s a) (1 + p q + r q^2) (1 + rate t) S(|v|) + eta |w|
+    q = (x - middle of travel)/(half of travel)
+    S = 1 + sigma exp(-((|v| - Sigma)/vs)^2);  breakaway: S = 1 + sigma
+
+One line for each effect; the parameter names are those of the truth dict.
+
+    inertia             m = mass
+    viscous             f = viscous
+    coulomb             Fc = coulomb
+    coulomb_asymmetry   Fc+- = Fc (1 +- a), a = asymmetry
+    bias_force          e = + force
+    stribeck            S with sigma = excess, vs = speed (believed: none)
+    quadratic_drag      e = - coefficient v|v|
+    position_dependence Fc(x) = Fc (1 + slope q + curvature q^2)
+    spring              e = - stiffness (x - centre)
+    gravity             e = - amplitude sin(x + phase), rotary axis
+    cogging             e = + amplitude sin(2 pi x/pitch + phase)
+    load_dependence     g = Fc S + coefficient |w|
+    drift               g = Fc (1 + rate t) S
+    dwell_time          breakaway + rise (1 - exp(-T/time_constant)), T = time since
+                        the axis came to rest; gone as soon as it slides
+    presliding          F = (Fc/distance) z, z' = v, |F| <= g: elastic, then slides
+    backlash            motor (1 - load_fraction) m with the encoder; load
+                        load_fraction m carries all friction and all of e;
+                        force between them zero inside a free play of width gap,
+                        a stiff, well damped, non-adhesive contact at its ends
+    compliance          the same two masses, force between them
+                        stiffness (x - xl) + damping (v - vl)
+    input_gain          w = gain u
+    input_delay         w(t) = u(t - delay), u held between samples
+    actuator_lag        time_constant w' = u - w
+    dead_zone           w = sign(u) max(|u| - width, 0)
+    saturation          w = clip(u, -limit, limit)
+    time_periodic       e = + amplitude sin(2 pi frequency t + phase)
+
+Friction sits on the load because that is where guide, seals and ways are; the
+encoder sits on the motor because that is where most axes carry it.
+Drive chain: delay, saturation, lag, gain, dead zone, in this order.
+
+Outside the product's catalogue:
+
+    local_defect        g multiplied by 1 + height exp(-((x - place)/width)^2)
+    impacts             e = short force bursts at random moments
+    eccentricity        the encoder reads x + amplitude sin(2 pi x/period + phase)
+    lost_steps          the encoder's reading jumps and stays off
+    end_stop            e = - stiffness max(0, x - place)^2
+    wandering_friction  g multiplied by 1 + a slow random process
+    speed_ripple        e = + amplitude (v/speed)^3 sin(2 pi x/pitch)
+"""
+
+from __future__ import annotations
+
+from math import exp, floor, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Plant(NamedTuple):
+    """Every number of the bench's mechanics; the defaults switch effects off."""
+
+    mass: float = 2.0
+    viscous: float = 10.0
+    coulomb: float = 8.0
+    excess: float = 0.0  # sigma
+    stribeck_speed: float = 1.0  # vs
+    stick_speed: float = 1e-4  # Sigma
+    middle: float = 0.0
+    half_travel: float = 1.0
+    asymmetry: float = 0.0
+    slope: float = 0.0
+    curvature: float = 0.0
+    drift: float = 0.0
+    load: float = 0.0
+    dwell_rise: float = 0.0
+    dwell_time: float = 1.0
+    presliding: float = 0.0
+    bias: float = 0.0
+    drag: float = 0.0
+    spring: float = 0.0
+    spring_centre: float = 0.0
+    gravity: float = 0.0
+    gravity_phase: float = 0.0
+    cogging: float = 0.0
+    cogging_pitch: float = 1.0
+    cogging_phase: float = 0.0
+    periodic: float = 0.0
+    periodic_frequency: float = 0.0
+    periodic_phase: float = 0.0
+    gain: float = 1.0
+    delay: float = 0.0
+    lag: float = 0.0
+    dead_zone: float = 0.0
+    saturation: float = np.inf
+    load_fraction: float = 0.0  # > 0: two masses
+    gap: float = 0.0
+    coupling_stiffness: float = 0.0
+    coupling_damping: float = 0.0
+    defect: float = 0.0
+    defect_place: float = 0.0
+    defect_width: float = 1.0
+    stop_stiffness: float = 0.0
+    stop_place: float = 0.0
+    ripple: float = 0.0
+    ripple_speed: float = 1.0
+    ripple_pitch: float = 1.0
+    eccentricity: float = 0.0
+    eccentricity_period: float = 1.0
+    eccentricity_phase: float = 0.0
+
+
+# State vector: motor position and speed, load position and speed, presliding
+# deflection, time at rest, force behind the actuator lag.
+X, V, XL, VL, Z, REST, LAG = range(7)
+NSTATES = 7
+
+
+@njit(cache=True)
+def _external(p, t, x, v):
+    """Force e on the friction-bearing mass, friction and drive apart."""
+    e = p.bias - p.viscous * v
+    if p.drag != 0.0:
+        e -= p.drag * v * abs(v)
+    if p.spring != 0.0:
+        e -= p.spring * (x - p.spring_centre)
+    if p.gravity != 0.0:
+        e -= p.gravity * sin(x + p.gravity_phase)
+    if p.cogging != 0.0:
+        e += p.cogging * sin(2.0 * pi * x / p.cogging_pitch + p.cogging_phase)
+    if p.periodic != 0.0:
+        e += p.periodic * sin(2.0 * pi * p.periodic_frequency * t + p.periodic_phase)
+    if p.stop_stiffness != 0.0 and x > p.stop_place:
+        e -= p.stop_stiffness * (x - p.stop_place) ** 2
+    if p.ripple != 0.0:
+        e += p.ripple * (v / p.ripple_speed) ** 3 * sin(2.0 * pi * x / p.ripple_pitch)
+    return e
+
+
+@njit(cache=True)
+def _level(p, t, x, speed, w, s, wander):
+    """Friction magnitude g against motion of sign s; speed < 0: breakaway."""
+    g = p.coulomb * (1.0 + s * p.asymmetry) * (1.0 + wander)
+    if p.slope != 0.0 or p.curvature != 0.0:
+        q = (x - p.middle) / p.half_travel
+        g *= 1.0 + p.slope * q + p.curvature * q * q
+    if p.drift != 0.0:
+        g *= 1.0 + p.drift * t
+    if p.defect != 0.0:
+        g *= 1.0 + p.defect * exp(-(((x - p.defect_place) / p.defect_width) ** 2))
+    if p.excess != 0.0:
+        if speed < 0.0:
+            g *= 1.0 + p.excess
+        else:
+            ratio = (speed - p.stick_speed) / p.stribeck_speed
+            if ratio < 6.0:
+                g *= 1.0 + p.excess * exp(-ratio * ratio)
+    return g + p.load * abs(w)
+
+
+@njit(cache=True)
+def _released(p, t, x, w, rest, wander, force, speed):
+    """Net acceleration force at rest: zero while friction can hold `force`.
+
+    `speed` picks the level that holds: -1 breakaway, 0 that of an arriving axis.
+    """
+    extra = 0.0
+    if p.dwell_rise != 0.0:
+        extra = p.dwell_rise * (1.0 - exp(-rest / p.dwell_time))
+    if force > _level(p, t, x, speed, w, 1.0, wander) + extra:
+        return force - _level(p, t, x, 0.0, w, 1.0, wander)
+    if force < -_level(p, t, x, speed, w, -1.0, wander) - extra:
+        return force + _level(p, t, x, 0.0, w, -1.0, wander)
+    return 0.0
+
+
+@njit(cache=True)
+def _kick(p, m, t, h, x, v, w, push, wander, state):
+    """Speed after h under drive w and burst `push`, friction included.
+
+    `x` is the position in the middle of the substep, `t` its middle time.
+    """
+    if p.presliding > 0.0:
+        return _kick_elastic(p, m, t, h, x, v, w, push, wander, state)
+    left = h
+    if v == 0.0:
+        net = w + push + _external(p, t, x, 0.0)
+        net = _released(p, t, x, w, state[REST], wander, net, -1.0)
+        if net == 0.0:
+            state[REST] += h
+            return 0.0
+        s = 1.0 if net > 0.0 else -1.0
+    else:
+        s = 1.0 if v > 0.0 else -1.0
+    state[REST] = 0.0
+    a = (w + push + _external(p, t, x, v) - s * _level(p, t, x, abs(v), w, s, wander)) / m
+    half = v + 0.5 * h * a
+    if half * s < 0.0:
+        half = 0.0
+    a = (w + push + _external(p, t, x, half) - s * _level(p, t, x, abs(half), w, s, wander)) / m
+    new = v + h * a
+    if new * s > 0.0:
+        return new
+    # The speed would change sign: friction s acts until it is zero, then the
+    # impulse of the rest of the substep is clipped to the friction set.
+    if v != 0.0:
+        left = h + v / a
+    net = _released(p, t, x, w, 0.0, wander, w + push + _external(p, t, x, 0.0), 0.0)
+    if net == 0.0:
+        state[REST] = left
+        return 0.0
+    return left * net / m
+
+
+@njit(cache=True)
+def _kick_elastic(p, m, t, h, x, v, w, push, wander, state):
+    """The kick with an elastic contact that slides at level g."""
+    k = p.coulomb / p.presliding
+    extra = 0.0
+    if p.dwell_rise != 0.0:
+        extra = p.dwell_rise * (1.0 - exp(-state[REST] / p.dwell_time))
+    zm = state[Z] + 0.5 * h * v
+    s = 1.0 if zm > 0.0 else -1.0
+    bound = _level(p, t, x, abs(v), w, s, wander) + extra
+    force = k * zm
+    if abs(force) > bound:
+        force = s * bound
+    a = (w + push + _external(p, t, x, v) - force) / m
+    half = v + 0.5 * h * a
+    if abs(k * zm) > bound:
+        force = s * (_level(p, t, x, abs(half), w, s, wander) + extra)
+    a = (w + push + _external(p, t, x, half) - force) / m
+    new = v + h * a
+    z = state[Z] + 0.5 * h * (v + new)
+    s = 1.0 if z > 0.0 else -1.0
+    bound = _level(p, t, x, abs(new), w, s, wander)
+    if k * abs(z) > bound + extra:
+        z = s * bound / k
+        state[REST] = 0.0
+    else:
+        state[REST] += h
+    state[Z] = z
+    return new
+
+
+@njit(cache=True)
+def _transmitted(p, dx, dv):
+    """Force from motor to load, over the gap or through the compliance."""
+    if p.gap > 0.0:
+        if dx > 0.5 * p.gap:
+            return max(0.0, p.coupling_stiffness * (dx - 0.5 * p.gap) + p.coupling_damping * dv)
+        if dx < -0.5 * p.gap:
+            return min(0.0, p.coupling_stiffness * (dx + 0.5 * p.gap) + p.coupling_damping * dv)
+        return 0.0
+    return p.coupling_stiffness * dx + p.coupling_damping * dv
+
+
+@njit(cache=True)
+def _advance(p, state, t, dt, substeps, before, now, push, wander):
+    """One sample.  The delayed input steps from `before` to `now` inside it."""
+    h = dt / substeps
+    ratio = p.delay / dt
+    part = (ratio - floor(ratio)) * substeps  # substeps before the input steps
+    decay = exp(-h / p.lag) if p.lag > 0.0 else 0.0
+    before = min(max(before, -p.saturation), p.saturation)
+    now = min(max(now, -p.saturation), p.saturation)
+    for i in range(substeps):
+        share = min(max(part - i, 0.0), 1.0)
+        w = share * before + (1.0 - share) * now
+        if p.lag > 0.0:
+            offset = state[LAG] - w
+            state[LAG] = w + offset * decay
+            w += offset * (1.0 - decay) * p.lag / h  # mean over the substep
+        w *= p.gain
+        if p.dead_zone > 0.0:
+            if w > p.dead_zone:
+                w -= p.dead_zone
+            elif w < -p.dead_zone:
+                w += p.dead_zone
+            else:
+                w = 0.0
+        tm = t + (i + 0.5) * h
+        if p.load_fraction > 0.0:
+            x = state[X] + 0.5 * h * state[V]
+            xl = state[XL] + 0.5 * h * state[VL]
+            force = _transmitted(p, x - xl, state[V] - state[VL])
+            state[V] += h * (w - force) / (p.mass * (1.0 - p.load_fraction))
+            state[VL] = _kick(
+                p, p.mass * p.load_fraction, tm, h, xl, state[VL], force, push, wander, state
+            )
+            state[X] = x + 0.5 * h * state[V]
+            state[XL] = xl + 0.5 * h * state[VL]
+        else:
+            x = state[X] + 0.5 * h * state[V]
+            state[V] = _kick(p, p.mass, tm, h, x, state[V], w, push, wander, state)
+            state[X] = x + 0.5 * h * state[V]
+
+
+@njit(cache=True)
+def _delayed(p, u, k, dt):
+    """Inputs before and after the step of the delayed input in sample k."""
+    shift = int(p.delay / dt)
+    now = u[k - shift] if k >= shift else 0.0
+    before = u[k - shift - 1] if k >= shift + 1 else 0.0
+    return before, now
+
+
+@njit(cache=True)
+def closed_loop(
+    p, reference, dt, substeps, kp, ki, kd, filter_time, limit, quantum, noise, offset, push, wander
+):
+    """Record of a position loop on the encoder reading, force held over dt.
+
+    Parameters
+    ----------
+    p : Plant
+    reference, noise, offset, push, wander : ndarray, shape (n,)
+        Reference [m]; additive noise [m] before and jumps [m] after the
+        quantiser; bursts [N]; relative change of the friction level.
+    kp, ki, kd, filter_time, limit : float
+        PID gains, time constant [s] of the filtered speed, force limit [N].
+    quantum : float
+        Encoder quantum [m], 0 for none.
+
+    Returns
+    -------
+    u, y : ndarray, shape (n,)
+        Held force and encoder reading at the start of each sample.
+    states : ndarray, shape (n, 7)
+        True state at the start of each sample.
+    """
+    n = reference.size
+    u = np.zeros(n)
+    y = np.zeros(n)
+    states = np.zeros((n, NSTATES))
+    state = np.zeros(NSTATES)
+    state[X] = reference[0]
+    state[XL] = reference[0]
+    keep = exp(-dt / filter_time)
+    rate = 0.0
+    total = 0.0
+    for k in range(n):
+        states[k] = state
+        reading = state[X] + noise[k]
+        if p.eccentricity != 0.0:
+            reading += p.eccentricity * sin(
+                2.0 * pi * state[X] / p.eccentricity_period + p.eccentricity_phase
+            )
+        if quantum > 0.0:
+            reading = quantum * floor(reading / quantum + 0.5)
+        y[k] = reading + offset[k]
+        error = reference[k] - y[k]
+        if k > 0:
+            slope = (error - (reference[k - 1] - y[k - 1])) / dt
+            rate = keep * rate + (1.0 - keep) * slope
+        force = kp * error + total + kd * rate
+        if abs(force) < limit:
+            total += ki * dt * error
+        u[k] = min(max(force, -limit), limit)
+        before, now = _delayed(p, u, k, dt)
+        _advance(p, state, k * dt, dt, substeps, before, now, push[k], wander[k])
+    return u, y, states
+
+
+@njit(cache=True)
+def open_loop(p, u, dt, substeps, start):
+    """States, shape (n + 1, 7), under a held force u from state `start`."""
+    states = np.zeros((u.size + 1, NSTATES))
+    state = start.copy()
+    states[0] = state
+    for k in range(u.size):
+        before, now = _delayed(p, u, k, dt)
+        _advance(p, state, k * dt, dt, substeps, before, now, 0.0, 0.0)
+        states[k + 1] = state
+    return states
+
+
+@njit(cache=True)
+def free_runs(p, u, dt, substeps, true, window):
+    """Motor positions of p, restarted from the true state every `window` samples."""
+    n = u.size
+    x = np.zeros(n)
+    state = true[0].copy()
+    for k in range(n):
+        if k % window == 0:
+            force = state[LAG]
+            state[:] = true[k]
+            state[LAG] = force
+        x[k] = state[X]
+        before, now = _delayed(p, u, k, dt)
+        _advance(p, state, k * dt, dt, substeps, before, now, 0.0, 0.0)
+    return x

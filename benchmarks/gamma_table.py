@@ -54,9 +54,7 @@ LONG_ROWS = [
 
 
 def axis_of(rate: float) -> FrictionAxis:
-    return FrictionAxis(
-        mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=rate, stick_speed=1e-4
-    )
+    return FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=rate, stick_speed=1e-4)
 
 
 def models_of(axis: FrictionAxis, decay: float = DECAY, noise: float = 1e-4):
@@ -106,9 +104,10 @@ def fixed_gain_optimum(rate: float, seeds: int = 3) -> float:
 
 
 def table(rows: list[tuple[str, dict]]) -> None:
-    print(f"{'gamma [m/s per unit of stacked disturbance]':44s}" + "".join(
-        f"{f'p = {rate:g}':>30s}" for rate in RATES
-    ))
+    print(
+        f"{'gamma [m/s per unit of stacked disturbance]':44s}"
+        + "".join(f"{f'p = {rate:g}':>30s}" for rate in RATES)
+    )
     print(f"{'':44s}" + f"{'certified  reached   gap   s':>30s}" * len(RATES))
     best = dict.fromkeys(RATES, np.inf)
     free = dict.fromkeys(RATES, 0.0)
@@ -122,9 +121,7 @@ def table(rows: list[tuple[str, dict]]) -> None:
             if design.decay < 1.0:
                 best[rate] = min(best[rate], design.gamma)
             gap = 100.0 * design.certificate.gap
-            cells.append(
-                f"{design.gamma:11.5f} {design.lower_bound:.5f} {gap:5.2f}% {spent:4.1f}"
-            )
+            cells.append(f"{design.gamma:11.5f} {design.lower_bound:.5f} {gap:5.2f}% {spent:4.1f}")
         print(f"{name:44s}" + "".join(f"{cell:>30s}" for cell in cells), flush=True)
     fixed = {rate: fixed_gain_optimum(rate) for rate in RATES}
     for name, bound in (
@@ -132,9 +129,10 @@ def table(rows: list[tuple[str, dict]]) -> None:
         ("below: no causal observer of any kind", free),
     ):
         print(f"{name:44s}" + "".join(f"{bound[rate]:30.5f}" for rate in RATES))
-        print(f"{'  best certified with decay is above by':44s}" + "".join(
-            f"{100.0 * (best[rate] / bound[rate] - 1.0):28.1f} %" for rate in RATES
-        ))
+        print(
+            f"{'  best certified with decay is above by':44s}"
+            + "".join(f"{100.0 * (best[rate] / bound[rate] - 1.0):28.1f} %" for rate in RATES)
+        )
 
 
 def scaling() -> None:

@@ -265,8 +265,11 @@ class FrictionAxis:
             located = kernels.run(
                 arrays.numbers, arrays.integers, memory, force, dt, hold == "first", 0.0, outputs
             )
+        # In place: a long record has no room for a second copy.
+        time = np.arange(force.size, dtype=float)
+        time *= dt
         return SimulationResponse(
-            np.arange(force.size) * dt,
+            time,
             outputs,
             force.reshape(1, -1),
             Events.from_rows(located),

@@ -135,7 +135,7 @@ class SimulationResponse(ct.TimeResponseData):
         >>> import dryfric_control as dfc
         >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
         >>> drawn = axis.simulate([3.0] * 200, dt=1e-3).plot()
-        >>> [str(one.get_ylabel()) for one in drawn.axes]
+        >>> [str(one.get_ylabel()) for one in drawn.axes.ravel()]
         ['position [m]', 'speed [m/s]', 'force [N]']
         """
         axes = axes_of(ax, 3)

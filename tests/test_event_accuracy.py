@@ -163,6 +163,6 @@ def test_reversals_of_a_coulomb_oscillator_come_every_half_period(dt):
     assert turns == 7
     expected = np.arange(1, turns + 1) * math.pi / omega
     assert events.after[-1] == 0
-    # 1e-8 s is 1e-9 of the swing's speed over its acceleration at the turn, some v / a
-    # = 0.2 s; the leftover Sigma shifts the last event by Sigma over that acceleration.
+    # The last event comes 2e-9 s early, at speed Sigma instead of 0; the others carry the
+    # integration error alone.
     np.testing.assert_allclose(events.time, expected, rtol=0.0, atol=1e-8)

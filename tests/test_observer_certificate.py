@@ -262,9 +262,7 @@ def test_search_finds_the_only_bad_switching():
         )[0]
         for k, model in enumerate(_physical_models(design).values())
     )
-    together, word = worst_switching(
-        _physical_models(design), design.graph, design.node_gains, 1e3
-    )
+    together, word = worst_switching(_physical_models(design), design.graph, design.node_gains, 1e3)
     assert len(set(word)) == 2
     assert together > alone
 

@@ -296,9 +296,7 @@ SCALES = {
 @pytest.mark.parametrize("discretization", ["euler", "zoh"])
 def test_defaults_give_a_usable_observer(name, discretization):
     axis, dt, quantum = SCALES[name]
-    design = design_pi_observer(
-        axis, dt, encoder_quantum=quantum, discretization=discretization
-    )
+    design = design_pi_observer(axis, dt, encoder_quantum=quantum, discretization=discretization)
     for mode, radius in design.certificate.spectral_radius.items():
         # slower than 10 samples for white noise to average out, never above the decay asked
         assert 0.8 < radius <= design.decay

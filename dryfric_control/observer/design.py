@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from dryfric_control.friction import CoulombMap, positive
 from dryfric_control.observer.certificate import Certificate, certify
-from dryfric_control.observer.inequalities import SOLVERS
 from dryfric_control.observer.error_model import (
     ErrorModel,
     axis_matrices,
@@ -23,6 +22,7 @@ from dryfric_control.observer.error_model import (
     error_models,
     mode_classes,
 )
+from dryfric_control.observer.inequalities import SOLVERS
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.scaling import Scales, scales_of
 from dryfric_control.observer.synthesis import certified_solution

@@ -106,9 +106,7 @@ def mode_matrices(
     return A, np.array([dt * dt * phi2, dt * phi1]) * inverse_mass
 
 
-def axis_matrices(
-    axis: Any, mode: int, dt: float, discretization: str
-) -> tuple[Array, Array]:
+def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Array, Array]:
     """State matrix of a mode and the column in which forces act.
 
     Parameters

@@ -127,9 +127,7 @@ class _Game:
     best: bool
 
     def exceeds(self, place: NDArray[np.int64], gamma: float, longest: int) -> bool:
-        return bool(
-            _exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest)
-        )
+        return bool(_exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest))
 
     def gain(
         self, place: NDArray[np.int64], low: float, high: float, width: float, longest: int
@@ -311,9 +309,7 @@ def worst_switching(
         best=False,
     )
     start = (graph.labels[0],)
-    return _search(
-        game, _words(graph), lambda word: path_of(graph, word), 1e-9 * high, start, high
-    )
+    return _search(game, _words(graph), lambda word: path_of(graph, word), 1e-9 * high, start, high)
 
 
 def hardest_switching(

@@ -31,8 +31,8 @@ from dryfric_control.observer.certificate import (
     evaluate_blocks,
     proved_gain,
 )
-from dryfric_control.observer.inequalities import MatrixProgram
 from dryfric_control.observer.error_model import C, ErrorModel
+from dryfric_control.observer.inequalities import MatrixProgram
 from dryfric_control.observer.memory import ModeGraph
 
 Array = NDArray[np.float64]

@@ -83,9 +83,7 @@ def _uncertainty(axis: Any, value: float | Mapping[int, float] | None) -> dict[i
         value = UNCERTAIN_FRACTION * level
     if isinstance(value, Mapping):
         if set(value) != {0, 1, -1}:
-            raise ValueError(
-                f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}"
-            )
+            raise ValueError(f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}")
         return {
             mode: positive(f"uncertainty[{mode}]", value[mode], unit="N", zero=True)
             for mode in (0, 1, -1)
@@ -167,12 +165,9 @@ def default_weights(
     if performance is None:
         q_x, q_v, q_w = PERFORMANCE
         performance = (q_x * bandwidth / dt, q_v, q_w * kick / bandwidth)
-    weights = tuple(
-        positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(performance)
-    )
+    weights = tuple(positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(performance))
     if len(weights) != 3 or not any(weights):
         raise ValueError(
-            "performance must hold three weights (q_x, q_v, q_w), not all zero, got "
-            f"{weights!r}"
+            f"performance must hold three weights (q_x, q_v, q_w), not all zero, got {weights!r}"
         )
     return Weights(dt, kick, amplitudes, noise, drift, decay, weights, bandwidth)

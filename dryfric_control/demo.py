@@ -1,0 +1,312 @@
+"""The main job, end to end: fit an axis to a record and replay what was held out."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import control as ct
+import numpy as np
+
+from dryfric_control import presets
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.effects import Spring
+from dryfric_control.friction import CoulombMap, Stribeck
+from dryfric_control.identification import (
+    Fit,
+    fit,
+    identify_coulomb,
+    replay,
+    replay_loop,
+    slow_ramp_experiment,
+)
+from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.observer.figures import (
+    draw_coulomb_maps,
+    draw_friction,
+    draw_modes,
+    draw_position,
+    draw_speed,
+)
+from dryfric_control.records import Record, read_record
+
+#: Part of the record that is fitted; the rest is held out.
+TRAINING = 0.6
+_FREE = ("mass", "viscous", "coulomb", "bias_force")
+
+# Controller of the EMPS record, from its reference: vir = kp kv (qg - qm) - kv dq,
+# dq the backward difference of the two-sample mean, saturation 10 V, 35.15 N/V
+# (A. Janot, M. Gautier, M. Brunot, Nonlinear System Identification Benchmarks, 2019).
+_EMPS_KP, _EMPS_KV, _EMPS_GAIN, _EMPS_VOLTS = 160.18, 243.45, 35.15, 10.0
+
+
+def emps_controller(dt: float) -> PositionController:
+    """Controller that ran while the EMPS record was taken.
+
+    Parameters
+    ----------
+    dt : float
+        Sampling time [s].
+
+    Returns
+    -------
+    PositionController
+        With forces in newtons, as `read_record` gives them.
+    """
+    return PositionController(
+        kp=_EMPS_GAIN * _EMPS_KP * _EMPS_KV,
+        ki=0.0,
+        kd=_EMPS_GAIN * _EMPS_KV,
+        dt=dt,
+        limit=_EMPS_GAIN * _EMPS_VOLTS,
+        span=2,
+    )
+
+
+def stick_slip(axis: FrictionAxis | None = None) -> ct.ControlPlot:
+    """Classic stick-slip: a mass pulled by a spring whose end moves slowly.
+
+    Parameters
+    ----------
+    axis : FrictionAxis, optional
+        Axis with a spring; its end moves at 0.1 m/s.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    spring = Spring(stiffness=2.0)
+    axis = axis or FrictionAxis(
+        mass=1.0,
+        viscous=0.0,
+        coulomb=CoulombMap.of(1.0),
+        stribeck=Stribeck(excess=0.5, speed=0.05),
+        stick_speed=1e-3,
+        effects=(spring,),
+        name="mass pulled by a spring",
+    )
+    t = np.arange(40_001) * 1e-3
+    return axis.simulate(spring.stiffness * 0.1 * t, dt=1e-3, hold="first").plot()
+
+
+def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController]:
+    """Record of a made axis, for a machine without measured data.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Seed of the reference and of the measurement noise.
+
+    Returns
+    -------
+    believed : FrictionAxis
+        What its owner believes: every parameter is off.
+    record : Record
+        20 s at 1 kHz in closed loop, encoder of 2 um.
+    controller : PositionController
+        The controller that ran.
+    """
+    rng = np.random.default_rng(seed)
+    true = FrictionAxis(
+        mass=12.0,
+        viscous=60.0,
+        coulomb=CoulombMap.of((9.0, 7.0)),
+        travel=(0.0, 0.3),
+        name="made axis",
+    )
+    dt, n = 1e-3, 20_000
+    t = np.arange(n) * dt
+    steps = np.repeat(rng.uniform(0.05, 0.25, 20), n // 20)
+    slow = 0.15 + 0.08 * np.sin(2.0 * np.pi * t / 8.0)
+    reference = np.where(t < 10.0, slow, np.convolve(steps, np.ones(200) / 200.0, "same"))
+    controller = PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
+    run = simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
+    record = Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="made record")
+    believed = true.replace(mass=9.0, viscous=90.0, coulomb=CoulombMap.of(6.0))
+    return believed, record, controller
+
+
+def fit_and_replay(
+    axis: FrictionAxis, record: Record, controller: PositionController | None
+) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
+    """Fit the first part of a record, replay the rest.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis as believed.
+    record : Record
+        The record.
+    controller : PositionController or None
+        The controller of the record, to replay its closed loop.
+
+    Returns
+    -------
+    fitted : Fit
+    summary : dict
+        Parameters, standard errors and held-out errors.
+    figures : dict of str to control.ControlPlot
+    """
+    training, held_out = record.split(TRAINING)
+    fitted = fit(axis, training, free=_FREE)
+    before, after = replay(axis, held_out), replay(fitted.axis, held_out)
+    summary: dict[str, Any] = {
+        "record": record.name,
+        "trained_until_s": float(training.t[-1]),
+        "parameters": fitted.parameters,
+        "standard_errors": fitted.standard_errors,
+        "held_out_windows": {
+            "window_s": 0.25,
+            "position_rms_before_m": before.rms,
+            "position_rms_after_m": after.rms,
+            "position_median_after_m": after.median,
+        },
+    }
+    figures = {"fit": fitted.plot(), "held_out_windows": after.plot()}
+    if controller is not None and record.reference is not None:
+        loop = replay_loop(fitted.axis, held_out, controller)
+        summary["held_out_closed_loop"] = loop.to_dict()
+        figures["held_out_closed_loop"] = loop.plot()
+    return fitted, summary, figures
+
+
+def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
+    """The paper's section 3 on a made bench: Figures 4 and 5.
+
+    Returns
+    -------
+    summary : dict
+    figures : dict of str to control.ControlPlot
+    """
+    axis = presets.clutch_actuator()
+    ramp = slow_ramp_experiment(axis, quantum=presets.QUANTUM)
+    levels = identify_coulomb(ramp.record)
+    figures = {"figure_4_slow_ramp": ramp.plot(), "figure_5_coulomb": levels.plot()}
+    return {"coulomb": levels.to_dict()}, figures
+
+
+def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
+    """The paper's section 5, the observer in closed loop: Figures 7 to 11.
+
+    Returns
+    -------
+    summary : dict
+    figures : dict of str to control.ControlPlot
+    """
+    loop = presets.clutch_experiment()
+    summary = {"design": loop.design.certificate.to_dict(), "loop": loop.to_dict()}
+    figures = {
+        "figure_7_maps": draw_coulomb_maps(loop.axis, loop.design.axis),
+        "figure_8_position": draw_position(loop),
+        "figure_9_speed": draw_speed(loop),
+        "figure_10_friction": draw_friction(loop),
+        "figure_11_modes": draw_modes(loop),
+    }
+    return summary, figures
+
+
+def run(
+    out: str | os.PathLike[str],
+    record_path: str | os.PathLike[str] | None = None,
+    say: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Run the demo: figures and a summary into a folder.
+
+    Parameters
+    ----------
+    out : path
+        Folder for the results, made if it does not exist.
+    record_path : path, optional
+        A measured record.  Default: a record is made.
+    say : callable, optional
+        Where the lines of the summary go.
+
+    Returns
+    -------
+    dict
+        The summary, as written to ``summary.json``.
+
+    Raises
+    ------
+    ValueError
+        If the record cannot be read; nothing is written then.
+    """
+    controller: PositionController | None
+    if record_path is None:
+        axis, record, controller = made_record()
+    else:
+        record = read_record(record_path)
+        axis = FrictionAxis(
+            mass=50.0, viscous=100.0, coulomb=CoulombMap.of(10.0), name=record.name or "axis"
+        )
+        is_emps = Path(record_path).name.upper().startswith("DATA_EMPS")
+        controller = emps_controller(record.dt) if is_emps else None
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    say("Stick-slip of a mass pulled by a spring: stick_slip.png")
+    save(stick_slip(), folder / "stick_slip.png")
+
+    fitted, summary, figures = fit_and_replay(axis, record, controller)
+    say(f"Fit of {record.name or 'the record'}, first {TRAINING:.0%}:")
+    say(fitted.summary())
+    windows = summary["held_out_windows"]
+    say(
+        "Held out: free runs of 0.25 s, position RMS "
+        f"{windows['position_rms_before_m']:.3g} m before the fit, "
+        f"{windows['position_rms_after_m']:.3g} m after "
+        f"(median window {windows['position_median_after_m']:.3g} m)"
+    )
+    if "held_out_closed_loop" in summary:
+        say(f"Held out: closed loop, {summary['held_out_closed_loop']}")
+    say("Slow ramp on a made bench, figures 4 and 5 of the paper")
+    summary["bench"], drawn = bench()
+    figures |= drawn
+    say("Switched PI observer in closed loop, figures 7 to 11 of the paper")
+    summary["observer"], drawn = observe_clutch()
+    figures |= drawn
+    for name, figure in figures.items():
+        save(figure, folder / f"{name}.png")
+
+    write(json.dumps(summary, indent=2) + "\n", folder / "summary.json")
+    say(f"Figures and summary.json are in {folder}")
+    return summary
+
+
+def save(figure: ct.ControlPlot, path: Path) -> None:
+    """Write a figure as PNG, whole or not at all, and close it.
+
+    Parameters
+    ----------
+    figure : control.ControlPlot
+        What to write.
+    path : Path
+        Where to.
+    """
+    import matplotlib.pyplot as plt
+
+    handle, name = tempfile.mkstemp(suffix=".png", dir=path.parent)
+    os.close(handle)
+    figure.figure.savefig(name, dpi=110)
+    os.replace(name, path)
+    plt.close(figure.figure)
+
+
+def write(text: str, path: Path) -> None:
+    """Write a text file, whole or not at all.
+
+    Parameters
+    ----------
+    text : str
+        Content.
+    path : Path
+        Where to.
+    """
+    handle, name = tempfile.mkstemp(suffix=path.suffix, dir=path.parent, text=True)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(text)
+    os.replace(name, path)

@@ -1,0 +1,42 @@
+"""The switched PI observer: design, certificate, storage, and the observer at work."""
+
+from dryfric_control.observer.certificate import Certificate, CertificateError
+from dryfric_control.observer.closed_loop import (
+    ObservedLoop,
+    filter_reference,
+    observed_loop,
+    simulate_observed_loop,
+)
+from dryfric_control.observer.design import ObserverDesign, design_pi_observer
+from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
+from dryfric_control.observer.runtime import (
+    Estimate,
+    ObserverResponse,
+    ObserverStepper,
+    observe,
+    pi_observer,
+)
+from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
+from dryfric_control.observer.storage import load_design
+
+__all__ = [
+    "Certificate",
+    "CertificateError",
+    "Estimate",
+    "EstimateScore",
+    "MonteCarlo",
+    "ObservedLoop",
+    "ObserverDesign",
+    "ObserverResponse",
+    "ObserverStepper",
+    "design_pi_observer",
+    "filter_reference",
+    "load_design",
+    "monte_carlo",
+    "observe",
+    "observed_loop",
+    "pi_observer",
+    "score_estimate",
+    "simulate_observed_loop",
+    "switch_delays",
+]

@@ -1,0 +1,313 @@
+"""The paper's closed loop: filter, controller, plant, encoder and observer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.axis import FrictionAxis, samples
+from dryfric_control.blocks import axis_block, encoder, reference_filter
+from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, observe, pi_observer
+from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
+from dryfric_control.responses import SimulationResponse
+
+Array = NDArray[np.float64]
+
+_PLANT = ("x", "v", "F", "mode", "u", "y")
+
+
+def filter_reference(reference: ArrayLike, bandwidth: float, dt: float) -> Array:
+    """Reference behind the Butterworth low-pass of `reference_filter`.
+
+    Parameters
+    ----------
+    reference : array_like, shape (n,)
+        Reference at the samples [m].
+    bandwidth : float
+        Corner frequency [rad/s].
+    dt : float
+        Sampling time [s].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Notes
+    -----
+    It steps the very block that `observed_loop` contains: through an encoder a
+    difference in the last digit can grow to a whole increment.
+
+    Examples
+    --------
+    >>> from dryfric_control.observer import filter_reference
+    >>> round(float(filter_reference([1.0] * 1000, 20.0, 1e-3)[-1]), 3)
+    1.0
+    """
+    r = samples("reference", reference)
+    block = reference_filter(bandwidth, dt)
+    state = np.zeros(block.nstates)
+    out = np.empty(r.size)
+    for k in range(r.size):
+        out[k] = block.output(0.0, state, r[k : k + 1])[0]
+        state = block.dynamics(0.0, state, r[k : k + 1])
+    return out
+
+
+@dataclass(frozen=True)
+class ObservedLoop:
+    """A closed loop and what an observer made of it.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The plant.
+    design : ObserverDesign
+        The observer.
+    reference : ndarray, shape (n,)
+        Reference behind the low-pass [m].
+    plant : SimulationResponse
+        Outputs x, v, F, mode, u, y; with located switches.
+    estimate : ObserverResponse
+        Outputs xhat, vhat, Fhat, what, mode.
+    """
+
+    axis: FrictionAxis
+    design: ObserverDesign
+    reference: Array
+    plant: SimulationResponse
+    estimate: ObserverResponse
+
+    @property
+    def score(self) -> EstimateScore:
+        """Errors of position, speed, friction and mode."""
+        return score_estimate(self.axis, self.design.dt, self.plant.y, self.estimate.y)
+
+    @property
+    def delays(self) -> tuple[Array, Array]:
+        """Time of each switch of the plant and the observer's delay [s]."""
+        return switch_delays(self.plant.y[3], self.estimate.y[4], self.design.dt)
+
+    def summary(self) -> str:
+        """Errors and switching delays in words.
+
+        Returns
+        -------
+        str
+        """
+        _, delay = self.delays
+        text = self.score.summary(self.axis.units[0])
+        if not delay.size:
+            return text
+        missed = int(np.isnan(delay).sum())
+        seen = delay[np.isfinite(delay)] * 1e3
+        spread = (
+            f", delay {np.median(seen):.1f} ms in the middle, {seen.max():.1f} ms at most"
+            if seen.size
+            else ""
+        )
+        return f"{text}\nswitches     {delay.size}, missed {missed}{spread}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Score and delays as plain numbers."""
+        time, delay = self.delays
+        return {
+            "score": self.score.to_dict(),
+            "switches": len(time),
+            "missed": int(np.isnan(delay).sum()),
+            "delay": [None if np.isnan(d) else float(d) for d in delay],
+        }
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw position, speed, friction and mode, plant against estimate.
+
+        Parameters
+        ----------
+        ax : sequence of four Axes, optional
+            Where to draw.  Default: a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from dryfric_control.observer.figures import draw_loop
+
+        return draw_loop(self, ax)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.summary()}</pre>"
+
+
+def simulate_observed_loop(
+    axis: FrictionAxis,
+    controller: PositionController,
+    design: ObserverDesign,
+    reference: ArrayLike,
+    *,
+    bandwidth: float | None = 20.0,
+    quantum: float = 0.0,
+    x0: float = 0.0,
+    v0: float = 0.0,
+    xhat0: float | None = None,
+    vhat0: float = 0.0,
+    what0: float = 0.0,
+    switching: str = "reading",
+) -> ObservedLoop:
+    """Run the closed loop with an observer watching it, compiled.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The plant.
+    controller : PositionController
+        The controller; it uses the readings, not the estimate.
+    design : ObserverDesign
+        The observer; it sees the drive u and the reading y.
+    reference : array_like, shape (n,)
+        Position reference at the samples [m].
+    bandwidth : float or None, optional
+        Corner of the low-pass on the reference [rad/s]; None leaves it out.
+    quantum : float, optional
+        Encoder increment [m]; 0 measures exactly.
+    x0, v0 : float, optional
+        Start of the plant [m], [m/s].
+    xhat0, vhat0, what0 : float, optional
+        Start of the observer; its position starts at the first reading unless
+        given.
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the observer's mode, see `pi_observer`.
+
+    Returns
+    -------
+    ObservedLoop
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or controller and observer differ
+        in their sampling time.
+
+    See Also
+    --------
+    observed_loop : the same put together by `control.interconnect`.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.observer import design_pi_observer, simulate_observed_loop
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> design = design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
+    >>> controller = dfc.PositionController.from_bandwidth(axis, 20.0, 1e-3)
+    >>> run = simulate_observed_loop(axis, controller, design, [0.1] * 2000, quantum=1e-5)
+    >>> run.score.speed < 0.03
+    True
+    """
+    _same_dt(controller, design)
+    r = samples("reference", reference)
+    if bandwidth is not None:
+        r = filter_reference(r, bandwidth, design.dt)
+    plant = simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
+    estimate = observe(
+        design,
+        plant.y[4],
+        plant.y[5],
+        xhat0=xhat0,
+        vhat0=vhat0,
+        what0=what0,
+        switching=switching,
+        encoder_quantum=quantum,
+    )
+    return ObservedLoop(axis, design, r, plant, estimate)
+
+
+def observed_loop(
+    axis: FrictionAxis,
+    controller: PositionController,
+    design: ObserverDesign,
+    *,
+    bandwidth: float = 20.0,
+    quantum: float = 0.0,
+    switching: str = "reading",
+) -> ct.InterconnectedSystem:
+    """The closed loop with its observer, by `control.interconnect`.
+
+    Parameters
+    ----------
+    axis, controller, design
+        As in `simulate_observed_loop`.
+    bandwidth : float, optional
+        Corner of the low-pass on the reference [rad/s].
+    quantum : float, optional
+        Encoder increment [m].
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the observer's mode.
+
+    Returns
+    -------
+    control.InterconnectedSystem
+        Input r; outputs x, v, F, mode, u, y of the plant, xref, and xhat,
+        vhat, Fhat, what, mode_hat of the observer.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or controller and observer differ
+        in their sampling time.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> import numpy as np
+    >>> from dryfric_control import presets
+    >>> from dryfric_control.observer import observed_loop
+    >>> axis = presets.clutch_actuator()
+    >>> loop = observed_loop(axis, presets.clutch_controller(), presets.clutch_observer())
+    >>> start = np.zeros(loop.nstates)
+    >>> start[loop.find_state("observer_xhat")] = 1000.0
+    >>> run = ct.input_output_response(loop, np.arange(3) * 1e-3, 0.0, start)
+    >>> float(run.outputs[loop.find_output("xhat"), 0])
+    1000.0
+    """
+    _same_dt(controller, design)
+    dt = design.dt
+    parts = [
+        reference_filter(bandwidth, dt),
+        controller.block("controller"),
+        axis_block(axis, dt, name="plant"),
+        encoder(quantum, dt),
+        pi_observer(design, switching=switching, encoder_quantum=quantum),
+    ]
+    sources = {name: f"plant.{name}" for name in _PLANT[:4]}
+    sources |= {"u": "controller.u", "y": "encoder.y", "xref": "reference_filter.xref"}
+    sources |= {name: f"observer.{name}" for name in OUTPUTS[:4]}
+    sources["mode_hat"] = "observer.mode"
+    return ct.interconnect(
+        parts,
+        connections=[
+            ["controller.xref", "reference_filter.xref"],
+            ["controller.y", "encoder.y"],
+            ["plant.u", "controller.u"],
+            ["encoder.x", "plant.x"],
+            ["observer.u", "controller.u"],
+            ["observer.y", "encoder.y"],
+        ],
+        inplist=["reference_filter.r"],
+        outlist=list(sources.values()),
+        inputs=["r"],
+        outputs=list(sources),
+        dt=dt,
+        name="observed_loop",
+    )
+
+
+def _same_dt(controller: PositionController, design: ObserverDesign) -> None:
+    if controller.dt != design.dt:
+        raise ValueError(
+            f"controller.dt = {controller.dt:g} s and design.dt = {design.dt:g} s differ: "
+            "make both for one sampling time"
+        )

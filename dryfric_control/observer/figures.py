@@ -1,0 +1,221 @@
+"""Figures 7 to 11 of the paper, drawn from a closed-loop run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import control as ct
+import numpy as np
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+
+if TYPE_CHECKING:
+    from dryfric_control.observer.closed_loop import ObservedLoop
+
+#: Time before which the errors are left out of the scale [s]: the start is off
+#: by far more than anything that follows.
+_START = 0.1
+
+
+def draw_coulomb_maps(plant: FrictionAxis, own: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
+    """Draw the friction of the plant and of the observer (Fig. 7).
+
+    Parameters
+    ----------
+    plant : FrictionAxis
+        Its Coulomb levels are drawn solid, breakaway as the edge of a band.
+    own : FrictionAxis
+        The observer's axis, drawn dashed.
+    ax : Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> from dryfric_control.observer.figures import draw_coulomb_maps
+    >>> drawn = draw_coulomb_maps(presets.clutch_actuator(), presets.clutch_observer_axis())
+    >>> drawn.axes.ravel()[0].get_xlabel()
+    'position [inc]'
+    """
+    axes = axes_of(ax, 1, figsize=(7.0, 3.6))
+    one = axes[0]
+    low, high = plant.travel or own.travel or (-1.0, 1.0)
+    x = np.linspace(low, high, 201)
+    for s in (1, -1):
+        level = s * plant.coulomb(x, s)
+        one.fill_between(
+            x,
+            level,
+            s * plant.breakaway(x, s),
+            color="0.9",
+            linewidth=0,
+            label="up to breakaway" if s > 0 else None,
+        )
+        one.plot(x, level, "k", label="system" if s > 0 else None)
+        one.plot(x, s * own.coulomb(x, s), "C0--", label="observer" if s > 0 else None)
+    one.axhline(0.0, color="0.7", linewidth=0.8)
+    length, force = plant.units
+    one.set_xlabel(f"position [{length}]")
+    one.set_ylabel(f"friction [{force}]")
+    one.margins(x=0.0)
+    legend_above(one)
+    return control_plot(axes)
+
+
+def _scale(ax: Any, t: Any, *signals: Any) -> None:
+    """Fit the scale to what comes after the start."""
+    late = t >= _START
+    if late.any():
+        low = min(float(one[late].min()) for one in signals)
+        high = max(float(one[late].max()) for one in signals)
+        room = 0.06 * (high - low) or 1.0
+        ax.set_ylim(low - room, high + room)
+
+
+def _signal(run: ObservedLoop, axes: Any, row: int, name: str, unit: str) -> None:
+    """Plant and estimate above, the error below."""
+    t = run.plant.t
+    true, estimate = run.plant.y[row], run.estimate.y[row]
+    top, bottom = axes
+    top.plot(t, true, "k", linewidth=1.0, label="system")
+    top.plot(t, estimate, "C0--", linewidth=1.0, label="observer")
+    bottom.plot(t, estimate - true, "C3", linewidth=0.8)
+    _scale(top, t, true, estimate)
+    _scale(bottom, t, estimate - true)
+    for one in axes:
+        shade_stuck(one, t, run.plant.y[3])
+        one.margins(x=0.0)
+    top.set_ylabel(f"{name} [{unit}]")
+    bottom.set_ylabel(f"error [{unit}]")
+    legend_above(top)
+    bottom.set_xlabel("Time [s]")
+
+
+def draw_position(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+    """Draw position, reference and the estimation error (Fig. 8).
+
+    Parameters
+    ----------
+    run : ObservedLoop
+        The run.
+    ax : sequence of two Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+
+    Notes
+    -----
+    The first 0.1 s do not count for the scales; the band is the plant at rest.
+    """
+    axes = axes_of(ax, 2)
+    axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")
+    _signal(run, axes, 0, "position", run.axis.units[0])
+    return control_plot(axes)
+
+
+def draw_speed(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+    """Draw speed and its estimation error (Fig. 9).
+
+    Parameters
+    ----------
+    run : ObservedLoop
+        The run.
+    ax : sequence of two Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    axes = axes_of(ax, 2)
+    _signal(run, axes, 1, "speed", f"{run.axis.units[0]}/s")
+    return control_plot(axes)
+
+
+def draw_friction(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+    """Draw friction, its estimate and the error (Fig. 10).
+
+    Parameters
+    ----------
+    run : ObservedLoop
+        The run.
+    ax : sequence of two Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    axes = axes_of(ax, 2)
+    _signal(run, axes, 2, "friction", run.axis.units[1])
+    return control_plot(axes)
+
+
+def draw_modes(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+    """Draw the mode and the commutation errors (Fig. 11).
+
+    Parameters
+    ----------
+    run : ObservedLoop
+        The run.
+    ax : sequence of two Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    axes = axes_of(ax, 2)
+    t, true, estimate = run.plant.t, run.plant.y[3], run.estimate.y[4]
+    axes[0].step(t, true, "k", where="post", linewidth=1.0, label="system")
+    axes[0].step(t, estimate, "C0--", where="post", linewidth=1.0, label="observer")
+    axes[1].step(t, estimate - true, "C3", where="post", linewidth=0.8)
+    axes[0].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
+    axes[1].set_yticks([-2, -1, 0, 1, 2])
+    axes[1].set_ylim(-2.2, 2.2)
+    axes[0].set_ylabel("mode")
+    axes[1].set_ylabel("mode error")
+    for one in axes:
+        one.margins(x=0.0)
+    legend_above(axes[0])
+    axes[1].set_xlabel("Time [s]")
+    return control_plot(axes)
+
+
+def draw_loop(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+    """Draw position, speed, friction and mode in one figure.
+
+    Parameters
+    ----------
+    run : ObservedLoop
+        The run.
+    ax : sequence of four Axes, optional
+        Where to draw.  Default: a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    axes = axes_of(ax, 4)
+    t, length, force = run.plant.t, *run.axis.units
+    names = (f"position [{length}]", f"speed [{length}/s]", f"friction [{force}]", "mode")
+    axes[0].plot(t, run.reference, color="0.55", linewidth=0.8, label="reference")
+    for row, (one, name) in enumerate(zip(axes, names, strict=True)):
+        mine = row if row < 3 else 4
+        one.plot(t, run.plant.y[row], "k", linewidth=1.0, label="system")
+        one.plot(t, run.estimate.y[mine], "C0--", linewidth=1.0, label="observer")
+        _scale(one, t, run.plant.y[row], run.estimate.y[mine])
+        shade_stuck(one, t, run.plant.y[3])
+        one.set_ylabel(name)
+        one.margins(x=0.0)
+    axes[3].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
+    legend_above(axes[0])
+    axes[3].set_xlabel("Time [s]")
+    return control_plot(axes)

@@ -1,0 +1,344 @@
+"""How the estimate holds up when the plant is not the believed one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from typing import Any
+
+import control as ct
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import ArrayLike, NDArray
+from tqdm.auto import tqdm
+
+from dryfric_control.axis import FrictionAxis, samples
+from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.friction import Stribeck, positive
+from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.observer.baselines import Estimator
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.runtime import observe
+from dryfric_control.observer.score import EstimateScore, score_estimate
+
+Array = NDArray[np.float64]
+
+FIGURES = tuple(field.name for field in fields(EstimateScore))
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """How one plant differs from what the observer believes.
+
+    Attributes
+    ----------
+    plus, minus : float
+        True over believed Coulomb level, forwards and backwards [1].
+    mass : float
+        True over believed inertia [1].
+    excess : float
+        Stribeck excess of the plant; the observer knows none [1].
+    stick_ratio : float
+        Stick speed of the observer over that of the plant [1].
+    """
+
+    plus: float
+    minus: float
+    mass: float
+    excess: float
+    stick_ratio: float
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Mismatch:
+        """Draw from levels and inertia off by up to 20 % and 15 %, excess up to
+        60 %, and stick speeds in a ratio of 0.3 to 1, all uniform."""
+        plus, minus = rng.uniform(0.8, 1.2, 2)
+        return cls(
+            float(plus),
+            float(minus),
+            float(rng.uniform(0.85, 1.15)),
+            float(rng.uniform(0.0, 0.6)),
+            float(rng.uniform(0.3, 1.0)),
+        )
+
+    def plant(self, design: ObserverDesign, stribeck_speed: float) -> FrictionAxis:
+        """The plant that differs in this way from a design's axis.
+
+        Parameters
+        ----------
+        design : ObserverDesign
+            What the observer believes.
+        stribeck_speed : float
+            Stribeck speed of the plant [m/s].
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        axis = design.axis
+        return axis.replace(
+            mass=self.mass * axis.mass,
+            coulomb=axis.coulomb.scaled(self.plus, self.minus),
+            stribeck=Stribeck(self.excess, stribeck_speed),
+            stick_speed=axis.stick_speed / self.stick_ratio,
+            name="plant",
+        )
+
+
+@dataclass(frozen=True)
+class SwitchedEstimator:
+    """The switched PI observer as one of several estimators.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The observer.
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the mode.
+    encoder_quantum : float, optional
+        Increment of the position sensor [m].
+    """
+
+    design: ObserverDesign
+    switching: str = "reading"
+    encoder_quantum: float | None = None
+
+    def estimate(self, u: Array, y: Array, xhat0: float = 0.0) -> Array:
+        """Rows xhat, vhat, Fhat, what, mode of a run started at `xhat0`."""
+        run = observe(
+            self.design,
+            u,
+            y,
+            xhat0=xhat0,
+            switching=self.switching,
+            encoder_quantum=self.encoder_quantum,
+        )
+        return np.asarray(run.y)
+
+
+@dataclass(frozen=True)
+class MonteCarlo:
+    """Scores of several estimators over random mismatches.
+
+    Attributes
+    ----------
+    mismatches : tuple of Mismatch
+        The plants, in order.
+    scores : dict of str to ndarray, shape (n, 5)
+        Columns position [m], speed, friction, friction_bias, commutation [1]
+        of each estimator.
+    unit : str
+        Unit of position.
+    limit : float
+        Position error from which on an estimate counts as diverged [m].
+    """
+
+    mismatches: tuple[Mismatch, ...]
+    scores: dict[str, Array]
+    unit: str = "m"
+    limit: float = np.inf
+
+    @property
+    def diverged(self) -> dict[str, int]:
+        """Runs of each estimator whose position error is not below `limit`."""
+        return {
+            name: int(np.count_nonzero(~(table[:, 0] < self.limit)))
+            for name, table in self.scores.items()
+        }
+
+    def quantiles(self, levels: Sequence[float] = (0.5, 0.9, 0.95, 1.0)) -> dict[str, Array]:
+        """Quantiles of each figure's magnitude.
+
+        Parameters
+        ----------
+        levels : sequence of float, optional
+            Probabilities.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (nlevels, 5)
+        """
+        return {
+            name: np.quantile(np.abs(table), levels, axis=0) for name, table in self.scores.items()
+        }
+
+    def summary(self) -> str:
+        """Table of medians, 95 % quantiles and largest values.
+
+        Returns
+        -------
+        str
+        """
+        heads = (f"position [{self.unit}]", "speed [%]", "friction [%]", "bias [%]", "commut. [%]")
+        lines = [
+            f"{len(self.mismatches)} random mismatches: median / 95 % / largest",
+            f"{'':24}" + "".join(f"{head:>24}" for head in heads),
+        ]
+        for name, table in self.quantiles((0.5, 0.95, 1.0)).items():
+            scaled = table * [1.0, 100.0, 100.0, 100.0, 100.0]
+            cells = "".join(
+                f"{' / '.join(f'{value:.3g}' for value in column):>24}" for column in scaled.T
+            )
+            lines.append(f"{name:24}{cells}")
+        diverged = "; ".join(f"{name}: {count}" for name, count in self.diverged.items())
+        return "\n".join([*lines, f"diverged  {diverged}"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Mismatches and scores as plain numbers."""
+        return {
+            "mismatches": [list(astuple(one)) for one in self.mismatches],
+            "figures": list(FIGURES),
+            "scores": {name: table.tolist() for name, table in self.scores.items()},
+        }
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw which part of the runs stays below an error.
+
+        Parameters
+        ----------
+        ax : sequence of four Axes, optional
+            Where to draw.  Default: a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        axes = axes_of(ax, 4, sharex=False)
+        heads = (
+            f"position error, largest [{self.unit}]",
+            "speed error, RMS [% of speed]",
+            "friction error, mean [% of level]",
+            "other mode [% of samples]",
+        )
+        part = (np.arange(len(self.mismatches)) + 1.0) / len(self.mismatches)
+        for one, column, factor, head in zip(
+            axes, (0, 1, 2, 4), (1.0, 100.0, 100.0, 100.0), heads, strict=True
+        ):
+            least = np.inf
+            for name, table in self.scores.items():
+                value = np.sort(factor * np.abs(table[:, column]))
+                one.step(value, part, where="post", linewidth=1.2, label=name)
+                least = min(least, float(value[0]))
+            if least > 0.0:
+                one.set_xscale("log")
+                one.xaxis.set_major_formatter("{x:g}")
+                one.xaxis.set_minor_formatter(_minor_label)
+            one.set_xlabel(head)
+            one.set_ylabel("part of runs")
+        legend_above(axes[0])
+        return control_plot(axes)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.summary()}</pre>"
+
+
+def _minor_label(value: float, place: int) -> str:
+    """Tick label of every other part of a decade."""
+    return f"{value:g}" if f"{value:.0e}"[0] in "235" else ""
+
+
+def _scores(
+    plant: FrictionAxis,
+    controller: PositionController,
+    reference: Array,
+    quantum: float,
+    estimators: Mapping[str, Estimator],
+    xhat0: float,
+) -> list[tuple[float, ...]]:
+    run = simulate_loop(plant, controller, reference, quantum=quantum)
+    u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
+    return [
+        astuple(score_estimate(plant, controller.dt, run.y, estimator.estimate(u, y, xhat0=xhat0)))
+        for estimator in estimators.values()
+    ]
+
+
+def monte_carlo(
+    design: ObserverDesign,
+    controller: PositionController,
+    reference: ArrayLike,
+    *,
+    quantum: float,
+    stribeck_speed: float,
+    runs: int = 500,
+    xhat0: float = 0.0,
+    estimators: Mapping[str, Estimator] | None = None,
+    seed: int = 0,
+    n_jobs: int = 1,
+    progress: bool = True,
+) -> MonteCarlo:
+    """Score estimators on plants that differ at random from the believed one.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The observer; its axis is what is believed.
+    controller : PositionController
+        The controller, the same for all plants.
+    reference : array_like, shape (n,)
+        Position reference, already filtered [m].
+    quantum : float
+        Encoder increment [m].
+    stribeck_speed : float
+        Stribeck speed of the plants [m/s].
+    runs : int, optional
+        Number of plants.
+    xhat0 : float, optional
+        Start of the estimates; the plants start at rest at 0 [m].
+    estimators : mapping of str to Estimator, optional
+        What is compared.  Default: both rules of the switched observer.
+    seed : int, optional
+        Seed of the mismatches.
+    n_jobs : int, optional
+        Processes; a second one pays only for thousands of runs.
+    progress : bool, optional
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    MonteCarlo
+        An estimate counts as diverged if its position, after 0.1 s, is off by
+        more than at the start and by more than a hundred increments.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> found = presets.clutch_monte_carlo(runs=3, duration=1.0, progress=False)
+    >>> found.diverged
+    {'reading': 0, 'paper': 0}
+    """
+    r = samples("reference", reference)
+    quantum = positive("quantum", quantum, unit="m", zero=True)
+    if isinstance(runs, bool) or int(runs) != runs or runs < 1:
+        raise ValueError(f"runs must be a whole number of at least 1, got {runs!r}")
+    if controller.dt != design.dt:
+        raise ValueError(
+            f"controller.dt = {controller.dt:g} s and design.dt = {design.dt:g} s differ: "
+            "make both for one sampling time"
+        )
+    if estimators is None:
+        estimators = {
+            rule: SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper")
+        }
+    rng = np.random.default_rng(seed)
+    mismatches = tuple(Mismatch.draw(rng) for _ in range(int(runs)))
+    work = Parallel(n_jobs=n_jobs, return_as="generator")(
+        delayed(_scores)(
+            one.plant(design, stribeck_speed), controller, r, quantum, estimators, xhat0
+        )
+        for one in mismatches
+    )
+    table = np.array(
+        list(tqdm(work, total=len(mismatches), desc="Monte Carlo", disable=not progress))
+    )
+    return MonteCarlo(
+        mismatches,
+        {name: table[:, k] for k, name in enumerate(estimators)},
+        design.axis.units[0],
+        max(abs(xhat0), 100.0 * quantum) or np.inf,
+    )

@@ -1,0 +1,446 @@
+"""The switched PI observer at work: block, whole-record run, stepper.
+
+All three are faces of the compiled sample in `dryfric_control.observer.kernel`
+and agree to round-off.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.axis import samples
+from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+from dryfric_control.friction import finite, positive
+from dryfric_control.observer import kernel
+from dryfric_control.observer.design import ObserverDesign
+
+Array = NDArray[np.float64]
+
+SWITCHING = {"reading": kernel.READING, "paper": kernel.PAPER, "filippov": kernel.FILIPPOV}
+OUTPUTS = ("xhat", "vhat", "Fhat", "what", "mode")
+#: How far the reading must leave the place of rest to count as motion, in
+#: increments: more than one, since an axis at rest on an edge toggles by one.
+_INCREMENTS = 1.5
+#: Time over which the error of the Coulomb level is learned, in time constants
+#: of the observer: long against its noise, short against one motion.
+_LEARNING = 8.0
+
+
+class Tables(NamedTuple):
+    """A design as the arrays that the compiled observer reads."""
+
+    numbers: Array
+    matrices: Array  # shape (3, 6), one row a mode
+    gains: Array  # shape (nnodes, 3)
+    transitions: NDArray[np.int64]  # shape (nnodes + 1, 3)
+    axis_numbers: Array
+    axis_integers: NDArray[np.int64]
+
+
+class Estimate(NamedTuple):
+    """What the observer states at one sample."""
+
+    x: float  # position
+    v: float  # speed
+    F: float  # friction force
+    w: float  # integral term, minus the friction error
+    mode: int  # 0 stuck, +1 and -1 sliding
+
+
+def tables(
+    design: ObserverDesign, switching: str = "reading", encoder_quantum: float | None = None
+) -> Tables:
+    """Arrays of a design for the compiled observer.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        Gains, axis and sampling time.
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the mode, see `pi_observer`.
+    encoder_quantum : float, optional
+        Increment of the position sensor [m].  Default: ``sqrt(12)`` times the
+        noise the design is for.
+
+    Returns
+    -------
+    Tables
+
+    Raises
+    ------
+    ValueError
+        If `switching` is unknown or `encoder_quantum` is negative.
+    """
+    if switching not in SWITCHING:
+        raise ValueError(f"switching must be one of {', '.join(SWITCHING)}, got {switching!r}")
+    if encoder_quantum is None:
+        quantum = math.sqrt(12.0) * design.noise
+    else:
+        quantum = positive("encoder_quantum", encoder_quantum, unit="m", zero=True)
+    axis = design.axis
+    slowest = design.certificate.spectral_radius[1]
+    numbers = np.array(
+        [
+            design.dt,
+            axis.stick_speed,
+            _INCREMENTS * quantum + axis.stick_speed / axis.stick_rate,
+            slowest ** (1.0 / _LEARNING),
+            SWITCHING[switching],
+        ]
+    )
+    matrices = np.empty((3, 6))
+    for mode in (-1, 0, 1):
+        A, B, E = design.mode_matrices(mode)
+        matrices[mode + 1] = A[0, 1], A[1, 1], *B, *E
+    transitions = np.vstack([design.transition_table(), design.resting_nodes()])
+    arrays = axis.arrays(design.dt)
+    return Tables(
+        numbers,
+        matrices,
+        np.ascontiguousarray(design.node_gains, dtype=float),
+        np.ascontiguousarray(transitions, dtype=np.int64),
+        arrays.numbers,
+        arrays.integers,
+    )
+
+
+def first_memory(
+    design: ObserverDesign, xhat0: float = 0.0, vhat0: float = 0.0, what0: float = 0.0
+) -> Array:
+    """Memory of an observer before its first sample, shape (nstates,)."""
+    history = int(design.axis.arrays(design.dt).integers[kernel.kernels.N_HISTORY])
+    memory = np.zeros(kernel.LINE + history)
+    memory[kernel.XHAT] = finite("xhat0", xhat0)
+    memory[kernel.VHAT] = finite("vhat0", vhat0)
+    memory[kernel.WHAT] = finite("what0", what0)
+    return memory
+
+
+class ObserverResponse(ct.TimeResponseData):
+    """Estimates over a record.
+
+    A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what and mode,
+    inputs u and y, and states xhat, vhat, what.
+    """
+
+    def __init__(
+        self, time: Array, outputs: Array, u: Array, y: Array, units: tuple[str, str], title: str
+    ) -> None:
+        super().__init__(
+            time,
+            outputs,
+            outputs[[0, 1, 3]],
+            np.vstack([u, y]),
+            output_labels=list(OUTPUTS),
+            state_labels=["xhat", "vhat", "what"],
+            input_labels=["u", "y"],
+            issiso=False,
+            title=title,
+        )
+        self.units = units
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
+        return self.y[4].astype(np.int64)
+
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+        """Draw the estimates over time, estimated rest as a light band.
+
+        Parameters
+        ----------
+        ax : sequence of three Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: the title of the response.
+
+        Returns
+        -------
+        control.ControlPlot
+
+        Notes
+        -----
+        `control.time_response_plot` draws every signal in a panel of its own.
+        """
+        axes = axes_of(ax, 3)
+        length, force = self.units
+        axes[0].plot(self.t, self.u[1], ".", color="0.6", markersize=2, label="reading")
+        axes[1].plot(self.t, self.y[1], "C0--", linewidth=1.0)
+        axes[0].plot(self.t, self.y[0], "C0--", linewidth=1.0, label="estimate")
+        axes[2].plot(self.t, self.u[0], color="0.55", linewidth=1.0, label="drive u")
+        axes[2].plot(self.t, self.y[2], "C0--", linewidth=1.0, label="friction, estimate")
+        names = (f"position [{length}]", f"speed [{length}/s]", f"force [{force}]")
+        for one, name in zip(axes, names, strict=True):
+            shade_stuck(one, self.t, self.y[4])
+            one.set_ylabel(name)
+            one.margins(x=0.0)
+        legend_above(axes[0])
+        legend_above(axes[2])
+        axes[-1].set_xlabel("Time [s]")
+        axes[0].set_title(self.title if title is None else title, loc="left")
+        return control_plot(axes)
+
+
+def observe(
+    design: ObserverDesign,
+    u: ArrayLike,
+    y: ArrayLike,
+    *,
+    xhat0: float | None = None,
+    vhat0: float = 0.0,
+    what0: float = 0.0,
+    switching: str = "reading",
+    encoder_quantum: float | None = None,
+) -> ObserverResponse:
+    """Run the observer over a whole record, compiled.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The observer.
+    u : array_like, shape (n,)
+        Drive force at the samples [N].
+    y : array_like, shape (n,)
+        Measured position at the samples [m].
+    xhat0 : float, optional
+        First estimate of the position [m].  Default: the first reading.
+    vhat0, what0 : float, optional
+        First speed [m/s] and integral term [N].
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the mode, see `pi_observer`.
+    encoder_quantum : float, optional
+        Increment of the position sensor [m], see `pi_observer`.
+
+    Returns
+    -------
+    ObserverResponse
+        Outputs xhat, vhat, Fhat, what, mode, each of shape (n,).  Position
+        and speed at a sample are predicted from the samples before it.
+
+    Raises
+    ------
+    ValueError
+        If `u` and `y` are not finite records of one length, or another
+        argument is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.observer import design_pi_observer, observe
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> design = design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
+    >>> u = 12.0 * np.sin(np.arange(4000) * 3e-3)
+    >>> plant = axis.simulate(u, dt=1e-3)
+    >>> estimate = observe(design, u, plant.y[0], encoder_quantum=1e-5)
+    >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
+    True
+    """
+    drive, reading = samples("u", u), samples("y", y)
+    if drive.size != reading.size:
+        raise ValueError(
+            f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
+        )
+    memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
+    out = np.empty((drive.size, kernel.OUTPUTS))
+    kernel.run(*tables(design, switching, encoder_quantum), memory, drive, reading, out)
+    return ObserverResponse(
+        np.asarray(np.arange(drive.size) * design.dt, dtype=float),
+        np.ascontiguousarray(out.T),
+        drive,
+        reading,
+        design.axis.units,
+        f"{design.axis.name}: switched PI observer",
+    )
+
+
+def pi_observer(
+    design: ObserverDesign,
+    *,
+    switching: str = "reading",
+    encoder_quantum: float | None = None,
+    name: str = "observer",
+) -> ct.NonlinearIOSystem:
+    """The switched PI observer as a sampled block.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The observer: its gains, its own Coulomb maps, effects and stick speed.
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the mode, see Notes.
+    encoder_quantum : float, optional
+        Increment of the position sensor [m], by which "reading" tells motion
+        from a toggling last digit.  Default: ``sqrt(12)`` times the noise the
+        design is for; give it if it is known.
+    name : str, optional
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  The first three
+        states are xhat, vhat, what; the others start at zero.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    See Also
+    --------
+    observe : the same over a whole record, far faster.
+    ObserverStepper : the same sample by sample.
+
+    Notes
+    -----
+    With W the net force without friction (u, and the effects that act as a
+    force, at the measured position), i the mode, Fbar the observer's own
+    Coulomb friction without a Stribeck peak, and the matrices of the design ::
+
+        Xhat+ = A_i Xhat + B_i (W - Fbar_i(y)) + E_i w + L_i (y - C Xhat)     (7)
+        w+    = w + G_i (y - C Xhat)
+        Fhat  = Fbar_i(y) - w  when sliding,   W  when stuck;   B_0 = 0
+
+    ``switching="paper"`` decides the mode by the printed automaton: stuck until W
+    leaves [-Fbar_minus, Fbar_plus]; stuck again when abs(vhat) <= Sigma and W lies
+    in it.  An axis that breaks away above the level the observer believes in (a
+    Stribeck peak it does not know suffices) is taken to move while it rests, and
+    one integral for all modes carries the friction error of sliding into the
+    stuck mode, where it is none.
+
+    ``switching="filippov"`` is that automaton with the completion of
+    `FrictionAxis`: a speed estimate through zero turns the mode round only if W
+    pushes that way.  It ends the chatter between +1 and -1 of the printed rule,
+    not its belief that a held axis moves.
+
+    ``switching="reading"``, the default, lets the measurement decide:
+
+    - Stuck, the observer holds the mean reading y_0 since the axis came to rest.
+      Motion in direction s begins when ``s (y - y_0) > d``, with d one and a
+      half increments and the way Sigma / p that a leftover speed still goes; half
+      of d is enough once s W exceeds the sliding level, for then nothing but
+      extra friction can hold the axis.
+    - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way
+      beyond the level there, only when the speed estimate is through zero.
+    - Each mode has an integral of its own.  It is zero when the axis comes to
+      rest, and starts at minus the learned friction error d_s when motion
+      begins, d_s being a slow mean of -s w while sliding that way; the levels
+      above are Fbar_s + d_s.  In the error dynamics that the design certifies,
+      the friction error and w then jump together, and their difference, which
+      is the state, does not.
+
+    Neither rule can tell creeping below an increment per few samples from rest.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.observer import design_pi_observer, pi_observer
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> block = pi_observer(design_pi_observer(axis, dt=1e-3))
+    >>> block.input_labels, block.output_labels
+    (['u', 'y'], ['xhat', 'vhat', 'Fhat', 'what', 'mode'])
+    """
+    arrays = tables(design, switching, encoder_quantum)
+    length = first_memory(design).size
+
+    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+        memory = np.array(x, dtype=float)
+        out = np.empty(kernel.OUTPUTS)
+        kernel.step(*arrays, memory, t, u[0], u[1], out)
+        return memory
+
+    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+        memory = np.array(x, dtype=float)
+        friction = kernel.decide(*arrays, memory, t, u[0], u[1])
+        return np.array([memory[0], memory[1], friction, memory[2], memory[kernel.MODE]])
+
+    states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
+    states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
+    return ct.nlsys(
+        update,
+        output,
+        inputs=["u", "y"],
+        outputs=list(OUTPUTS),
+        states=states,
+        dt=design.dt,
+        name=name,
+    )
+
+
+class ObserverStepper:
+    """The observer sample by sample, for a loop of one's own.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The observer.
+    xhat0, vhat0, what0 : float, optional
+        First estimates of position [m], speed [m/s] and integral term [N].
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the mode, see `pi_observer`.
+    encoder_quantum : float, optional
+        Increment of the position sensor [m], see `pi_observer`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.observer import ObserverStepper, design_pi_observer
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> observer = ObserverStepper(design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
+    >>> observer.step(u=5.0, y=0.0)
+    Estimate(x=0.0, v=0.0, F=5.0, w=0.0, mode=0)
+    """
+
+    def __init__(
+        self,
+        design: ObserverDesign,
+        *,
+        xhat0: float = 0.0,
+        vhat0: float = 0.0,
+        what0: float = 0.0,
+        switching: str = "reading",
+        encoder_quantum: float | None = None,
+    ) -> None:
+        self.design = design
+        self._tables = tables(design, switching, encoder_quantum)
+        self._memory = first_memory(design, xhat0, vhat0, what0)
+        self._out = np.empty(kernel.OUTPUTS)
+        self._samples = 0
+
+    def step(self, u: float, y: float) -> Estimate:
+        """Take one sample and move on to the next.
+
+        Parameters
+        ----------
+        u : float
+            Drive force from this sample on [N].
+        y : float
+            Position read at this sample [m].
+
+        Returns
+        -------
+        Estimate
+            x, v, F, w and mode at this sample.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `y` is not a finite number; the observer stays as it was.
+        """
+        drive, reading = finite("u", u), finite("y", y)
+        t = self._samples * self.design.dt
+        kernel.step(*self._tables, self._memory, t, drive, reading, self._out)
+        self._samples += 1
+        x, v, friction, w, mode = self._out.tolist()
+        return Estimate(x, v, friction, w, int(mode))

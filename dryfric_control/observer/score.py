@@ -1,0 +1,148 @@
+"""How well an estimate follows the plant, in the figures the paper shows."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+
+Array = NDArray[np.float64]
+
+#: Time the observer has to forget its start before position, and before speed
+#: and friction, are judged [s].
+SETTLED_POSITION, SETTLED = 0.1, 0.2
+
+
+@dataclass(frozen=True)
+class EstimateScore:
+    """Errors of an estimate against the plant.
+
+    Attributes
+    ----------
+    position : float
+        Largest position error after 0.1 s [m].
+    speed : float
+        RMS speed error over the RMS of the speed, after 0.2 s [1].
+    friction : float
+        Mean absolute friction error while the plant slips, after 0.2 s, over
+        the mean Coulomb level there [1].
+    friction_bias : float
+        The same with the sign kept: positive if friction is overestimated [1].
+    commutation : float
+        Fraction of all samples with another mode than the plant's [1].
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> score = presets.clutch_experiment(duration=1.0).score
+    >>> score.position < 2.0
+    True
+    """
+
+    position: float
+    speed: float
+    friction: float
+    friction_bias: float
+    commutation: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return asdict(self)
+
+    def summary(self, unit: str = "m") -> str:
+        """The five figures in words.
+
+        Parameters
+        ----------
+        unit : str, optional
+            Unit of position.
+
+        Returns
+        -------
+        str
+        """
+        return "\n".join(
+            [
+                f"position     at most {self.position:.3g} {unit} off after {SETTLED_POSITION:g} s",
+                f"speed        {100 * self.speed:.2f} % of its RMS after {SETTLED:g} s",
+                f"friction     {100 * self.friction:.2f} % of the Coulomb level in slip "
+                f"(bias {100 * self.friction_bias:+.2f} %)",
+                f"commutation  {100 * self.commutation:.2f} % of the samples in another mode",
+            ]
+        )
+
+
+def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array) -> EstimateScore:
+    """Score an estimate.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The plant.
+    dt : float
+        Sampling time [s].
+    plant : ndarray, shape (>=4, n)
+        Rows x, v, F, mode of the plant.
+    estimate : ndarray, shape (5, n)
+        Rows xhat, vhat, Fhat, what, mode.
+
+    Returns
+    -------
+    EstimateScore
+        Figures of parts that the record does not contain are nan.
+    """
+    x, v, friction, mode = plant[:4]
+    near, late = round(SETTLED_POSITION / dt), round(SETTLED / dt)
+    slip = np.flatnonzero(mode != 0)
+    slip = slip[slip >= late]
+    place = np.clip(x[slip], *axis.travel) if axis.travel else x[slip]
+    direction = mode[slip]
+    level = np.where(direction > 0, axis.coulomb(place, 1), axis.coulomb(place, -1))
+    wrong = estimate[2, slip] - friction[slip]
+    scale = level.mean() if slip.size else np.nan
+    moved = np.sqrt(np.mean(v[late:] ** 2)) if v.size > late else 0.0
+    return EstimateScore(
+        position=float(np.max(np.abs(x - estimate[0])[near:], initial=0.0)),
+        speed=float(np.sqrt(np.mean((v - estimate[1])[late:] ** 2)) / moved) if moved else np.nan,
+        friction=float(np.mean(np.abs(wrong)) / scale) if slip.size else np.nan,
+        friction_bias=float(np.mean(direction * wrong) / scale) if slip.size else np.nan,
+        commutation=float(np.mean(mode != estimate[4])),
+    )
+
+
+def switch_delays(mode: Array, estimated: Array, dt: float) -> tuple[Array, Array]:
+    """Delay of the estimated mode at every switch of the plant.
+
+    Parameters
+    ----------
+    mode, estimated : ndarray, shape (n,)
+        Mode of the plant and of the observer.
+    dt : float
+        Sampling time [s].
+
+    Returns
+    -------
+    time : ndarray, shape (nswitches,)
+        Time of each switch of the plant, to the sample [s].
+    delay : ndarray, shape (nswitches,)
+        How much later the observer is in the new mode [s]; negative if it was
+        there before, nan if it never is while the plant's mode lasts.
+    """
+    places = np.flatnonzero(np.diff(mode)) + 1
+    ends = np.append(places[1:], mode.size)
+    starts = np.concatenate([[0], places[:-1]]).astype(int)[: places.size]
+    delay: Array = np.full(places.size, np.nan)
+    for i, (start, place, end) in enumerate(zip(starts, places, ends, strict=True)):
+        right = estimated[start:end] == mode[place]
+        after = np.flatnonzero(right[place - start :])
+        if after.size:
+            first = place - start + after[0]
+            if after[0] == 0:
+                before = np.flatnonzero(~right[:first])
+                first = before[-1] + 1 if before.size else 0
+            delay[i] = (first + start - place) * dt
+    return np.asarray(places * dt, dtype=float), delay

@@ -1,0 +1,288 @@
+"""Ready axes, and the experiment the paper runs on its device.
+
+The paper prints no parameter values: those here are ours, chosen to be those
+of a small geared drive, and none of them is measured.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.friction import CoulombMap, Stribeck, positive
+from dryfric_control.loops import PositionController
+from dryfric_control.observer.closed_loop import (
+    ObservedLoop,
+    filter_reference,
+    simulate_observed_loop,
+)
+from dryfric_control.observer.design import ObserverDesign, design_pi_observer
+from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
+
+#: Travel of the clutch actuator [increments].
+TRAVEL = 10_000.0
+#: Increment of its encoder, the unit of position.
+QUANTUM = 1.0
+#: Corner of the low-pass on the reference (paper, section 5), and bandwidth of
+#: the position loop [rad/s].
+CORNER, BANDWIDTH = 20.0, 20.0
+#: Where the observer believes the axis to be at the start (paper, section 5).
+FIRST_ESTIMATE = 1000.0
+_UNITS = ("inc", "N m")
+
+
+def _over_travel(*coefficients: float) -> tuple[float, ...]:
+    """Coefficients of a polynomial in x from those of one in x / TRAVEL."""
+    return tuple(c / TRAVEL**power for power, c in enumerate(coefficients))
+
+
+def clutch_actuator() -> FrictionAxis:
+    """Motor, rack and springs: dry friction that depends on position.
+
+    Returns
+    -------
+    FrictionAxis
+        Position in encoder increments, force as torque at the motor [N m].
+
+    Notes
+    -----
+    It stands for the device of the paper's section 3, whose values are not
+    printed; these are ours.  An encoder of 4000 increments a turn and an inertia
+    of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is two and a
+    half turns.  Two springs through a bevel leave a torque level between 0.14
+    and 0.22 N m that varies along the travel and differs between the
+    directions.  Breakaway lies 30 % above it.  Stribeck speed and stick speed
+    are equal, as the paper advises to start with: 150 increments a second,
+    0.15 per sample.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> axis = presets.clutch_actuator()
+    >>> axis.coulomb([0.0, 5000.0, 10000.0], +1).round(4).tolist()
+    [0.2, 0.205, 0.22]
+    """
+    return FrictionAxis(
+        mass=3e-7,
+        viscous=6e-7,
+        coulomb=CoulombMap(
+            plus=_over_travel(0.20, 0.10, -0.28, 0.20),
+            minus=_over_travel(0.16, 0.18, -0.22, 0.02),
+        ),
+        stribeck=Stribeck(excess=0.3, speed=150.0),
+        stick_speed=150.0,
+        stick_rate=500.0,
+        travel=(0.0, TRAVEL),
+        name="clutch_actuator",
+        units=_UNITS,
+    )
+
+
+def clutch_observer_axis() -> FrictionAxis:
+    """The clutch actuator as its observer takes it to be.
+
+    Returns
+    -------
+    FrictionAxis
+        As `clutch_actuator` with other Coulomb maps (paper, Fig. 7: 6 to 15 %
+        too low forwards, 6 to 21 % too high backwards), half the stick speed
+        and no Stribeck peak.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> axis = presets.clutch_observer_axis()
+    >>> axis.stribeck is None, axis.stick_speed
+    (True, 75.0)
+    """
+    plant = clutch_actuator()
+    return plant.replace(
+        coulomb=CoulombMap(
+            plus=_over_travel(0.17, 0.10, -0.16, 0.08),
+            minus=_over_travel(0.19, 0.10, -0.12, 0.00),
+        ),
+        stribeck=None,
+        stick_speed=0.5 * plant.stick_speed,
+        name="clutch_observer",
+    )
+
+
+def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
+    """Observer of the clutch actuator, designed on the mismatched axis.
+
+    Parameters
+    ----------
+    dt : float, optional
+        Sampling time [s].
+    **options
+        For `design_pi_observer`.  The default specifications are used, which
+        follow from the encoder increment and the Coulomb level, with the exact
+        discretisation: Euler's rule misses half a sample of acceleration, and
+        on this loop that is a third of the speed error.
+
+    Returns
+    -------
+    ObserverDesign
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> presets.clutch_observer().axis.stick_speed
+    75.0
+    """
+    axis = clutch_observer_axis()
+    settings: dict[str, Any] = {
+        "encoder_quantum": QUANTUM,
+        "discretization": "zoh",
+        "stick_speed": axis.stick_speed,
+    }
+    return design_pi_observer(axis, dt, **(settings | options))
+
+
+def crawl_and_steps(
+    dt: float = 1e-3, duration: float = 12.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Reference of the paper's closed loop: crawls, then steps.
+
+    Parameters
+    ----------
+    dt : float, optional
+        Sampling time [s].
+    duration : float, optional
+        Length [s].
+
+    Returns
+    -------
+    time : ndarray, shape (n,)
+        Time [s].
+    reference : ndarray, shape (n,)
+        Position before the low-pass [increments].
+
+    Notes
+    -----
+    For 4 s it crawls up, back and up again at 225 to 300 increments a
+    second, slow enough for stick-slip; after that it jumps between 7000 and 3000 increments
+    with a period of 2 s.  Periods are the paper's, amplitudes ours.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> time, reference = presets.crawl_and_steps(dt=0.5)
+    >>> reference[[3, 9, 11]].tolist()
+    [375.0, 7000.0, 3000.0]
+    """
+    dt = positive("dt", dt, unit="s")
+    duration = positive("duration", duration, unit="s")
+    time = np.asarray(np.arange(round(duration / dt)) * dt, dtype=float)
+    crawl = np.interp(time, [0.25, 1.5, 2.5, 4.0], [0.0, 375.0, 150.0, 600.0])
+    steps = np.where((time - 4.0) % 2.0 < 1.0 - 0.5 * dt, 7000.0, 3000.0)
+    return time, np.where(time < 4.0 - 0.5 * dt, crawl, steps)
+
+
+def clutch_controller(dt: float = 1e-3) -> PositionController:
+    """Position controller of the clutch actuator.
+
+    Parameters
+    ----------
+    dt : float, optional
+        Sampling time [s].
+
+    Returns
+    -------
+    PositionController
+        With a bandwidth of 20 rad/s, low enough to stick and slip.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> presets.clutch_controller().dt
+    0.001
+    """
+    return PositionController.from_bandwidth(clutch_actuator(), BANDWIDTH, dt)
+
+
+def clutch_experiment(
+    design: ObserverDesign | None = None, *, switching: str = "reading", duration: float = 12.0
+) -> ObservedLoop:
+    """The closed loop of the paper's section 5.
+
+    Parameters
+    ----------
+    design : ObserverDesign, optional
+        The observer.  Default: `clutch_observer`.
+    switching : {"reading", "paper", "filippov"}, optional
+        Rule of the observer's mode, see `pi_observer`.
+    duration : float, optional
+        Length [s].
+
+    Returns
+    -------
+    ObservedLoop
+        Plant at rest at 0, observer started at 1000 increments.
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> run = presets.clutch_experiment(duration=2.0)
+    >>> float(run.estimate.y[0, 0])
+    1000.0
+    """
+    design = clutch_observer() if design is None else design
+    _, reference = crawl_and_steps(design.dt, duration)
+    return simulate_observed_loop(
+        clutch_actuator(),
+        clutch_controller(design.dt),
+        design,
+        reference,
+        bandwidth=CORNER,
+        quantum=QUANTUM,
+        xhat0=FIRST_ESTIMATE,
+        switching=switching,
+    )
+
+
+def clutch_monte_carlo(
+    design: ObserverDesign | None = None,
+    *,
+    runs: int = 500,
+    duration: float = 12.0,
+    **options: Any,
+) -> MonteCarlo:
+    """That closed loop with plants off at random from what is believed.
+
+    Parameters
+    ----------
+    design : ObserverDesign, optional
+        The observer.  Default: `clutch_observer`.
+    runs : int, optional
+        Number of plants.
+    duration : float, optional
+        Length of each run [s].
+    **options
+        For `monte_carlo`: estimators, seed, n_jobs, progress.
+
+    Returns
+    -------
+    MonteCarlo
+
+    Examples
+    --------
+    >>> from dryfric_control import presets
+    >>> presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).scores["paper"].shape
+    (2, 5)
+    """
+    design = clutch_observer() if design is None else design
+    _, reference = crawl_and_steps(design.dt, duration)
+    return monte_carlo(
+        design,
+        clutch_controller(design.dt),
+        filter_reference(reference, CORNER, design.dt),
+        quantum=QUANTUM,
+        stribeck_speed=150.0,
+        runs=runs,
+        xhat0=FIRST_ESTIMATE,
+        **options,
+    )

@@ -273,7 +273,7 @@ def _slide(plant, drive, t0, tau, x, v, s, k1, d):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _step_error(plant, k1, k2, k3, k4, placed, moved, d, allowed):
+def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     """Estimate of the speed error of one step from its stages; 0 if surely allowed.
 
     Three ways to err are told apart.  With a rate a' = lambda a the stages give
@@ -283,30 +283,34 @@ def _step_error(plant, k1, k2, k3, k4, placed, moved, d, allowed):
     way is given, Simpson's rule); the second difference is A phi^2/4, and phi
     follows from it over the first difference, A phi, or over the place force.
     Where such a force passes zero the error is in the place moved to, and phi^2
-    is d^2 times the first difference over the way.
+    is d^2 times the first difference over the way.  Without forces that vary
+    along the way only the first remains: a linear drive is integrated exactly.
     """
     i = plant.integers
-    placed_force = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
+    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or drive.fade != 0.0
     turn, lean = abs(k3 - k2), abs(k2 - k1)
     bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
     way = abs(moved)
-    smooth = 0.42 * d * turn * turn * turn <= allowed * lean * lean
-    if placed_force:
-        smooth = smooth and d * d * d * rise * rise <= 40.0 * allowed * way
-    if smooth and (
-        4.0 * d * bend * bend <= 10.0 * allowed * abs(placed)
-        or d * bend * bend * bend <= 0.63 * allowed * rise * rise
-    ):
-        return 0.0
-    stiff, uneven = 0.0, 0.0
-    if turn > 0.0:
+    stiff = 0.0
+    if 0.14 * d * turn * turn * turn > allowed * lean * lean:
         ratio = turn / (lean + 1e-3 * turn)
         stiff = turn * min(1.0, 0.14 * ratio * ratio)
+    if not along:
+        return d * stiff
+    if (
+        stiff == 0.0
+        and d * d * d * rise * rise <= 40.0 * allowed * way
+        and (
+            4.0 * d * bend * bend <= 10.0 * allowed * abs(placed)
+            or d * bend * bend * bend <= 0.63 * allowed * rise * rise
+        )
+    ):
+        return 0.0
+    uneven, coupled = 0.0, 0.0
     if bend > 0.0:
         ratio = bend / (rise + bend)
         uneven = bend * min(0.53 * ratio * ratio, bend / (7.5 * abs(placed) + bend))
-    coupled = 0.0
-    if placed_force and way > 0.0:
+    if way > 0.0:
         coupled = rise * min(1.0, d * d * rise / (120.0 * way))
     return d * (stiff + uneven + coupled)
 
@@ -507,7 +511,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     calm = (
         lowest > sigma
         and _peak_step(plant, v, v1, s, h) == h
-        and _step_error(plant, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
+        and _step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
     )
     return calm, x1, v1
 
@@ -566,7 +570,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         d = min(longest, h - tau)
         x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = _TOLERANCE * (abs(v) + sigma + d * abs(k1))
-        error = _step_error(plant, k1, k2, k3, k4, placed, x1 - x, d, allowed)
+        error = _step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         if d > _SHORTEST * h:
             if error > allowed:
                 longest = d * max(0.1, 0.9 * (allowed / error) ** 0.2)

@@ -59,6 +59,9 @@ class ObserverDesign:
         Amplitude of the force uncertainty in each mode [N].
     noise : float
         Amplitude of the measurement noise [m].
+    encoder_quantum : float
+        Increment of the position sensor [m]: as given, or the one whose
+        rounding makes `noise`.
     drift : float
         Drift of the friction error per sample [N].
     decay : float
@@ -90,6 +93,7 @@ class ObserverDesign:
     discretization: str
     uncertainty: dict[int, float]
     noise: float
+    encoder_quantum: float
     drift: float
     decay: float
     performance: tuple[float, float, float]
@@ -187,8 +191,9 @@ class ObserverDesign:
         -------
         control.StateSpace
             Discrete; inputs `force` (believed minus true friction [N]), `noise`
-            [m], `drift` [N per sample]; outputs `e_x`, `e_v`, `e_w`, the last
-            being estimated minus true friction [N].
+            [m], `drift` [N per sample]; outputs `e_x`, `e_v` (true minus
+            estimated) and `e_w` = -w [N].  Estimated minus true friction is
+            `force` + `e_w`.
 
         Raises
         ------
@@ -469,6 +474,9 @@ def design_pi_observer(
         discretization=discretization,
         uncertainty=weights.uncertainty,
         noise=weights.noise,
+        encoder_quantum=float(
+            np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
+        ),
         drift=weights.drift,
         decay=weights.decay,
         performance=weights.performance,

@@ -6,7 +6,6 @@ and agree to round-off.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import control as ct
@@ -64,8 +63,8 @@ def tables(
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see `pi_observer`.
     encoder_quantum : float, optional
-        Increment of the position sensor [m].  Default: ``sqrt(12)`` times the
-        noise the design is for.
+        Increment of the position sensor [m].  Default: the
+        design's.
 
     Returns
     -------
@@ -79,7 +78,7 @@ def tables(
     if switching not in SWITCHING:
         raise ValueError(f"switching must be one of {', '.join(SWITCHING)}, got {switching!r}")
     if encoder_quantum is None:
-        quantum = math.sqrt(12.0) * design.noise
+        quantum = design.encoder_quantum
     else:
         quantum = positive("encoder_quantum", encoder_quantum, unit="m", zero=True)
     axis = design.axis
@@ -276,8 +275,7 @@ def pi_observer(
         Rule of the mode, see Notes.
     encoder_quantum : float, optional
         Increment of the position sensor [m], by which "reading" tells motion
-        from a toggling last digit.  Default: ``sqrt(12)`` times the noise the
-        design is for; give it if it is known.
+        from a toggling last digit.  Default: the design's.
     name : str, optional
         Name of the block.
 

@@ -21,7 +21,7 @@ from dryfric_control.observer.memory import ModeGraph
 
 FORMAT, VERSION = "dryfric-control observer design", 1
 _ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
-_NUMBERS = ("dt", "noise", "drift", "decay", "gamma", "output_scale")
+_NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
 _WORDS = ("method", "discretization")
 
 

@@ -1,0 +1,82 @@
+"""Draw the figures of the documentation: ``python docs/make_figures.py``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import control as ct
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dryfric_control as dfc
+from dryfric_control import presets
+from dryfric_control.demo import save, stick_slip
+
+IMAGES = Path(__file__).resolve().parent / "images"
+NAMES = {0: "stuck", 1: "sliding"}
+STYLES = {0: ("0.5", "-"), 1: ("C0", "-")}
+
+
+def bode_and_step(
+    systems: dict[int, ct.StateSpace], title: str, y: str, unit: str
+) -> ct.ControlPlot:
+    """Bode and step plot of one system for each mode, side by side."""
+    figure, axes = plt.subplot_mosaic("ms;ps", figsize=(8.0, 3.8), layout="constrained")
+    magnitude, phase, step = axes["m"], axes["p"], axes["s"]
+    for mode, system in systems.items():
+        colour, line = STYLES[mode]
+        omega = np.logspace(0.0, np.log10(0.95 * np.pi / system.dt), 400)
+        response = np.ravel(system(np.exp(1j * omega * system.dt)))
+        magnitude.loglog(omega, np.abs(response), color=colour, linestyle=line, label=NAMES[mode])
+        phase.semilogx(omega, np.degrees(np.unwrap(np.angle(response))), color=colour)
+        moved = ct.step_response(system, T=np.arange(200) * system.dt)
+        step.plot(1e3 * moved.t, np.ravel(moved.y), color=colour, label=NAMES[mode])
+    magnitude.set(title=title, ylabel=f"magnitude [{unit}]")
+    phase.set(xlabel="Frequency [rad/s]", ylabel="phase [deg]")
+    step.set(title="step", xlabel="Time [ms]", ylabel=y)
+    step.legend(frameon=False)
+    return ct.ControlPlot(np.array(figure.axes), np.array([magnitude, phase, step]), figure)
+
+
+def modes() -> ct.ControlPlot:
+    """From an unknown force to the position, mode by mode."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    systems = {mode: axis.mode_ss(mode, dt=1e-3, input="force") for mode in (0, 1)}
+    return bode_and_step(systems, "force to position", "position [m]", "m/N")
+
+
+def error_dynamics(output: str, through: float, title: str, y: str, unit: str) -> ct.ControlPlot:
+    """From a force uncertainty to an error of the clutch observer."""
+    design = presets.clutch_observer()
+    systems = {}
+    for mode in (0, 1):
+        full = design.error_dynamics(mode)
+        row, column = full.output_labels.index(output), full.input_labels.index("force")
+        part = ct.ss(full.A, full.B[:, [column]], full.C[[row]], [[through]], full.dt)
+        systems[mode] = part
+    return bode_and_step(systems, title, y, unit)
+
+
+def main() -> None:
+    IMAGES.mkdir(exist_ok=True)
+    save(stick_slip(), IMAGES / "stick_slip.png")
+    save(modes(), IMAGES / "modes.png")
+    speed = error_dynamics(
+        "e_v", 0.0, "friction off its map to speed error", "speed error [inc/s]", "inc/s per N m"
+    )
+    save(speed, IMAGES / "error_speed.png")
+    # Estimated minus true friction is the map's error plus e_w.
+    friction = error_dynamics(
+        "e_w", 1.0, "friction off its map to friction error", "friction error [N m]", "1"
+    )
+    save(friction, IMAGES / "error_friction.png")
+    run = presets.clutch_experiment()
+    save(run.plot(), IMAGES / "observer_loop.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,5 +1,6 @@
 """Control of machines with dry friction, on top of python-control."""
 
+from dryfric_control import presets
 from dryfric_control._version import __version__
 from dryfric_control.axis import AxisStepper, FrictionAxis
 from dryfric_control.blocks import (
@@ -49,10 +50,14 @@ from dryfric_control.observer import (
     Certificate,
     CertificateError,
     ObserverDesign,
+    ObserverStepper,
     design_pi_observer,
     load_design,
+    monte_carlo,
     observe,
+    observed_loop,
     pi_observer,
+    simulate_observed_loop,
 )
 from dryfric_control.records import Record, RecordWarning, read_bam, read_record
 from dryfric_control.responses import Events, SimulationResponse
@@ -83,6 +88,7 @@ __all__ = [
     "LoadDependence",
     "LuGre",
     "ObserverDesign",
+    "ObserverStepper",
     "PositionController",
     "PositionDependence",
     "QuadraticDrag",
@@ -104,10 +110,13 @@ __all__ = [
     "identify_coulomb",
     "identify_stribeck",
     "load_design",
+    "monte_carlo",
     "observe",
+    "observed_loop",
     "parameter",
     "pi_observer",
     "position_controller",
+    "presets",
     "read_bam",
     "read_record",
     "reference_filter",
@@ -115,6 +124,7 @@ __all__ = [
     "replay",
     "replay_loop",
     "simulate_loop",
+    "simulate_observed_loop",
     "slow_ramp_experiment",
     "supervisor",
     "switched_axis",

@@ -154,11 +154,15 @@ def fit_and_replay(
     training, held_out = record.split(TRAINING)
     fitted = fit(axis, training, free=_FREE)
     before, after = replay(axis, held_out), replay(fitted.axis, held_out)
+    level, bias = fitted.parameters["coulomb"], fitted.parameters["bias_force.force"]
     summary: dict[str, Any] = {
         "record": record.name,
         "trained_until_s": float(training.t[-1]),
         "parameters": fitted.parameters,
         "standard_errors": fitted.standard_errors,
+        # One level and an offset are two levels: no record parts them.
+        "coulomb_plus": level - bias,
+        "coulomb_minus": level + bias,
         "held_out_windows": {
             "window_s": 0.25,
             "position_rms_before_m": before.rms,
@@ -254,6 +258,10 @@ def run(
     fitted, summary, figures = fit_and_replay(axis, record, controller)
     say(f"Fit of {record.name or 'the record'}, first {TRAINING:.0%}:")
     say(fitted.summary())
+    say(
+        f"Coulomb level and offset are the same as two levels: {summary['coulomb_plus']:.4g} N "
+        f"forwards, {summary['coulomb_minus']:.4g} N backwards"
+    )
     windows = summary["held_out_windows"]
     say(
         "Held out: free runs of 0.25 s, position RMS "
@@ -262,7 +270,11 @@ def run(
         f"(median window {windows['position_median_after_m']:.3g} m)"
     )
     if "held_out_closed_loop" in summary:
-        say(f"Held out: closed loop, {summary['held_out_closed_loop']}")
+        loop = summary["held_out_closed_loop"]
+        say(
+            f"Held out: closed loop, position RMS {loop['position_rms']:.3g} m, force RMS "
+            f"{loop['force_rms']:.3g} N ({loop['relative_force']:.2%} of the force)"
+        )
     say("Slow ramp on a made bench, figures 4 and 5 of the paper")
     summary["bench"], drawn = bench()
     figures |= drawn

@@ -20,6 +20,9 @@ its error estimated from its own stages; stuck is exact in closed form.  A step
 that meets a switching surface is cut there: the cut is found by repeating the
 step itself, not by interpolation, so switching times are as accurate as the
 integration.
+
+One file on purpose, long as it is: numba's cache notices a change of a
+function's own file only.
 """
 
 from __future__ import annotations

@@ -1,0 +1,70 @@
+"""The command line: the demo runs, and tells bad input in one line."""
+
+import json
+import re
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+from dryfric_control.__main__ import main
+from dryfric_control._version import __version__
+
+EMPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
+
+
+@pytest.fixture(autouse=True)
+def no_window():
+    matplotlib.use("Agg")
+
+
+def test_demo_makes_its_own_record_and_recovers_it(tmp_path):
+    assert main(["demo", "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    # The record's own axis: mass 12, levels 9 and 7; the encoder of 2 um leaves 1 %.
+    assert summary["parameters"]["mass"] == pytest.approx(12.0, rel=0.01)
+    assert summary["coulomb_plus"] == pytest.approx(9.0, rel=0.01)
+    assert summary["coulomb_minus"] == pytest.approx(7.0, rel=0.01)
+    windows = summary["held_out_windows"]
+    assert windows["position_rms_after_m"] < 0.01 * windows["position_rms_before_m"]
+    figures = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert {"stick_slip", "fit", "held_out_windows", "held_out_closed_loop"} <= figures
+    assert {"figure_7_maps", "figure_11_modes"} <= figures
+    leftovers = [path for path in (tmp_path / "out").iterdir() if path.stem.startswith("tmp")]
+    assert not leftovers
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not there: ../shared/data/emps")
+def test_demo_recovers_the_mass_of_the_emps_record(tmp_path, capsys):
+    assert main(["demo", "--out", str(tmp_path), "--record", str(EMPS)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    # 95.1 kg: Janot, Gautier, Brunot, 2019; within 3 %.
+    assert summary["parameters"]["mass"] == pytest.approx(95.1, rel=0.03)
+    assert summary["held_out_closed_loop"]["relative_force"] < 0.1
+    assert "Held out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "no file|does not exist|No such file|not found"),
+        ("", "empty"),
+        ("t,u,x\n0,1,2\n0.001,abc,2\n", "row|line"),
+    ],
+)
+def test_bad_record_is_told_in_one_line_and_nothing_is_written(tmp_path, capsys, content, words):
+    record = tmp_path / "run.csv"
+    if content is not None:
+        record.write_text(content)
+    assert main(["demo", "--out", str(tmp_path / "out"), "--record", str(record)]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+    assert re.search(words, message), message
+
+
+def test_version_is_the_package_s(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert __version__ in capsys.readouterr().out

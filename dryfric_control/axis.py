@@ -427,7 +427,7 @@ class FrictionAxis:
             drift = (dt - moved) / rate if rate * dt > 1e-4 else dt**2 * (0.5 - rate * dt / 6.0)
             a = np.array([[1.0, moved], [0.0, 1.0 - fall]])
             b = np.array([[gain * drift], [gain * moved]])
-        return ct.ss(
+        return ModeStateSpace(
             a,
             b,
             np.array([[1.0, 0.0]]),
@@ -457,6 +457,21 @@ class FrictionAxis:
         )
         rows += [f"  {effect.describe()}" for effect in self.effects]
         return "\n".join(rows)
+
+
+class ModeStateSpace(ct.StateSpace):
+    """State space of one mode, drawable even where the input has no effect.
+
+    In mode 0 friction cancels the drive, so B = 0.  Such a system has no
+    transmission zeros; python-control's solver gives not-a-number for them and
+    finds no range of frequencies for a Bode plot.
+    """
+
+    def zeros(self) -> NDArray[np.complex128]:
+        """Transmission zeros, none where the input has no effect."""
+        if not np.any(self.B):
+            return np.empty(0, dtype=complex)
+        return np.asarray(super().zeros(), dtype=complex)
 
 
 class AxisStepper:

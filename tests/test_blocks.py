@@ -1,6 +1,7 @@
 """The python-control faces agree with the compiled path and with theory."""
 
 import control as ct
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -116,8 +117,15 @@ def test_python_control_works_on_the_modes(axis):
         assert linear.A[1, 1] == pytest.approx(-rate, rel=1e-5)
         resp = ct.input_output_response(mode, np.linspace(0.0, 0.1, 20), 2.0, [0.1, 0.2 * index])
         assert np.all(np.isfinite(resp.outputs))
-        ct.step_response(axis.mode_ss(index, DT, input="force"), T=np.arange(100) * DT)
-    ct.frequency_response(axis.mode_ss(1, DT), [1.0, 10.0])
+        for system in (
+            axis.mode_ss(index, DT),
+            axis.mode_ss(index),
+            axis.mode_ss(index, DT, "zoh"),
+        ):
+            assert ct.frequency_response(system).omega.size > 10
+            ct.bode_plot(system)
+            ct.step_response(system, T=np.arange(100) * DT)
+    plt.close("all")
     ct.linearize(dfc.axis_block(axis, DT), [0.0, 0.3, 1.0], [2.0])
 
 

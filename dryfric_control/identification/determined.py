@@ -20,6 +20,9 @@ _OPEN = 0.3
 # telling where either is uncertain by more than this part of its value.
 _TOGETHER, _NOTICED = 0.98, 0.02
 
+#: Pairs told in full.
+_PAIRS = 3
+
 
 def cannot_tell(
     axis: FrictionAxis,
@@ -85,19 +88,24 @@ def cannot_tell(
             )
             told.add(p.name)
     loose = errors > _NOTICED * np.abs(values)
+    pairs = []
     for i in range(len(names)):
         for j in range(i):
-            if (
-                abs(correlation[i, j]) > _TOGETHER
-                and (loose[i] or loose[j])
-                and not ({names[i], names[j]} & told)
-            ):
-                sign = "sum" if correlation[i, j] < 0.0 else "difference"
-                messages.append(
-                    f"{names[j]} and {names[i]} trade against each other (correlation "
-                    f"{correlation[i, j]:+.3f}): the record fixes their weighted {sign} far "
-                    f"better than either{_reason({names[i], names[j]})}"
-                )
+            # Coefficients of a polynomial always trade; its value is what counts.
+            polynomial = "[" in names[i] and "[" in names[j]
+            close = abs(correlation[i, j]) > _TOGETHER and (loose[i] or loose[j])
+            if close and not polynomial and not ({names[i], names[j]} & told):
+                pairs.append((i, j))
+    pairs.sort(key=lambda pair: -abs(correlation[pair]))
+    for i, j in pairs[:_PAIRS]:
+        sign = "sum" if correlation[i, j] < 0.0 else "difference"
+        messages.append(
+            f"{names[j]} and {names[i]} trade against each other (correlation "
+            f"{correlation[i, j]:+.3f}): the record fixes their weighted {sign} far "
+            f"better than either{_reason({names[i], names[j]})}"
+        )
+    if len(pairs) > _PAIRS:
+        messages.append(f"{len(pairs) - _PAIRS} more pairs trade like these, see .correlation")
     return tuple(messages)
 
 

@@ -29,7 +29,12 @@ def test_demo_makes_its_own_record_and_recovers_it(tmp_path):
     assert windows["position_rms_after_m"] < 0.01 * windows["position_rms_before_m"]
     figures = {path.stem for path in (tmp_path / "out").glob("*.png")}
     assert {"stick_slip", "fit", "held_out_windows", "held_out_closed_loop"} <= figures
+    assert {"figure_4_slow_ramp", "figure_5_coulomb", "figure_6_stick_slip"} <= figures
     assert {"figure_7_maps", "figure_11_modes"} <= figures
+    measured, replayed = (summary["bench"]["stick_slip"][k] for k in ("measured", "replayed"))
+    # The replayed stick-slip is the measured one within 10 %.
+    assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)
+    assert replayed["period"] == pytest.approx(measured["period"], rel=0.1)
     leftovers = [path for path in (tmp_path / "out").iterdir() if path.stem.startswith("tmp")]
     assert not leftovers
 

@@ -488,7 +488,7 @@ class AxisStepper:
         self._memory = np.zeros(self._arrays.memory)
         self._memory[:2] = finite("x0", x0), finite("v0", v0)
         self._samples = 0
-        self.F, self._mode = 0.0, 0
+        self.F = 0.0
 
     @property
     def x(self) -> float:

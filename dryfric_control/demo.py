@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from dryfric_control import presets
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.effects import Spring
+from dryfric_control.files import replacing
 from dryfric_control.friction import CoulombMap, Stribeck
 from dryfric_control.identification import (
     Fit,
@@ -296,7 +296,8 @@ def run(
     for name, figure in figures.items():
         save(figure, folder / f"{name}.png")
 
-    write(json.dumps(summary, indent=2) + "\n", folder / "summary.json")
+    with replacing(folder / "summary.json") as temporary:
+        temporary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     say(f"Figures and summary.json are in {folder}")
     return summary
 
@@ -313,24 +314,6 @@ def save(figure: ct.ControlPlot, path: Path) -> None:
     """
     import matplotlib.pyplot as plt
 
-    handle, name = tempfile.mkstemp(suffix=".png", dir=path.parent)
-    os.close(handle)
-    figure.figure.savefig(name, dpi=110)
-    os.replace(name, path)
+    with replacing(path) as temporary:
+        figure.figure.savefig(temporary, dpi=110, format="png")
     plt.close(figure.figure)
-
-
-def write(text: str, path: Path) -> None:
-    """Write a text file, whole or not at all.
-
-    Parameters
-    ----------
-    text : str
-        Content.
-    path : Path
-        Where to.
-    """
-    handle, name = tempfile.mkstemp(suffix=path.suffix, dir=path.parent, text=True)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.replace(name, path)

@@ -810,6 +810,25 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
 
 
 @njit(cache=True, error_model="numpy")
+def doubled(events):
+    """The list of switches with twice the room."""
+    longer = np.empty(2 * events.shape[0])
+    for i in range(events.shape[0]):
+        longer[i] = events[i]
+    return longer
+
+
+@njit(cache=True, error_model="numpy")
+def located(events, count):
+    """The first switches of the list as rows of time, mode before, mode after."""
+    rows = np.empty((count, 3))
+    for i in range(count):
+        for j in range(3):
+            rows[i, j] = events[3 * i + j]
+    return rows
+
+
+@njit(cache=True, error_model="numpy")
 def run(numbers, integers, memory, u, dt, first, t0, out):
     """Whole record into `out`: rows x, v, friction, mode, one column a sample.
 
@@ -827,10 +846,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
     state[MODE] = outputs(plant, t0, dt, state, u[0])[2]
     for k in range(n - 1):
         if 3 * count[0] + ROOM > events.shape[0]:
-            grown = np.empty(2 * events.shape[0])
-            for i in range(3 * count[0]):
-                grown[i] = events[i]
-            events = grown
+            events = doubled(events)
         out[0, k] = state[X]
         end = u[k + 1] if first else u[k]
         out[1, k], out[2, k], out[3, k] = sample(
@@ -839,8 +855,4 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
     out[0, n - 1] = state[X]
     t = t0 + (n - 1) * dt
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
-    located = np.empty((count[0], 3))
-    for i in range(count[0]):
-        for j in range(3):
-            located[i, j] = events[3 * i + j]
-    return located
+    return located(events, count[0])

@@ -68,10 +68,7 @@ def run_loop(
     for k in range(n):
         t = k * dt
         if 3 * count[0] + kernels.ROOM > events.shape[0]:
-            grown = np.empty(2 * events.shape[0])
-            for i in range(3 * count[0]):
-                grown[i] = events[i]
-            events = grown
+            events = kernels.doubled(events)
         y = encode(state[kernels.X], quantum)
         u = control_update(control, past, reference[k], y)
         force = u + disturbance[k]
@@ -81,8 +78,4 @@ def run_loop(
         out[1, k], out[2, k], out[3, k] = kernels.sample(
             plant, t, dt, force, force, state, kernels.pointer(events), kernels.pointer(count)
         )
-    located = np.empty((count[0], 3))
-    for i in range(count[0]):
-        for j in range(3):
-            located[i, j] = events[3 * i + j]
-    return located
+    return kernels.located(events, count[0])

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from .files import replacing
 from .readers import (
     FORMAT,
     MAX_ROWS,
@@ -650,19 +651,15 @@ class Record:
         if not target.parent.is_dir():
             raise FileNotFoundError(f"there is no directory {str(target.parent)!r}; make it first")
         columns = self._columns()
-        temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
-        try:
-            with temporary.open("w", encoding="utf-8", newline="\n") as file:
-                file.write(f"{SIGNATURE} {FORMAT} {json.dumps(self._meta())}\n")
-                file.write(",".join(columns) + "\n")
-                for a in range(0, len(self), 65_536):
-                    chunk = (c[a : a + 65_536].tolist() for c in columns.values())
-                    file.writelines(
-                        ",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True)
-                    )
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with (
+            replacing(target) as temporary,
+            temporary.open("w", encoding="utf-8", newline="\n") as file,
+        ):
+            file.write(f"{SIGNATURE} {FORMAT} {json.dumps(self._meta())}\n")
+            file.write(",".join(columns) + "\n")
+            for a in range(0, len(self), 65_536):
+                chunk = (c[a : a + 65_536].tolist() for c in columns.values())
+                file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
 
     def _columns(self) -> dict[str, FloatArray]:
         """Channels under headings with units."""

@@ -35,7 +35,7 @@ def test_demo_makes_its_own_record_and_recovers_it(tmp_path):
     # The replayed stick-slip is the measured one within 10 %.
     assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)
     assert replayed["period"] == pytest.approx(measured["period"], rel=0.1)
-    leftovers = [path for path in (tmp_path / "out").iterdir() if path.stem.startswith("tmp")]
+    leftovers = [path for path in (tmp_path / "out").iterdir() if path.suffix == ".part"]
     assert not leftovers
 
 

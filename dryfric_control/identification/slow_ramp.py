@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
+from dryfric_control.files import replacing
 from dryfric_control.friction import positive
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.records import Record
@@ -60,18 +59,11 @@ class SlowRamp:
         path : path-like
             File to write; columns ``t [s]`` and ``reference``.
         """
-        target = Path(path)
         unit = self.axis.units[0]
-        handle, name = tempfile.mkstemp(dir=target.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(f"t [s],reference [{unit}]\n")
-                for t, r in zip(self.record.t, self.reference, strict=True):
-                    file.write(f"{t:.9g},{r:.9g}\n")
-            os.replace(name, target)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+            file.write(f"t [s],reference [{unit}]\n")
+            for t, r in zip(self.record.t, self.reference, strict=True):
+                file.write(f"{t:.9g},{r:.9g}\n")
 
     def summary(self) -> str:
         """The experiment in one line."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.effects import REGISTRY
+from dryfric_control.files import replacing
 from dryfric_control.friction import CoulombMap, finite
 from dryfric_control.observer.certificate import Certificate
 from dryfric_control.observer.design import ObserverDesign
@@ -55,17 +54,10 @@ def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
     data["integral_modes"] = design.integral_modes
     data["graph"] = dataclasses.asdict(design.graph)
     data |= {name: getattr(design, name).tolist() for name in _ARRAYS}
-    target = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            # repr of a float is exact, so a design survives bit by bit
-            json.dump(data, file, indent=1, allow_nan=False)
-            file.write("\n")
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        # repr of a float is exact, so a design survives bit by bit
+        json.dump(data, file, indent=1, allow_nan=False)
+        file.write("\n")
 
 
 def load_design(path: str | os.PathLike[str]) -> ObserverDesign:

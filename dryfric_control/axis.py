@@ -12,13 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control import kernels
-from dryfric_control.effects import Effect, law_address
+from dryfric_control.effects import Backlash, Compliance, Effect, Presliding, law_address
 from dryfric_control.friction import CoulombMap, Stribeck, finite, positive
 from dryfric_control.responses import Events, SimulationResponse
 
 if TYPE_CHECKING:
     from dryfric_control.laws import Law
 
+#: Inner states that an effect brings into the kernel.
+INNER = {
+    Presliding.slug: kernels.CONTACT,
+    Backlash.slug: kernels.PLAY,
+    Compliance.slug: kernels.SPRING,
+}
 SWITCHING = {"filippov": kernels.FILIPPOV, "paper": kernels.PAPER}
 MODES = (0, 1, -1)
 
@@ -90,7 +96,10 @@ class FrictionAxis:
     A stuck axis that breaks away against its leftover speed (at most Sigma)
     loses that speed, so that friction never drives the motion.
 
-    The model stops being true below Sigma: it has no presliding displacement.
+    The model stops being true below Sigma: it has no presliding displacement,
+    unless the effect `Presliding` gives it one.  With `Backlash` or
+    `Compliance` there are two masses; x and v are the motor's, F and mode the
+    load's.
 
     Examples
     --------
@@ -141,9 +150,13 @@ class FrictionAxis:
                 raise ValueError(
                     f"effects must hold effects such as dfc.Spring(stiffness=200.0), got {effect!r}"
                 )
-        for action in ("delay", "lag"):
-            if sum(effect.action == action for effect in self.effects) > 1:
-                raise ValueError(f"effects holds more than one {action}: add them up into one")
+        for action in ("delay", "lag", "contact", "transmission"):
+            alike = [effect.slug for effect in self.effects if effect.action == action]
+            if len(alike) > 1:
+                mend = "keep one" if action in ("contact", "transmission") else "add them up"
+                raise ValueError(
+                    f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
+                )
 
     def replace(self, **changes: Any) -> FrictionAxis:
         """Axis with some of its fields changed.
@@ -165,6 +178,34 @@ class FrictionAxis:
         3.0
         """
         return replace(self, **changes)
+
+    def effective(self) -> FrictionAxis:
+        """Axis whose base parameters are those that act.
+
+        Effects that change a base parameter (inertia, viscous, coulomb,
+        stribeck) are applied, in their order, and leave the list of effects.
+        Everything that simulates does this for itself; call it where `mass`,
+        `viscous`, `coulomb` or `stribeck` are read.
+
+        Returns
+        -------
+        FrictionAxis
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=2.0,
+        ...                         effects=(dfc.Inertia(factor=3.0), dfc.BiasForce(force=0.1)))
+        >>> axis.effective().mass, [effect.slug for effect in axis.effective().effects]
+        (3.0, ['bias_force'])
+        """
+        changing = [effect for effect in self.effects if effect.action == "axis"]
+        if not changing:
+            return self
+        axis = self.replace(effects=tuple(e for e in self.effects if e.action != "axis"))
+        for effect in changing:
+            axis = effect.alter(axis)
+        return axis
 
     def arrays(self, dt: float) -> Arrays:
         """Arrays that describe this axis to the compiled kernel.
@@ -195,11 +236,12 @@ class FrictionAxis:
         ndarray, shape (n,)
             Magnitude [N].
         """
+        axis = self.effective()
         place = np.asarray(x, dtype=float)
-        if self.travel is not None:
-            place = np.clip(place, *self.travel)
-        excess = self.stribeck.excess if self.stribeck else 0.0
-        return (1.0 + excess) * self.coulomb(place, direction)
+        if axis.travel is not None:
+            place = np.clip(place, *axis.travel)
+        excess = axis.stribeck.excess if axis.stribeck else 0.0
+        return (1.0 + excess) * axis.coulomb(place, direction)
 
     def simulate(
         self,
@@ -256,6 +298,12 @@ class FrictionAxis:
             raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
         outputs = np.empty((4, force.size))
         if law is not None:
+            for effect in self.effects:
+                if effect.action in ("contact", "transmission"):
+                    raise ValueError(
+                        f"law={law.__class__.__name__}(...) has no place for the effect "
+                        f"{effect.slug!r}: leave out the one or the other"
+                    )
             outputs[:] = law.run(self, force, dt, x0, v0, hold)
             located = _sampled_switches(outputs[3], dt)
         else:
@@ -316,8 +364,9 @@ class FrictionAxis:
         -------
         control.NonlinearIOSystem
             Input u; outputs x, v, F; states x, v.  The block stays in its mode
-            whatever happens.  A delay or lag of the input is left out: it has
-            no place in these two states.
+            whatever happens.  A delay or lag of the input, presliding, a play
+            and a compliance are left out: they have no place in these two
+            states, which are those of the rigid axis.
 
         Raises
         ------
@@ -407,8 +456,9 @@ class FrictionAxis:
             raise ValueError(f'method must be "euler" or "zoh", got {method!r}')
         if input not in ("drive", "force"):
             raise ValueError(f'input must be "drive" or "force", got {input!r}')
-        rate = self.stick_rate if index == 0 else self.viscous / self.mass
-        gain = 0.0 if index == 0 and input == "drive" else 1.0 / self.mass
+        axis = self.effective()
+        rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
+        gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
         if dt == 0.0:
             a = np.array([[0.0, 1.0], [0.0, -rate]])
             b = np.array([[0.0], [gain]])
@@ -592,11 +642,29 @@ def _sampled_switches(mode: NDArray[np.float64], dt: float) -> NDArray[np.float6
     return np.column_stack([places * dt, mode[places - 1], mode[places]])
 
 
+def _inner_numbers(axis: FrictionAxis) -> list[float]:
+    """Numbers of contact and transmission, in the kernel's order."""
+    contact, half_gap, stiffness, damping, inverse_motor = 0.0, 0.0, 0.0, 0.0, 0.0
+    for effect in axis.effects:
+        if isinstance(effect, Presliding):
+            middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+            level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
+            contact = level / effect.distance
+        if isinstance(effect, Backlash):
+            half_gap = 0.5 * effect.gap
+        if isinstance(effect, Compliance):
+            stiffness, damping = effect.stiffness, effect.damping
+        if isinstance(effect, Backlash | Compliance):
+            inverse_motor = 1.0 / (axis.mass * (1.0 - effect.load_fraction))
+    return [contact, half_gap, stiffness, damping, inverse_motor]
+
+
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
+    axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]
-        for action in ("input", "force", "friction", "delay", "lag")
+        for action in ("input", "force", "friction", "delay", "lag", "contact", "transmission")
     }
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     laws = [*by_action["input"], *forces, *by_action["friction"]]
@@ -615,6 +683,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         high,
         delay,
         lag,
+        *_inner_numbers(axis),
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
@@ -628,10 +697,22 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         sum(not effect.depends_on_speed for effect in forces),
         len(by_action["friction"]),
         history,
+        sum(INNER[e.slug] for e in (*by_action["contact"], *by_action["transmission"])),
+        0,
+        0,
     ]
+    if numbers[kernels.CONTACT_STIFFNESS] == 0.0:
+        integers[kernels.STRUCTURE] &= ~kernels.CONTACT
+    if integers[kernels.STRUCTURE]:
+        integers[kernels.INNER_TASK] = kernels.inner_task().address
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
+    if by_action["transmission"]:
+        integers[kernels.N_NUMBERS] = len(numbers)
+        share = by_action["transmission"][0].values[-1]
+        numbers += numbers
+        numbers[integers[kernels.N_NUMBERS] + kernels.INVERSE_MASS] /= share
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

@@ -87,7 +87,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         )
         return np.array([x[0], v, friction, float(mode)])
 
-    states = ["x", "v", "mode", "rest", "lagged"]
+    states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - kernels.HISTORY)]
     return ct.nlsys(
         update,

@@ -11,15 +11,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from numba import cfunc
 
-from dryfric_control.friction import finite
+from dryfric_control.friction import Stribeck, finite
 from dryfric_control.kernels import LAW
 
-#: What an effect may act on.
-ACTIONS = ("input", "force", "friction", "delay", "lag")
+if TYPE_CHECKING:
+    from dryfric_control.axis import FrictionAxis
+
+#: What an effect may act on; those of the first row act by a law.
+ACTIONS = (
+    *("input", "force", "friction"),
+    *("axis", "delay", "lag", "contact", "transmission"),
+)
+_BY_LAW = ACTIONS[:3]
 
 
 def parameter(
@@ -62,8 +69,9 @@ class Effect:
 
     A subclass is a frozen dataclass whose fields are declared with
     `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
-    `experiment`, and, unless it acts by a number alone ("delay", "lag"), a
-    static method `law`.
+    `experiment`, and, for the actions "input", "force" and "friction", a
+    static method `law`; for "axis" a method ``alter(axis)`` that returns the
+    axis with other base parameters.
 
     Notes
     -----
@@ -95,15 +103,17 @@ class Effect:
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
     law: ClassVar[Callable[..., float]]
+    alter: ClassVar[Callable[..., Any]]
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = finite(f"{self.slug}.{item.name}", getattr(self, item.name))
             low, high = item.metadata["bounds"]
             if not low <= value <= high:
+                unit = "" if item.metadata["unit"] == "1" else f" {item.metadata['unit']}"
                 raise ValueError(
-                    f"{self.slug}.{item.name} must lie between {low:g} and {high:g} "
-                    f"{item.metadata['unit']}, got {value!r}"
+                    f"{self.slug}.{item.name} must lie between {low:g} and {high:g}{unit}, "
+                    f"got {value!r}"
                 )
             object.__setattr__(self, item.name, value)
 
@@ -149,8 +159,8 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Raises
     ------
     ValueError
-        If the class lacks a slug, a known action or a law, or takes the slug
-        of another effect.
+        If the class lacks a slug, a known action, a law or an `alter`, or
+        takes the slug of another effect.
 
     Examples
     --------
@@ -174,8 +184,10 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
     if cls.action not in ACTIONS:
         raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
-    if cls.action not in ("delay", "lag") and not callable(getattr(cls, "law", None)):
+    if cls.action in _BY_LAW and not callable(getattr(cls, "law", None)):
         raise ValueError(f"{cls.__name__} needs a static method law(t, x, v, u, ..., p)")
+    if cls.action == "axis" and not callable(getattr(cls, "alter", None)):
+        raise ValueError(f"{cls.__name__} needs a method alter(axis) that returns a FrictionAxis")
     known = REGISTRY.get(cls.slug)
     if known is not None and known.__qualname__ != cls.__qualname__:
         raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
@@ -208,6 +220,148 @@ def law_address(cls: type[Effect]) -> int:
                 raise
             _COMPILED[cls] = cfunc(LAW)(cls.law)
     return int(_COMPILED[cls].address)
+
+
+@register_effect
+@dataclass(frozen=True)
+class Inertia(Effect):
+    """Mass other than the axis' own.
+
+    Parameters
+    ----------
+    factor : float
+        Mass that moves over the axis' `mass` [1].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> axis.replace(effects=(dfc.Inertia(factor=1.5),)).effective().mass
+    3.0
+    """
+
+    factor: float = parameter("1", "moving mass over the axis' own", bounds=(1e-9, math.inf))
+
+    slug = "inertia"
+    title = "wrong inertia"
+    action = "axis"
+    explanation = (
+        "More or less mass moves than believed: a workpiece, a coupling, a gear ratio "
+        "taken wrongly into account."
+    )
+    experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
+
+    def alter(self, axis: FrictionAxis) -> FrictionAxis:
+        """Axis with the other mass."""
+        return axis.replace(mass=self.factor * axis.mass)
+
+
+@register_effect
+@dataclass(frozen=True)
+class ViscousFriction(Effect):
+    """Viscous coefficient other than the axis' own.
+
+    Parameters
+    ----------
+    factor : float
+        Coefficient over the axis' `viscous` [1].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> axis.replace(effects=(dfc.ViscousFriction(factor=2.0),)).effective().viscous
+    30.0
+    """
+
+    factor: float = parameter("1", "coefficient over the axis' own", bounds=(0.0, math.inf))
+
+    slug = "viscous"
+    title = "wrong viscous friction"
+    action = "axis"
+    explanation = (
+        "Speed-proportional friction differs from what was believed: other grease, another "
+        "temperature, a new seal."
+    )
+    experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
+
+    def alter(self, axis: FrictionAxis) -> FrictionAxis:
+        """Axis with the other viscous coefficient."""
+        return axis.replace(viscous=self.factor * axis.viscous)
+
+
+@register_effect
+@dataclass(frozen=True)
+class CoulombFriction(Effect):
+    """Coulomb level other than the axis' own, the same way both directions.
+
+    Parameters
+    ----------
+    factor : float
+        Level over the axis' `coulomb` [1].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=(8.0, 6.0))
+    >>> axis.replace(effects=(dfc.CoulombFriction(factor=1.5),)).effective().coulomb
+    CoulombMap(plus=(12.0,), minus=(9.0,))
+    """
+
+    factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf))
+
+    slug = "coulomb"
+    title = "wrong Coulomb level"
+    action = "axis"
+    explanation = (
+        "Dry friction as a whole is higher or lower than believed: preload, wear, lubrication."
+    )
+    experiment = (
+        "Crawl both ways at the same speed: half the difference of the forces is the level."
+    )
+
+    def alter(self, axis: FrictionAxis) -> FrictionAxis:
+        """Axis with the other levels."""
+        return axis.replace(coulomb=axis.coulomb.scaled(self.factor))
+
+
+@register_effect
+@dataclass(frozen=True)
+class StribeckPeak(Effect):
+    """Friction that is higher at the slowest motion.
+
+    It takes the place of the axis' own Stribeck peak, if there is one.
+
+    Parameters
+    ----------
+    excess : float
+        Relative excess of the breakaway over the Coulomb level [1].
+    speed : float
+        Stribeck speed, over which the excess dies [m/s].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> axis.replace(effects=(dfc.StribeckPeak(excess=0.3, speed=0.01),)).effective().stribeck
+    Stribeck(excess=0.3, speed=0.01)
+    """
+
+    excess: float = parameter("1", "excess of breakaway over Coulomb", bounds=(0.0, math.inf))
+    speed: float = parameter("m/s", "speed over which it dies", bounds=(1e-300, math.inf))
+
+    slug = "stribeck"
+    title = "Stribeck peak"
+    action = "axis"
+    explanation = (
+        "At the slowest motion the film of oil breaks down and friction rises: it takes more "
+        "to start than to keep going."
+    )
+    experiment = "Crawl slower and slower through a soft drive: the axis starts to stick and slip."
+
+    def alter(self, axis: FrictionAxis) -> FrictionAxis:
+        """Axis with this peak."""
+        return axis.replace(stribeck=Stribeck(self.excess, self.speed))
 
 
 @register_effect
@@ -670,3 +824,161 @@ class TimePeriodic(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
+
+
+@register_effect
+@dataclass(frozen=True)
+class Presliding(Effect):
+    """Friction that is elastic before it slides.
+
+    Parameters
+    ----------
+    distance : float
+        Way over which the Coulomb level builds up [m].
+
+    Notes
+    -----
+    Prandtl's element: F = k z with z' = v and k = Fc/distance, up to the
+    friction level, at which it slides; when the motion turns back the contact
+    unloads elastically from where it is.  Fc is one constant level, the mean
+    of both directions in the middle of the travel.  Mode 0 is the elastic
+    phase: the axis moves in it, ``m v' = w - f v - k z``, and stick speed and
+    stick rate have no part in it.  Without a Coulomb level there is no
+    contact.  A simulation starts with the contact unstrained.
+
+    Examples
+    --------
+    Below breakaway the axis swings about u/k and comes to rest there:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=300.0, coulomb=8.0,
+    ...                         effects=(dfc.Presliding(distance=40e-6),))
+    >>> resp = axis.simulate(np.full(500, 4.0), dt=1e-3)
+    >>> round(1e6 * float(resp.y[0, -1]), 6)
+    20.0
+    """
+
+    distance: float = parameter(
+        "m", "way over which the Coulomb level builds up", bounds=(1e-300, math.inf)
+    )
+
+    slug = "presliding"
+    title = "presliding"
+    action = "contact"
+    remembers = True
+    explanation = (
+        "Before it breaks away the contact bends like a spring: the axis gives way by "
+        "micrometres and springs back."
+    )
+    experiment = (
+        "Raise and lower the force slowly below breakaway: the position follows in a loop, "
+        "not on a line and not at all."
+    )
+
+
+@register_effect
+@dataclass(frozen=True)
+class Backlash(Effect):
+    """Free play between motor and load.
+
+    Parameters
+    ----------
+    gap : float
+        Whole width of the play [m].
+    load_fraction : float
+        Share of the mass behind the play [1].
+
+    Notes
+    -----
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
+    load_fraction m, carries all friction and all force effects.  In contact
+    the two move as one until the contact would have to pull; they meet again
+    in a plastic impact that keeps the momentum.  Position and speed are the
+    motor's, friction and mode the load's.  A simulation starts with the motor
+    in the middle of the play.  In contact the net force on both masses counts
+    for a friction that depends on it.
+
+    Examples
+    --------
+    The motor crosses half the play alone, then takes the load along:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.Backlash(gap=2e-3, load_fraction=0.5),))
+    >>> resp = axis.simulate(np.full(100, 5.0), dt=1e-3)
+    >>> float(resp.events.times(0, 1)[0]).__round__(6)     # sqrt(gap m/2/u)
+    0.02
+    """
+
+    gap: float = parameter("m", "whole width of the play", bounds=(1e-300, math.inf))
+    load_fraction: float = parameter(
+        "1", "share of the mass behind the play", bounds=(1e-6, 1.0 - 1e-6)
+    )
+
+    slug = "backlash"
+    title = "backlash"
+    action = "transmission"
+    remembers = True
+    explanation = (
+        "There is play between motor and load: after each reversal the motor runs free, then "
+        "strikes the load."
+    )
+    experiment = (
+        "Reverse slowly under a small force: the motor moves by the play before the force rises."
+    )
+
+
+@register_effect
+@dataclass(frozen=True)
+class Compliance(Effect):
+    """Elastic transmission between motor and load.
+
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness of the transmission [N/m].
+    damping : float
+        Its damping [N s/m].
+    load_fraction : float
+        Share of the mass behind the transmission [1].
+
+    Notes
+    -----
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
+    load_fraction m, carries all friction and all force effects; the force
+    between them is stiffness (x - xl) + damping (v - vl).  Position and speed
+    are the motor's, friction and mode the load's.  A simulation starts with
+    the transmission unstrained.  The steps are a fraction of its natural
+    period as long as it swings: a very stiff one costs time.
+
+    Examples
+    --------
+    The load holds, and the motor winds the transmission up to u/stiffness:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(
+    ...     mass=2.0, viscous=0.0, coulomb=8.0,
+    ...     effects=(dfc.Compliance(stiffness=1e4, damping=60.0, load_fraction=0.5),))
+    >>> resp = axis.simulate(np.full(1000, 4.0), dt=1e-3)
+    >>> round(1e3 * float(resp.y[0, -1]), 6)
+    0.4
+    """
+
+    stiffness: float = parameter("N/m", "stiffness", bounds=(1e-300, math.inf))
+    damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf))
+    load_fraction: float = parameter(
+        "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6)
+    )
+
+    slug = "compliance"
+    title = "compliance"
+    action = "transmission"
+    remembers = True
+    explanation = (
+        "A belt, a long screw or a soft coupling gives way between motor and load: they swing "
+        "against each other."
+    )
+    experiment = "Step the force while sliding: the motor's speed rings at the natural frequency."

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import dryfric_control as dfc
 from dryfric_control.effects import REGISTRY
+from dryfric_control.identification.parameters import Scales, choose, values_of, with_values
 
 DT = 1e-3
 MASS, VISCOUS, COULOMB = 2.0, 3.0, 5.0
@@ -170,6 +171,48 @@ def test_input_effect_maps_the_drive(effect, u, acting):
     np.testing.assert_allclose(one.y, other.y, rtol=1e-14, atol=1e-15)
 
 
+CHANGES = [
+    (dfc.Inertia(1.3), {"mass": 1.3 * MASS}),
+    (dfc.ViscousFriction(0.6), {"viscous": 0.6 * VISCOUS}),
+    (dfc.CoulombFriction(1.2), {"coulomb": 1.2 * COULOMB}),
+    (dfc.StribeckPeak(0.3, 0.02), {"stribeck": dfc.Stribeck(0.3, 0.02)}),
+]
+
+
+@pytest.mark.parametrize(("effect", "change"), CHANGES, ids=lambda p: getattr(p, "slug", ""))
+def test_axis_effect_is_the_axis_with_other_base_parameters(effect, change):
+    u = 9.0 * np.sin(np.arange(2000) * 5e-3)
+    believed = axis_with(effect).replace(stribeck=dfc.Stribeck(0.1, 0.05))
+    actual = axis_with().replace(**({"stribeck": dfc.Stribeck(0.1, 0.05)} | change))
+    same = believed.simulate(u, DT).y
+    # The same arrays reach the same kernel: nothing may differ.
+    assert np.array_equal(same, actual.simulate(u, DT).y)
+    assert not np.array_equal(same, believed.replace(effects=()).simulate(u, DT).y)
+    for index in (0, 1):
+        one, other = believed.mode_ss(index, DT), actual.mode_ss(index, DT)
+        assert np.array_equal(one.A, other.A) and np.array_equal(one.B, other.B)
+    assert np.array_equal(believed.breakaway([0.0, 0.1], 1), actual.breakaway([0.0, 0.1], 1))
+    assert believed.effective() == actual
+    assert actual.effective() is actual
+
+
+def test_axis_effects_act_one_after_the_other_and_keep_the_rest():
+    axis = axis_with(dfc.Inertia(2.0), dfc.Spring(40.0), dfc.Inertia(1.5)).effective()
+    assert axis.mass == 3.0 * MASS
+    assert [effect.slug for effect in axis.effects] == ["spring"]
+
+
+def test_axis_effects_are_parameters_of_a_fit():
+    axis = axis_with(dfc.StribeckPeak(0.3, 0.02))
+    scales = Scales(force=10.0, length=0.1, time=0.5, step=DT)
+    # The effect's peak hides the axis' own, so that a fit must move the effect's.
+    moved, chosen = choose(axis, ("inertia.factor", "stribeck.excess"), scales)
+    names = [parameter.name for parameter in chosen]
+    assert values_of(moved, names).tolist() == [1.0, 0.3]
+    after = with_values(moved, names, [1.2, 0.4]).effective()
+    assert (after.mass, after.stribeck) == (1.2 * MASS, dfc.Stribeck(0.4, 0.02))
+
+
 def test_user_effect_runs_like_a_built_in_one():
     @dfc.register_effect
     @dataclass(frozen=True)
@@ -216,6 +259,12 @@ def test_every_effect_tells_what_it_is():
             lambda: dfc.register_effect(type("A", (dfc.Effect,), {"slug": "a", "action": "force"})),
             "needs a static method law",
         ),
+        (
+            lambda: dfc.register_effect(type("A", (dfc.Effect,), {"slug": "a", "action": "axis"})),
+            "needs a method alter",
+        ),
+        (lambda: dfc.Inertia(0.0), "inertia.factor must lie between 1e-09 and inf"),
+        (lambda: dfc.StribeckPeak(0.3, 0.0), "stribeck.speed must lie between"),
         (
             lambda: dfc.register_effect(
                 type("A", (dfc.Effect,), {"slug": "spring", "action": "delay"})

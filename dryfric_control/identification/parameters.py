@@ -196,7 +196,7 @@ def with_values(
     }
     plus, minus = _levels(axis, given)
     changes["coulomb"] = CoulombMap(plus, minus)
-    if axis.stribeck is not None:
+    if axis.stribeck is not None and not _peak_effect(axis):
         changes["stribeck"] = Stribeck(
             given.get("stribeck.excess", axis.stribeck.excess),
             given.get("stribeck.speed", axis.stribeck.speed),
@@ -236,7 +236,7 @@ def _mean_level(axis: FrictionAxis) -> float:
 
 
 def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis, list[str]]:
-    if name in ("stribeck", "stribeck.excess", "stribeck.speed"):
+    if name in ("stribeck", "stribeck.excess", "stribeck.speed") and not _peak_effect(axis):
         if axis.stribeck is None:
             # No peak yet: a small one, as narrow as the stick band is wide.
             speed = max(axis.stick_speed, 0.02 * scales.of((0, 1, -1)))
@@ -270,6 +270,11 @@ def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis
     return axis, [f"{slug}.{part}"] if part else [f"{slug}.{p}" for p in known.parameters()]
 
 
+def _peak_effect(axis: FrictionAxis) -> bool:
+    """Whether the axis' Stribeck peak is that of an effect."""
+    return any(effect.slug == "stribeck" for effect in axis.effects)
+
+
 def _neutral(effect: type[Effect]) -> Effect:
     """Effect that does nothing yet."""
     values: dict[str, float] = {}
@@ -277,7 +282,7 @@ def _neutral(effect: type[Effect]) -> Effect:
         low, high = item.metadata["bounds"]
         if item.default is not MISSING:
             values[item.name] = float(item.default)
-        elif item.name == "gain":
+        elif item.name in ("gain", "factor"):
             values[item.name] = 1.0
         elif item.name != "limit" and low <= 0.0 <= high:
             values[item.name] = 0.0
@@ -309,7 +314,7 @@ def _get(axis: FrictionAxis, name: str) -> float:
     if place is not None:
         return float(getattr(axis.coulomb, place[0])[place[1]])
     owner, _, part = name.partition(".")
-    if owner == "stribeck":
+    if owner == "stribeck" and not _peak_effect(axis):
         return float(getattr(axis.stribeck, part))
     if part:
         effect = next(e for e in axis.effects if e.slug == owner)

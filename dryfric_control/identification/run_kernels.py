@@ -39,12 +39,39 @@ def _lagged(plant, u, dt, first, k, state):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def free_runs(numbers, integers, size, u, t0, dt, first, edges, x0, v0, rest, active, out):
+def _keep(memory, inner):
+    """Inner states at one instant, into a row of `inner`."""
+    inner[0], inner[1] = memory[kernels.DEFLECTION], memory[kernels.OFFSET]
+    inner[2], inner[3] = memory[kernels.SLIP], memory[kernels.MODE]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _restore(integers, inner, memory):
+    """Inner states of a row of `inner` at the position and speed in memory.
+
+    A load that was stuck stays so, whatever the speed of the motor.
+    """
+    memory[kernels.DEFLECTION], memory[kernels.OFFSET] = inner[0], inner[1]
+    memory[kernels.SLIP], memory[kernels.MODE] = inner[2], inner[3]
+    kind = integers[kernels.STRUCTURE]
+    if not kind & kernels.CONTACT and inner[2] != 0.0 and inner[3] == 0.0:
+        memory[kernels.SLIP] = -memory[kernels.V]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def free_runs(
+    numbers, integers, size, u, t0, dt, first, edges, x0, v0, rest, active, inner, carry, out
+):
     """Positions of free runs over the active windows.
 
     Window w covers the samples edges[w] to edges[w+1] - 1 and starts at
     x0[w], v0[w]; out[k] is the position of its run at sample k.  `size` is the
     length of the memory, `rest` the time at rest before each start.
+
+    `inner` has a row for each window: the inner states with which it starts.
+    With `carry` (all windows active) row w is filled from the end of run
+    w - 1, the first from an axis at rest; without, the rows are used as they
+    are.  An axis without inner states leaves them alone.
     """
     plant = kernels.point(numbers, integers)
     memory = np.zeros(size)
@@ -66,6 +93,11 @@ def free_runs(numbers, integers, size, u, t0, dt, first, edges, x0, v0, rest, ac
             )
         if numbers[kernels.LAG] > 0.0:
             memory[kernels.LAGGED] = _lagged(plant, u, dt, first, a, state)
+        if integers[kernels.STRUCTURE] != 0:
+            if carry and w == 0:
+                kernels.settle(plant, t0 + a * dt, dt, state, u[a])
+                _keep(memory, inner[w])
+            _restore(integers, inner[w], memory)
         _, _, mode = kernels.outputs(plant, t0 + a * dt, dt, state, u[a])
         memory[kernels.MODE] = mode
         if mode != 0:
@@ -76,6 +108,12 @@ def free_runs(numbers, integers, size, u, t0, dt, first, edges, x0, v0, rest, ac
             end = u[k + 1] if first else u[k]
             kernels.sample(plant, t0 + k * dt, dt, u[k], end, state, switches, counted)
             out[k + 1] = memory[kernels.X]
+        if carry and integers[kernels.STRUCTURE] != 0 and w + 2 < edges.shape[0]:
+            # The next window starts one sample later.
+            count[0] = 0
+            end = u[b] if first else u[b - 1]
+            kernels.sample(plant, t0 + (b - 1) * dt, dt, u[b - 1], end, state, switches, counted)
+            _keep(memory, inner[w + 1])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -13,6 +13,7 @@ from dryfric_control.axis import FrictionAxis
 from dryfric_control.friction import positive
 from dryfric_control.identification.motion import rest_times
 from dryfric_control.identification.run_kernels import free_runs
+from dryfric_control.kernels import N_INNER, STRUCTURE
 from dryfric_control.records import Record
 
 FloatArray = NDArray[np.float64]
@@ -85,6 +86,8 @@ class Windows:
         dx: FloatArray | float = 0.0,
         dv: FloatArray | float = 0.0,
         active: NDArray[np.bool_] | None = None,
+        inner: FloatArray | None = None,
+        carry: bool = False,
     ) -> FloatArray:
         """Positions of the free runs.
 
@@ -99,13 +102,39 @@ class Windows:
             Added to the state at the starts.
         active : ndarray of bool, shape (nwindows,), optional
             Windows to run; the others get no value.  Default: all.
+        inner : ndarray, shape (nwindows, kernels.N_INNER), optional
+            Inner states (deflection, offset and slip of the load, mode) at
+            the starts, which no record tells.  Default: those with which the
+            run of the window before has ended; all windows are run then.
+        carry : bool, optional
+            Fill `inner` in place with those states instead of using it.
 
         Returns
         -------
         ndarray, shape (n,)
             One position for each sample of the record.
+
+        Examples
+        --------
+        Runs near a base run keep its inner states, window by window:
+
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> from dryfric_control.kernels import N_INNER
+        >>> t = 1e-3 * np.arange(1000)
+        >>> windows = cut(dfc.Record(t, np.cos(t), np.sin(3 * t)), window=0.25)
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=0.5)
+        >>> inner = np.zeros((len(windows), N_INNER))
+        >>> base = windows.run(axis, inner=inner, carry=True)
+        >>> near = windows.run(axis, dv=1e-3, inner=inner)
+        >>> round(float(near[249] - base[249]), 6)
+        0.000249
         """
+        if inner is None:
+            inner, carry = np.zeros((len(self), N_INNER)), True
         arrays = axis.arrays(self.record.dt)
+        if carry and arrays.integers[STRUCTURE]:
+            active = None
         out = np.zeros(int(self.edges[-1]))
         free_runs(
             arrays.numbers,
@@ -120,6 +149,8 @@ class Windows:
             self.v0 + dv,
             self.rest,
             np.ones(len(self), bool) if active is None else active,
+            inner,
+            carry,
             out,
         )
         return out

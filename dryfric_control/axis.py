@@ -667,7 +667,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         for action in ("input", "force", "friction", "delay", "lag", "contact", "transmission")
     }
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
-    laws = [*by_action["input"], *forces, *by_action["friction"]]
+    levels = sorted(by_action["friction"], key=lambda effect: not effect.within_peak)
+    laws = [*by_action["input"], *forces, *levels]
     delay = sum(e.values[0] for e in by_action["delay"])
     lag = sum(e.values[0] for e in by_action["lag"])
     low, high = axis.travel or (-np.inf, np.inf)
@@ -695,11 +696,12 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         len(by_action["input"]),
         len(forces),
         sum(not effect.depends_on_speed for effect in forces),
-        len(by_action["friction"]),
+        len(levels),
         history,
         sum(INNER[e.slug] for e in (*by_action["contact"], *by_action["transmission"])),
         0,
         0,
+        sum(effect.within_peak for effect in levels),
     ]
     if numbers[kernels.CONTACT_STIFFNESS] == 0.0:
         integers[kernels.STRUCTURE] &= ~kernels.CONTACT

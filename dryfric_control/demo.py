@@ -196,7 +196,7 @@ def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
     with warnings.catch_warnings():
         # A crawl does not show the Stribeck speed; the figure is about the ripple.
         warnings.simplefilter("ignore", FitWarning)
-        peak = identify_stribeck(believed, ramp.record, ramp.controller, starts=2)
+        peak = identify_stribeck(believed, ramp.record, ramp.controller, starts=1)
     figures = {
         "figure_4_slow_ramp": ramp.plot(),
         "figure_5_coulomb": levels.plot(),

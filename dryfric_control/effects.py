@@ -79,7 +79,8 @@ class Effect:
 
     - "force": a force added to the drive [N]; `u` is the drive force;
     - "friction": an addition to the Coulomb level [N]; `level` is that level
-      here and in this `direction`, `u` the net force, `rest` the time at rest;
+      here and in this `direction`, `u` the net force, `rest` the time at rest.
+      The Stribeck peak raises what it adds, unless `within_peak` is false;
     - "input": the drive force that takes the place of `u` [N].
 
     `p` holds the parameters in the order of the fields.  The law is compiled
@@ -102,6 +103,9 @@ class Effect:
     remembers: ClassVar[bool] = False
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
+    #: Whether the Stribeck peak raises what a friction law adds; not where it is
+    #: the friction of another contact, or of the same one at rest alone.
+    within_peak: ClassVar[bool] = True
     law: ClassVar[Callable[..., float]]
     alter: ClassVar[Callable[..., Any]]
 
@@ -725,6 +729,7 @@ class LoadDependence(Effect):
     coefficient: float = parameter("1", "added friction over net force", bounds=(0.0, 1.0))
 
     slug = "load_dependence"
+    within_peak = False
     title = "load-dependent friction"
     action = "friction"
     explanation = (
@@ -780,6 +785,7 @@ class DwellTime(Effect):
     time_constant: float = parameter("s", "time constant", bounds=(1e-9, math.inf))
 
     slug = "dwell_time"
+    within_peak = False
     title = "dwell-time dependence"
     action = "friction"
     remembers = True

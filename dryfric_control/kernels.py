@@ -94,7 +94,8 @@ FILIPPOV, PAPER = 0, 1
 
 #: Places in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
-#: force laws depend on place and time alone.
+#: force laws depend on place and time alone, the first N_PEAKED of the N_LEVEL
+#: level laws are raised by the Stribeck peak.
 #: STRUCTURE tells which inner states the axis has, 0 for none.  With two masses
 #: the numbers are there twice, N_NUMBERS each: with the whole mass, and with
 #: that of the load.
@@ -110,8 +111,9 @@ FILIPPOV, PAPER = 0, 1
     STRUCTURE,
     N_NUMBERS,
     INNER_TASK,
+    N_PEAKED,
     LAWS,
-) = range(12)
+) = range(13)
 
 #: What a STRUCTURE is made of, to be added up.
 CONTACT, PLAY, SPRING = 1, 2, 4
@@ -291,18 +293,30 @@ def _base_level(plant, x, s):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _full_level(plant, t, x, v, w, base, s, rest):
-    """Friction level without Stribeck peak, given the map's level."""
+    """Level that the Stribeck peak raises, without it, given the map's level."""
     level = base
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    for i in range(first, first + plant.integers[N_LEVEL]):
+    for i in range(first, first + plant.integers[N_PEAKED]):
         level += _law(plant, i, t, x, v, w, base, s, rest)
     return max(level, 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _further_level(plant, t, x, v, w, base, s, rest):
+    """Friction of other contacts, which the Stribeck peak does not raise."""
+    level = 0.0
+    first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
+    for i in range(first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]):
+        level += _law(plant, i, t, x, v, w, base, s, rest)
+    return level
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def coulomb_level(plant, t, x, v, w, s, rest):
     """Friction level without Stribeck peak in direction s, a magnitude."""
-    return _full_level(plant, t, x, v, w, _base_level(plant, x, s), s, rest)
+    base = _base_level(plant, x, s)
+    own = _full_level(plant, t, x, v, w, base, s, rest)
+    return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -317,22 +331,31 @@ def _stribeck(plant, level, v, s):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _peaked_level(plant, t, x, v, slip, w, base, s, rest):
+    """Friction level with its Stribeck peak at the speed `slip`, a magnitude."""
+    own = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, rest), slip, s)
+    return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sliding_level(plant, t, x, v, w, s):
     """Friction magnitude F_s(x, v) while sliding in direction s."""
-    return _stribeck(plant, coulomb_level(plant, t, x, v, w, s, 0.0), v, s)
+    return _peaked_level(plant, t, x, v, v, w, _base_level(plant, x, s), s, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
 def breakaway_level(plant, t, x, w, s, rest):
     """Friction that a stuck axis can hold against motion in direction s."""
-    return (1.0 + plant.numbers[EXCESS]) * coulomb_level(plant, t, x, 0.0, w, s, rest)
+    base = _base_level(plant, x, s)
+    own = (1.0 + plant.numbers[EXCESS]) * _full_level(plant, t, x, 0.0, w, base, s, rest)
+    return max(own + _further_level(plant, t, x, 0.0, w, base, s, rest), 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _rate(plant, t, x, v, s, u, placed, base):
     """Acceleration, given the drive, the place forces and the map's level."""
     w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
-    friction = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, 0.0), v, s)
+    friction = _peaked_level(plant, t, x, v, v, w, base, s, 0.0)
     return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
 
 
@@ -1014,7 +1037,7 @@ def _transmitted(side, two, drive, tau, x, v, y, p):
 @njit(cache=True, error_model="numpy")
 def _bound(side, t, y, p, w, s, rest):
     """Friction that an elastic contact can carry in direction s at speed p."""
-    return _stribeck(side, coulomb_level(side, t, y, p, w, s, rest), s * abs(p), s)
+    return _peaked_level(side, t, y, p, s * abs(p), w, _base_level(side, y, s), s, rest)
 
 
 @njit(cache=True, error_model="numpy")

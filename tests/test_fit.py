@@ -249,6 +249,25 @@ def test_emps_mass_and_held_out_errors():
 
 
 @needs_emps
+@pytest.mark.parametrize(
+    ("free", "published"),
+    [
+        (("mass", "viscous", "coulomb", "bias_force"), 4.08),
+        (("mass", "viscous", "coulomb", "bias_force", "viscous_asymmetry"), 3.11),
+    ],
+)
+def test_emps_relative_force_error(free, published):
+    sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+    from identification import force_error
+
+    record = read_record(EMPS)
+    believed = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(believed, record, free, window=0.1, starts=1)
+    # The demand: not above the published error by more than 0.1 point.
+    assert force_error(found.axis, record) < published + 0.1
+
+
+@needs_emps
 def test_emps_closed_loop():
     train, _ = read_record(EMPS).split(0.6)
     axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)

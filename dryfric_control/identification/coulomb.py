@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.friction import CoulombMap
+from dryfric_control.identification.fit import FitWarning
+from dryfric_control.identification.levels import (
+    HIGHEST,
+    blocks_of,
+    choose,
+    inner,
+    solve,
+)
 from dryfric_control.identification.pieces import Pieces, average
 from dryfric_control.identification.uncertainty import half_width
 from dryfric_control.records import Record
@@ -21,24 +30,25 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_HIGHEST = 8  # degree; polynomials beyond do not behave between the data
-# The same where speed must not be averaged away.
+# Longest piece, as a part of the travel, where speed must not be averaged away.
 _FINE = 1.0 / 160.0
+# Blocks of the way, or slips, from which a level over position can be told.
+_ENOUGH = 8
 # Speed that varies more than this (relative) tells viscous friction and inertia.
 _VARIES = 0.1
-_GROUPS = 20
 
 
-@dataclass(frozen=True, eq=False)
-class CoulombIdentification:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CoulombIdentification(CoulombMap):
     """Coulomb levels found in a record, with confidence bands.
 
-    Made by `identify_coulomb`.
+    Made by `identify_coulomb`.  It is a `CoulombMap`, so an axis takes it as
+    its ``coulomb``.
 
     Attributes
     ----------
-    coulomb : CoulombMap
-        Polynomial of each direction, in position.
+    plus, minus : tuple of float
+        Coefficients of each direction, see `CoulombMap`.
     degrees : tuple of int
         Degree for motion in positive and in negative direction.
     travel : tuple of float
@@ -53,7 +63,6 @@ class CoulombIdentification:
     units : tuple of str
     """
 
-    coulomb: CoulombMap
     degrees: tuple[int, int]
     travel: tuple[float, float]
     viscous: float | None
@@ -63,9 +72,10 @@ class CoulombIdentification:
     units: tuple[str, str]
     _fits: dict[int, tuple[FloatArray, FloatArray, int]]
 
-    def __call__(self, x: ArrayLike, direction: int) -> FloatArray:
-        """Level at positions, see `CoulombMap`."""
-        return self.coulomb(x, direction)
+    @property
+    def coulomb(self) -> CoulombMap:
+        """The levels without their uncertainty."""
+        return CoulombMap(self.plus, self.minus)
 
     def standard_error(self, x: ArrayLike, direction: int) -> FloatArray:
         """Standard error of the level.
@@ -82,7 +92,7 @@ class CoulombIdentification:
         ndarray, shape (n,)
         """
         coefficients, covariance, _ = self._fits[direction]
-        basis = legendre.legvander(_inner(x, self.travel), coefficients.size - 1)
+        basis = legendre.legvander(inner(x, self.travel), coefficients.size - 1)
         return np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis))
 
     def band(
@@ -104,8 +114,8 @@ class CoulombIdentification:
         low, high : ndarray, shape (n,)
         """
         coefficients, _, groups = self._fits[direction]
-        reach = half_width(level, groups, coefficients.size) * self.standard_error(x, direction)
-        middle = self.coulomb(x, direction)
+        reach = half_width(level, groups - coefficients.size) * self.standard_error(x, direction)
+        middle = self(x, direction)
         return middle - reach, middle + reach
 
     def apply(self, axis: FrictionAxis) -> FrictionAxis:
@@ -126,7 +136,7 @@ class CoulombIdentification:
         rows = []
         places = np.linspace(*self.travel, 101)
         for i, (s, name) in enumerate(((1, "+"), (-1, "-"))):
-            level = self.coulomb(places, s)
+            level = self(places, s)
             error = self.standard_error(places, s)
             rows.append(
                 (
@@ -172,8 +182,8 @@ class CoulombIdentification:
         """
         places = np.linspace(*self.travel, 21)
         return {
-            "plus": list(self.coulomb.plus),
-            "minus": list(self.coulomb.minus),
+            "plus": list(self.plus),
+            "minus": list(self.minus),
             "degrees": list(self.degrees),
             "travel": list(self.travel),
             "viscous": self.viscous,
@@ -210,8 +220,9 @@ def identify_coulomb(
     record : Record
         A slow ramp over the travel and back, see `slow_ramp_experiment`.
     degree : int, optional
-        Degree of the polynomials.  Default: per direction the smallest that
-        predicts held-out stretches as well as any.
+        Degree of the polynomials.  Default: per direction the smallest whose
+        error on held-out stretches is within one standard error of the least,
+        and at most one coefficient for three independent stretches.
     axis : FrictionAxis, optional
         Axis whose mass, viscous coefficient and force effects are taken off the
         drive force.  Default: mass and viscous coefficient are found along
@@ -225,7 +236,12 @@ def identify_coulomb(
     ------
     ValueError
         If the record does not move in both directions, or the degree is out
-        of its range.
+        of its range or too high for the number of slips.
+
+    Warns
+    -----
+    FitWarning
+        When a level rests on a few slips only.
 
     Notes
     -----
@@ -250,9 +266,9 @@ def identify_coulomb(
     >>> found.degrees
     (1, 0)
     """
-    if degree is not None and degree not in range(_HIGHEST + 1):
+    if degree is not None and degree not in range(HIGHEST + 1):
         raise ValueError(
-            f"degree must be a whole number from 0 to {_HIGHEST}, or None, got {degree!r}"
+            f"degree must be a whole number from 0 to {HIGHEST}, or None, got {degree!r}"
         )
     if not isinstance(record, Record):
         raise ValueError(f"record must be a Record, got {type(record).__name__}")
@@ -275,36 +291,33 @@ def identify_coulomb(
         viscous, mass = _along_the_way(fine, travel)
     else:
         known = True  # as far as it matters
-    groups = _time_groups(pieces)
-    held_out: dict[int, FloatArray] = {}
-    degrees: dict[int, int] = {}
     force = pieces.u
     if viscous is not None and mass is not None:
         force = force - viscous * pieces.v - mass * pieces.rise
-    for s in (1, -1):
+    held_out: dict[int, FloatArray] = {}
+    degrees: dict[int, int] = {}
+    blocks: dict[int, NDArray[np.int64]] = {}
+    for s, name in ((1, "positive"), (-1, "negative")):
         own = pieces.direction == s
-        if degree is not None:
-            degrees[s] = int(degree)
-        else:
-            held_out[s], degrees[s] = _choose(
-                _inner(pieces.x[own], travel), s * force[own], pieces.way[own], groups[own]
+        blocks[s] = blocks_of(pieces.only(own))
+        if degree is None:
+            held_out[s], degrees[s] = choose(pieces.only(own), s * force[own], travel, blocks[s])
+        elif degree > int(blocks[s].max()) - 2:
+            raise ValueError(
+                f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
+                f"has {int(blocks[s].max()) + 1}: lower it, or crawl with a stiffer loop"
             )
-    full = _levels(pieces, None if known else fine, travel, degrees)
-    fine_groups = _time_groups(fine)
-    left = [
-        _levels(
-            _taken(pieces, groups != g),
-            None if known else _taken(fine, fine_groups != g),
-            travel,
-            degrees,
-        )
-        for g in range(_GROUPS)
-    ]
-    fits = {}
-    for s in (1, -1):
-        moved = np.array([one[s] for one in left])
-        moved -= moved.mean(axis=0)
-        fits[s] = (full[s], (_GROUPS - 1) / _GROUPS * moved.T @ moved, _GROUPS)
+        else:
+            degrees[s] = int(degree)
+        count = int(blocks[s].max()) + 1
+        if count < _ENOUGH:
+            warnings.warn(
+                f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
+                "makes more and smaller ones",
+                FitWarning,
+                stacklevel=2,
+            )
+    fits = _levels(pieces, None if known else fine, travel, degrees, blocks)
     powers = [
         tuple(Legendre(fits[s][0], domain=travel).convert(kind=Polynomial).coef.tolist())
         for s in (1, -1)
@@ -313,22 +326,16 @@ def identify_coulomb(
         axis.units if axis is not None else (record.units.get("x", "m"), record.units.get("u", "N"))
     )
     return CoulombIdentification(
-        CoulombMap(*powers),
-        (degrees[1], degrees[-1]),
-        travel,
-        viscous,
-        mass,
-        held_out,
-        pieces,
-        units,
-        fits,
+        *powers,
+        degrees=(degrees[1], degrees[-1]),
+        travel=travel,
+        viscous=viscous,
+        mass=mass,
+        held_out=held_out,
+        pieces=pieces,
+        units=units,
+        _fits=fits,
     )
-
-
-def _inner(x: ArrayLike, travel: tuple[float, float]) -> FloatArray:
-    """Positions on [-1, 1], those outside held at the ends."""
-    low, high = travel
-    return np.clip((2.0 * np.asarray(x, dtype=float) - low - high) / (high - low), -1.0, 1.0)
 
 
 def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:
@@ -349,7 +356,7 @@ def _varies(pieces: Pieces) -> bool:
 
 def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, float]:
     """Viscous coefficient and mass by regression, levels of degree 3 aside."""
-    basis = legendre.legvander(_inner(pieces.x, travel), 3)
+    basis = legendre.legvander(inner(pieces.x, travel), 3)
     columns = [basis * (pieces.direction == s)[:, None] for s in (1, -1)]
     table = np.column_stack([*columns, pieces.v, pieces.rise])
     root = np.sqrt(pieces.way)
@@ -357,32 +364,18 @@ def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, 
     return max(float(found[-2]), 0.0), max(float(found[-1]), 0.0)
 
 
-def _time_groups(pieces: Pieces) -> NDArray[np.int64]:
-    """Groups that take turns, each of stretches that follow in time.
-
-    Every direction is crossed by every group, so that leaving one out leaves
-    no long gap in the travel.
-    """
-    done = np.cumsum(pieces.way) / pieces.way.sum()
-    stretch = np.minimum((done * 2 * _GROUPS).astype(np.int64), 2 * _GROUPS - 1)
-    return np.asarray(stretch % _GROUPS)
-
-
-def _taken(pieces: Pieces, keep: NDArray[np.bool_]) -> Pieces:
-    return Pieces(
-        pieces.way[keep],
-        pieces.x[keep],
-        pieces.u[keep],
-        pieces.v[keep],
-        pieces.rise[keep],
-        pieces.direction[keep],
-    )
-
-
 def _levels(
-    pieces: Pieces, fine: Pieces | None, travel: tuple[float, float], degrees: dict[int, int]
-) -> dict[int, FloatArray]:
-    """Legendre coefficients of the level in each direction."""
+    pieces: Pieces,
+    fine: Pieces | None,
+    travel: tuple[float, float],
+    degrees: dict[int, int],
+    blocks: dict[int, NDArray[np.int64]],
+) -> dict[int, tuple[FloatArray, FloatArray, int]]:
+    """Legendre coefficients, covariance and number of blocks by direction.
+
+    The covariance comes from leaving out one block at a time, with what was
+    found along the way found anew.
+    """
     force = pieces.u
     if fine is not None:
         viscous, mass = _along_the_way(fine, travel)
@@ -390,51 +383,14 @@ def _levels(
     found = {}
     for s in (1, -1):
         own = pieces.direction == s
-        found[s] = _solve(
-            _inner(pieces.x[own], travel), s * force[own], pieces.way[own], degrees[s]
-        )
+        part = pieces.only(own)
+        full = solve(part, s * force[own], travel, degrees[s])
+        count = int(blocks[s].max()) + 1
+        moved = np.empty((count, degrees[s] + 1))
+        for g in range(count):
+            keep = blocks[s] != g
+            values = full.values
+            moved[g] = np.linalg.lstsq(full.rows[keep], values[keep], rcond=None)[0]
+        moved -= moved.mean(axis=0)
+        found[s] = (full.coefficients, (count - 1) / count * moved.T @ moved, count)
     return found
-
-
-def _solve(z: FloatArray, y: FloatArray, w: FloatArray, degree: int) -> FloatArray:
-    """Weighted polynomial fit with Huber's loss, Legendre coefficients."""
-    basis = legendre.legvander(z, degree)
-    weight = w.copy()
-    coefficients: FloatArray = np.zeros(degree + 1)
-    for _ in range(20):
-        root = np.sqrt(weight)
-        new = np.asarray(np.linalg.lstsq(basis * root[:, None], y * root, rcond=None)[0])
-        done = np.max(np.abs(new - coefficients)) < 1e-10 * np.max(np.abs(new))
-        coefficients = new.astype(np.float64)
-        if done:
-            break
-        # Each piece's error scaled as its average over the way would have it.
-        error = np.abs(y - basis @ coefficients) * np.sqrt(w / w.mean())
-        scale = 1.4826 * float(np.median(error))
-        limit = 1.5 * scale if scale > 0.0 else np.inf
-        weight = w * np.minimum(1.0, limit / np.maximum(error, 1e-300))
-    return np.asarray(coefficients)
-
-
-def _choose(
-    z: FloatArray, y: FloatArray, w: FloatArray, groups: NDArray[np.int64]
-) -> tuple[FloatArray, int]:
-    """Held-out error of each degree, and the smallest that is as good as any."""
-    highest = min(_HIGHEST, z.size // 4)
-    errors = np.zeros((highest + 1, groups.max() + 1))
-    for d in range(highest + 1):
-        for g in np.unique(groups):
-            out = groups == g
-            inside = (z >= z[~out].min()) & (z <= z[~out].max())
-            out_inside = out & inside  # nothing predicts beyond the data
-            if not out_inside.any():
-                continue
-            left = legendre.legval(z[out_inside], _solve(z[~out], y[~out], w[~out], d))
-            errors[d, g] = np.sum(w[out_inside] * (y[out_inside] - left) ** 2)
-    best = int(np.argmin(errors.sum(axis=1)))
-    for d in range(best + 1):
-        worse = errors[d] - errors[best]
-        spread = np.sqrt(worse.size) * np.std(worse, ddof=1)
-        if worse.sum() <= spread:
-            break
-    return np.sqrt(errors.sum(axis=1) / w.sum()), d

@@ -22,6 +22,8 @@ from dryfric_control.identification.start import force_start
 from dryfric_control.identification.uncertainty import (
     block_labels,
     bootstrap,
+    degrees_of_freedom,
+    expanded,
     half_width,
     jackknife,
 )
@@ -89,13 +91,13 @@ class Fit:
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
-        searched, z, gradients, _, labels, covariance = self._terms
-        reach = half_width(level, int(labels.max()) + 1, len(searched))
-        ends = {}
-        for p, c, s in zip(searched, z, np.sqrt(np.diag(covariance)), strict=True):
-            low, high = c - reach * s, c + reach * s
-            ends[p.name] = (p.value(low), p.value(high))
-        return ends
+        searched, z, _, normals, labels, covariance = self._terms
+        freedom = degrees_of_freedom(normals, labels, _prior(searched))
+        reach = half_width(level, freedom) * np.sqrt(np.diag(covariance))
+        return {
+            p.name: (p.value(c - r), p.value(c + r))
+            for p, c, r in zip(searched, z, reach, strict=True)
+        }
 
     def bootstrap(
         self, level: float = 0.9, repeats: int = 1000, seed: int = 0
@@ -118,7 +120,8 @@ class Fit:
         """
         searched, z, gradients, normals, labels, _ = self._terms
         steps = bootstrap(gradients, normals, labels, _prior(searched), repeats, seed)
-        ends = np.quantile(steps, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0)
+        freedom = degrees_of_freedom(normals, labels, _prior(searched))
+        ends = expanded(steps, level, freedom)
         return {
             p.name: (p.value(c + a), p.value(c + b))
             for p, c, a, b in zip(searched, z, *ends, strict=True)
@@ -352,6 +355,16 @@ def fit_windows(
     problem.scales = np.min([scales for _, scales in found], axis=0).tolist()
     z = min((z for z, _ in found), key=lambda z: problem.loss(problem.parts(z)))
     return _result(problem, z, first, block, window)
+
+
+def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) -> Fit:
+    """How sure the parameters of an axis are where it stands, without a search."""
+    axis, parameters = choose(axis, free, typical([w.record for w in parts]))
+    problem = Problem(axis, parameters, parts)
+    values = values_of(axis, problem.names)
+    z = np.array([p.search(v) for p, v in zip(parameters, values, strict=True)])
+    problem.narrow(z)
+    return _result(problem, z, z, None, 0.25)
 
 
 def typical(records: Sequence[Record]) -> Scales:

@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import joblib
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+from tqdm.auto import tqdm
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import Stribeck
-from dryfric_control.identification.fit import Fit, fit_windows
+from dryfric_control.friction import CoulombMap, Stribeck
+from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
+from dryfric_control.identification.parameters import Scales, choose, values_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
+from dryfric_control.identification.solve import Problem, minimise
+from dryfric_control.identification.start import Sliding
 from dryfric_control.identification.stick_slip import Ripple, Sticks, ripple, stick_phases
-from dryfric_control.identification.windows import cut
+from dryfric_control.identification.windows import Windows, cut
 from dryfric_control.loops import PositionController
 from dryfric_control.records import Record
 
 if TYPE_CHECKING:
     import control as ct
 
+FloatArray = NDArray[np.float64]
+
 _FEWEST = 5
-# The peak is looked for from this part of the slips' speed on.
-_SLOWEST = 0.1
+# Points of the regression that are replayed; ripple this close is as good as equal.
+_TRIED, _CLOSE = 8, 0.05
+# Slips of each direction that the first fit reads, from this part of their way on.
+_SOME, _GONE = 8, 0.03
+# Where the peak is looked for first, as parts of the slips' speed.
+_SPEEDS = np.geomspace(0.01, 1.0, 21)
+# Sliding samples that the regression reads.
+_ENOUGH = 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +126,7 @@ def identify_stribeck(
     controller: PositionController | None = None,
     *,
     free: Sequence[str] = ("stribeck", "stick_speed", "coulomb_map"),
-    starts: int = 6,
-    seed: int = 0,
+    starts: int = 2,
     jobs: int = 1,
     progress: bool = False,
 ) -> StribeckIdentification:
@@ -129,9 +144,7 @@ def identify_stribeck(
         What to fit, see `fit`.  The Coulomb levels are fitted again by
         default: a crawl inside the peak has raised them.
     starts : int, optional
-        Number of starting points.
-    seed : int, optional
-        Seed of the starting points.
+        Number of starting points, the most promising of a coarse search.
     jobs : int, optional
         Number of starts that run at the same time.
     progress : bool, optional
@@ -151,6 +164,14 @@ def identify_stribeck(
     Free runs as in `fit`, but each window starts in the middle of a stick
     phase and ends in the next: it holds one break-away, which tells the
     excess, and one slip, which tells over what speed the excess dies.
+
+    Their cost has several valleys.  So the forces of sliding and of break-away
+    are regressed first, over a grid of vs, and refined by free runs of slips
+    alone; the fit starts from the peak whose ripple comes closest, and where it
+    ends with a worse one, that peak is kept.
+
+    A stick speed far below `vs` acts through v - Sigma alone and is told
+    badly; see ``fit.messages`` for what the record leaves open.
 
     Examples
     --------
@@ -177,28 +198,211 @@ def identify_stribeck(
     inner = middles[(middles >= 5) & (middles <= len(record) - 5)]
     edges = np.unique([0, *inner, len(record)])
     windows = cut(record, edges=edges)
-    if axis.stribeck is None:
-        axis = axis.replace(stribeck=_first_guess(axis, record, sticks))
-    found = fit_windows(axis, [windows], free, starts, seed=seed, jobs=jobs, progress=progress)
+    if starts < 1:
+        raise ValueError(f"starts must be at least 1, got {starts!r}")
+
+    def miss(one: FrictionAxis) -> tuple[float, float]:
+        """How far the ripple of an axis is off, where that is equal its free runs."""
+        squares = windows.mean_squares(windows.run(one) - record.x)
+        floor = record.noise**2 + (record.quantum or 0.0) ** 2 + (1e-9 * record.range) ** 2
+        cost = float(np.mean(np.log(squares + floor)))
+        if controller is None or measured is None:
+            return 0.0, cost
+        own = _replayed(replay_loop(one, record, controller))
+        if own is None:
+            return np.inf, cost
+        off = np.log([own.amplitude / measured.amplitude, own.period / measured.period])
+        return max(float(np.max(np.abs(off))), _CLOSE), cost
+
+    measured = ripple(record)
+    points = sorted(_coarse(axis, record, sticks, free)[:_TRIED], key=miss)
+    points += _refined(
+        points[:starts], _slips(record, sticks), typical([record]), free, jobs, progress
+    )
+    best = min(points, key=miss)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        found = fit_windows(best, [windows], free, starts=1)
+        if miss(found.axis) > miss(best):
+            found = assess(best, [windows], free)  # the search went to a wrong valley
+    for message in found.messages:
+        warnings.warn(message, FitWarning, stacklevel=2)
     loop = replayed = None
     if controller is not None:
         loop = replay_loop(found.axis, record, controller)
-        y = loop.response.y
-        replayed = ripple(
-            Record(record.t, y[4], y[5], record.reference, quantum=record.quantum or 0.0)
-        )
-    return StribeckIdentification(found, ripple(record), replayed, loop)
+        replayed = _replayed(loop)
+    return StribeckIdentification(found, measured, replayed, loop)
 
 
-def _first_guess(axis: FrictionAxis, record: Record, sticks: Sticks) -> Stribeck:
-    """Excess from the forces at break-away, speed from that of the slips."""
-    ratios = []
+def _replayed(loop: LoopReplay) -> Ripple | None:
+    y, record = loop.response.y, loop.record
+    return ripple(Record(record.t, y[4], y[5], record.reference, quantum=record.quantum or 0.0))
+
+
+def _coarse(
+    axis: FrictionAxis, record: Record, sticks: Sticks, free: Sequence[str]
+) -> list[FrictionAxis]:
+    """Peaks that explain the forces, the best first, each in a valley of its own.
+
+    Force of sliding samples: Fc(x) + sigma Fc0(x) g(v), of break-away:
+    Fc(x) + sigma Fc0(x), with the levels given as Fc0: for each vs a linear
+    regression for the coefficients of Fc and for sigma.
+    """
+    slide = Sliding(record, _ENOUGH)
+    bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
+    friction = -slide.residual(bare) - axis.viscous * slide.v
+    at = _break_aways(record, sticks)
+    sides = np.concatenate([slide.direction, sticks.direction])
+    places = np.concatenate([slide.x, record.x[at]])
+    force = sides * np.concatenate([friction, record.u[at]])
+    level = np.where(sides > 0, axis.coulomb(places, 1), axis.coulomb(places, -1))
+    speed = np.concatenate([np.abs(slide.v), np.zeros(at.size)])
+    weight = np.ones(sides.size)
+    weight[slide.t.size :] = np.sqrt(max(slide.t.size, 1) / at.size)
+    fastest = float(np.quantile(speed[: slide.t.size], 0.9)) if slide.t.size else axis.stick_speed
+    levels_free = any(name.startswith("coulomb") for name in free)
+    bases = _bases(axis, places, sides) if levels_free else np.empty((sides.size, 0))
+    found = [] if axis.stribeck is None else [(-1.0, axis)]
+    for vs in _SPEEDS * fastest:
+        # The stick speed as believed, and where the paper starts: at vs.
+        for stick in {axis.stick_speed, vs if "stick_speed" in free else axis.stick_speed}:
+            g = np.exp(-((np.maximum(speed - stick, 0.0) / vs) ** 2))
+            rows = np.column_stack([bases, level * g])
+            coefficients, cost = _regression(rows, force if levels_free else force - level, weight)
+            try:
+                one = axis.replace(
+                    coulomb=_map(axis, coefficients[:-1]) if levels_free else axis.coulomb,
+                    stribeck=Stribeck(float(np.clip(coefficients[-1], 0.02, 3.0)), float(vs)),
+                    stick_speed=float(stick),
+                )
+            except ValueError:  # a map that turns negative
+                continue
+            found.append((cost, one))
+    chosen: list[FrictionAxis] = []
+    for _, one in sorted(found, key=lambda pair: pair[0]):
+        if all(_apart(one, other) for other in chosen):
+            chosen.append(one)
+    return chosen or [axis.replace(stribeck=Stribeck(0.2, 0.3 * fastest))]
+
+
+def _bases(axis: FrictionAxis, x: FloatArray, sides: NDArray[np.int64]) -> FloatArray:
+    """Powers of position of each direction, as many as its level has."""
+    low, high = axis.travel or (0.0, 1.0)
+    z = (x - low) / (high - low)
+    plus = np.vander(z, len(axis.coulomb.plus), increasing=True) * (sides > 0)[:, None]
+    minus = np.vander(z, len(axis.coulomb.minus), increasing=True) * (sides < 0)[:, None]
+    return np.column_stack([plus, minus])
+
+
+def _map(axis: FrictionAxis, coefficients: FloatArray) -> CoulombMap:
+    """Levels from coefficients of the columns of `_bases`."""
+    domain = axis.travel or (0.0, 1.0)
+    plus, minus = (
+        np.resize(Polynomial(c, domain=domain, window=(0.0, 1.0)).convert().coef, c.size)
+        for c in np.split(coefficients, [len(axis.coulomb.plus)])
+    )
+    return CoulombMap(tuple(plus.tolist()), tuple(minus.tolist()))
+
+
+def _break_aways(record: Record, sticks: Sticks) -> NDArray[np.int64]:
+    """Last samples of the stick phases at which the reading has not moved yet."""
+    least = max(2.0 * (record.quantum or 0.0), 6.0 * record.noise)
+    after = np.append(sticks.begin[1:], len(record))
+    found = []
+    for a, b, c, s in zip(sticks.begin, sticks.end, after, sticks.direction, strict=True):
+        middle = (a + b) // 2
+        rest = float(np.median(record.x[middle:b]))
+        gone = s * (record.x[middle:c] - rest) > least
+        found.append(middle + int(np.argmax(gone)) - 1 if gone.any() else b)
+    return np.array(found)
+
+
+def _regression(rows: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, float]:
+    """Coefficients by Huber's loss, and the mean absolute error."""
+    root = weight
+    for _ in range(10):
+        scaled = rows * root[:, None]
+        found = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ (y * root), rcond=None)[0]
+        error = np.abs(y - rows @ found)
+        limit = 1.5 * 1.4826 * float(np.median(error))
+        root = weight * np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-300)))
+    return np.asarray(found), float(np.average(error, weights=weight**2))
+
+
+def _apart(a: FrictionAxis, b: FrictionAxis) -> bool:
+    """Whether two peaks differ enough to lie in different valleys."""
+    assert a.stribeck is not None and b.stribeck is not None
+    ratio = abs(np.log(a.stribeck.speed / b.stribeck.speed))
+    return bool(ratio > np.log(2.0) or abs(np.log(a.stick_speed / b.stick_speed)) > np.log(2.0))
+
+
+def _slips(record: Record, sticks: Sticks) -> list[Windows]:
+    """Some slips of each direction, from just after break-away to the next rest.
+
+    Without the break-away itself the free runs depend smoothly on the peak.
+    """
+    at = _break_aways(record, sticks)
+    spans = []
     for s in (1, -1):
-        at = sticks.end[sticks.direction == s] - 1
-        level = np.maximum(axis.coulomb(record.x[at], s), 1e-300)
-        ratios.append(s * record.u[at] / level - 1.0)
-    excess = float(np.clip(np.median(np.concatenate(ratios)), 0.02, 3.0))
-    speed = np.abs(record.derivatives().v)
-    slips = [speed[a:b].max() for a, b in zip(sticks.end[:-1], sticks.begin[1:], strict=True)
-             if b > a]  # fmt: skip
-    return Stribeck(excess, _SLOWEST * float(np.median(slips)) if slips else axis.stick_speed)
+        own = np.flatnonzero(sticks.direction[:-1] == s)
+        for i in own[:: max(1, own.size // _SOME)][:_SOME]:
+            end = int(sticks.begin[i + 1])
+            way = s * (record.x[at[i] : end] - record.x[at[i]])
+            start = int(at[i]) + int(np.argmax(way > _GONE * way[-1]))
+            if way[-1] > 0.0 and end - start >= 20:
+                spans.append((start, end))
+    if not spans:
+        return []
+    edges = np.unique([0, *np.ravel(spans), len(record)])
+    whole = cut(record, edges=edges)
+    parts = []
+    for start, end in spans:
+        pick = slice(i := int(np.searchsorted(edges, start)), i + 1)
+        piece = record[start:end]
+        one = cut(piece, 5.0 * record.dt, edges=np.array([0, len(piece)]))
+        parts.append(
+            replace(
+                one,
+                x0=whole.x0[pick],
+                v0=whole.v0[pick],
+                x0_error=whole.x0_error[pick],
+                v0_error=whole.v0_error[pick],
+                rest=np.zeros(1),
+            )
+        )
+    return parts
+
+
+def _refined(
+    points: Sequence[FrictionAxis],
+    parts: Sequence[Windows],
+    scales: Scales,
+    free: Sequence[str],
+    jobs: int,
+    progress: bool,
+) -> list[FrictionAxis]:
+    """Some axes after a fit of peak and levels to some slips."""
+    names = [name for name in free if name.startswith(("stribeck", "coulomb"))]
+    if not names or not parts:
+        return []
+    # Slips that are cut out never stick: a stick speed would only hold them up.
+    slow = 1e-4 * scales.length / scales.time
+
+    def search(point: FrictionAxis) -> FrictionAxis:
+        axis, parameters = choose(point.replace(stick_speed=slow), names, scales)
+        problem = Problem(axis, parameters, parts)
+        first = values_of(axis, problem.names)
+        start = np.array([p.search(v) for p, v in zip(parameters, first, strict=True)])
+        found = problem.model_at(minimise(problem, start)).axis
+        return found.replace(stick_speed=point.stick_speed)
+
+    run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
+    return list(
+        tqdm(
+            run(joblib.delayed(search)(point) for point in points),
+            total=len(points),
+            desc="identify_stribeck",
+            unit="start",
+            disable=not progress,
+        )
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from dryfric_control.identification.windows import Windows
@@ -160,6 +160,59 @@ def bootstrap(
     return np.asarray(-np.einsum("rij,rj->ri", inverse, weights @ g))
 
 
-def half_width(level: float, blocks: int, parameters: int) -> float:
+def degrees_of_freedom(
+    normals: FloatArray, labels: NDArray[np.int64], prior: FloatArray
+) -> FloatArray:
+    """Degrees of freedom of the variances found by `jackknife`.
+
+    Parameters
+    ----------
+    normals, labels, prior
+        As for `jackknife`.
+
+    Returns
+    -------
+    ndarray, shape (nparameters,)
+        At least 1.
+
+    Notes
+    -----
+    A parameter that few blocks tell has a variance that is known as badly as
+    from that many samples.  With w_b the part of block b in the variance,
+    Satterthwaite: (sum w_b)^2 / sum w_b^2 (cluster-robust inference; R. Bell,
+    D. McCaffrey, Survey Methodology 28, 2002).
+    """
+    h = by_block(normals, labels)
+    inverse = _inverse(h.sum(axis=0) + np.diag(prior), unseen(h.sum(axis=0)))
+    parts = np.einsum("ij,bjk,ki->bi", inverse, h, inverse)
+    squares = np.sum(parts**2, axis=0)
+    found = np.sum(parts, axis=0) ** 2 / np.where(squares > 0.0, squares, 1.0)
+    return np.maximum(found, 1.0)
+
+
+def half_width(level: float, freedom: ArrayLike) -> FloatArray:
     """Standard errors to either side of an interval (Student's t)."""
-    return float(stats.t.ppf(0.5 + 0.5 * level, max(blocks - parameters, 1)))
+    return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)
+
+
+def expanded(steps: FloatArray, level: float, freedom: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends of bootstrap intervals, percentiles expanded for few blocks.
+
+    A plain percentile is to a normal quantile what is wanted here to Student's
+    t (T. Hesterberg, The American Statistician 69, 2015).
+
+    Parameters
+    ----------
+    steps : ndarray, shape (repeats, nparameters)
+    level : float
+    freedom : ndarray, shape (nparameters,)
+
+    Returns
+    -------
+    low, high : ndarray, shape (nparameters,)
+    """
+    tail = stats.norm.cdf(-half_width(level, freedom))
+    columns = list(zip(steps.T, tail, strict=True))
+    low = np.array([np.quantile(column, p) for column, p in columns])
+    high = np.array([np.quantile(column, 1.0 - p) for column, p in columns])
+    return low, high

@@ -1,10 +1,11 @@
-"""Command line: ``python -m dryfric_control demo --out DIR``."""
+"""Command line: ``python -m dryfric_control demo`` or ``diagnose RUN.csv``."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from dryfric_control._version import __version__
 
@@ -22,11 +23,28 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=__version__)
     commands = top.add_subparsers(dest="command", required=True)
+
     demo = commands.add_parser("demo", help="fit an axis to a record, replay it, draw the figures")
     demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
     demo.add_argument(
         "--record", metavar="FILE", help="measured record (CSV or MAT); default: one is made"
     )
+    demo.set_defaults(run=_demo)
+
+    diagnose = commands.add_parser(
+        "diagnose",
+        help="find what a simulated axis gets wrong about a record, and why",
+        description="Writes report.html, report.png, diagnosis.json and extended.toml.",
+    )
+    diagnose.add_argument("record", metavar="RUN.csv", help="measured record (CSV or MAT)")
+    diagnose.add_argument(
+        "--axis", required=True, metavar="FILE", help="the axis as believed, TOML"
+    )
+    diagnose.add_argument(
+        "--out", default="diagnosis", metavar="DIR", help="folder for the results"
+    )
+    diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
+    diagnose.set_defaults(run=_diagnose)
     return top
 
 
@@ -47,14 +65,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     import matplotlib
 
     matplotlib.use("Agg")
-    from dryfric_control import demo
-
     try:
-        demo.run(chosen.out, chosen.record)
+        chosen.run(chosen)
     except (ValueError, OSError) as problem:
-        print(f"{parser().prog}: {problem}", file=sys.stderr)
+        words = " ".join(str(problem).split())
+        print(f"{parser().prog}: {words}", file=sys.stderr)
         return 2
     return 0
+
+
+def _demo(chosen: argparse.Namespace) -> None:
+    from dryfric_control import demo
+
+    demo.run(chosen.out, chosen.record)
+
+
+def _diagnose(chosen: argparse.Namespace) -> None:
+    from dryfric_control.diagnosis.axis_file import read_axis
+    from dryfric_control.diagnosis.diagnose import diagnose
+    from dryfric_control.diagnosis.report import write_report
+    from dryfric_control.records import read_record
+
+    folder = Path(chosen.out)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out {folder} is a file: name a folder")
+    axis = read_axis(chosen.axis)
+    record = read_record(chosen.record)
+    found = diagnose(axis, record, progress=not chosen.quiet)
+    write_report(found, folder)
+    print(found.summary())
+    print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
 
 
 if __name__ == "__main__":

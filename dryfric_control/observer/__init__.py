@@ -9,6 +9,7 @@ from dryfric_control.observer.closed_loop import (
 )
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
+from dryfric_control.observer.own_axis import ObserverWarning
 from dryfric_control.observer.runtime import (
     Estimate,
     ObserverResponse,
@@ -29,6 +30,7 @@ __all__ = [
     "ObserverDesign",
     "ObserverResponse",
     "ObserverStepper",
+    "ObserverWarning",
     "design_pi_observer",
     "filter_reference",
     "load_design",

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import html
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.friction import CoulombMap, positive
+from dryfric_control.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
     ErrorModel,
@@ -24,6 +23,7 @@ from dryfric_control.observer.error_model import (
 )
 from dryfric_control.observer.inequalities import SOLVERS
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
+from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.scaling import Scales, scales_of
 from dryfric_control.observer.synthesis import certified_solution
 from dryfric_control.observer.weights import default_weights
@@ -46,7 +46,7 @@ class ObserverDesign:
     ----------
     axis : FrictionAxis
         The model the observer runs: its own Coulomb maps and stick speed, no
-        Stribeck peak.
+        Stribeck peak, and the effects that it follows.
     dt : float
         Sampling time [s].
     method : str
@@ -317,17 +317,6 @@ def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
     )
 
 
-def _own_axis(axis: Any, coulomb: Any, stick_speed: float | None) -> Any:
-    """The model the observer runs: no Stribeck peak, half the stick speed."""
-    if stick_speed is None:
-        stick_speed = axis.stick_speed / 2.0
-    speed = positive("stick_speed", stick_speed, unit="m/s")
-    changes: dict[str, Any] = {"stribeck": None, "stick_speed": speed}
-    if coulomb is not None:
-        changes["coulomb"] = CoulombMap.of(coulomb)
-    return dataclasses.replace(axis, **changes)
-
-
 def design_pi_observer(
     axis: FrictionAxis,
     dt: float,
@@ -402,8 +391,20 @@ def design_pi_observer(
         If an argument is invalid, a mode is not detectable, the sampling time
         is too long for Euler's rule, or the specifications cannot be met.
 
+    Warns
+    -----
+    ObserverWarning
+        If the axis has effects that the observer leaves out: presliding,
+        backlash, compliance.
+
     Notes
     -----
+    Effects of the axis enter what the observer knows: those on a base
+    parameter its matrices; forces and friction levels the known term, at the
+    measured position and its own speed, time at rest and time since its first
+    sample; gain, dead zone, saturation, delay and lag the known drive.  The
+    slope of a force with position or speed is no part of the certificate.
+
     Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
     the Coulomb level; the noise is the quantization error quantum / sqrt(12),
     kept in the range in which the observer is neither near-deadbeat nor blind;
@@ -429,7 +430,6 @@ def design_pi_observer(
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
-    check_sampling(axis, dt, discretization)
     if window is None:
         window = DEFAULT_WINDOW[method]
     if isinstance(window, bool) or int(window) != window or not 1 <= window <= 64:
@@ -440,7 +440,8 @@ def design_pi_observer(
         )
     if refine < 0 or (refine and method == "paper"):
         raise ValueError(f"refine must be 0 for 'paper' and not negative, got {refine!r}")
-    own = _own_axis(axis, coulomb, stick_speed)
+    own = own_axis(axis, coulomb, stick_speed)
+    check_sampling(own, dt, discretization)
     modes = tuple(integral_modes)
     for mode in modes:
         _check_mode(mode)

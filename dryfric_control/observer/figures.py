@@ -44,6 +44,7 @@ def draw_coulomb_maps(plant: FrictionAxis, own: FrictionAxis, ax: Any = None) ->
     """
     axes = axes_of(ax, 1, figsize=(7.0, 3.6))
     one = axes[0]
+    plant, own = plant.effective(), own.effective()
     low, high = plant.travel or own.travel or (-1.0, 1.0)
     x = np.linspace(low, high, 201)
     for s in (1, -1):

@@ -96,6 +96,7 @@ def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array)
         Figures of parts that the record does not contain are nan.
     """
     x, v, friction, mode = plant[:4]
+    axis = axis.effective()
     near, late = round(SETTLED_POSITION / dt), round(SETTLED / dt)
     slip = np.flatnonzero(mode != 0)
     slip = slip[slip >= late]

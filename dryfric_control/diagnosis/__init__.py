@@ -1,0 +1,21 @@
+"""From data to cause: what the simulation gets wrong, and why."""
+
+from dryfric_control.diagnosis.axis_file import read_axis, write_axis
+from dryfric_control.diagnosis.diagnose import diagnose
+from dryfric_control.diagnosis.evidence import Evidence, evidence
+from dryfric_control.diagnosis.experiment import Experiment, next_experiment
+from dryfric_control.diagnosis.result import Cause, Diagnosis, Gain, Unexplained
+
+__all__ = [
+    "Cause",
+    "Diagnosis",
+    "Evidence",
+    "Experiment",
+    "Gain",
+    "Unexplained",
+    "diagnose",
+    "evidence",
+    "next_experiment",
+    "read_axis",
+    "write_axis",
+]

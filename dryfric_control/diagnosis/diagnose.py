@@ -1,0 +1,320 @@
+"""Diagnose a record: the whole way from data to cause."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm.auto import tqdm
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.candidates import BASE
+from dryfric_control.diagnosis.evidence import where
+from dryfric_control.diagnosis.experiment import next_experiment
+from dryfric_control.diagnosis.floor import REPLAYS, noise_floor
+from dryfric_control.diagnosis.race import Fitted, Race
+from dryfric_control.diagnosis.result import Cause, Diagnosis, Gain, Unexplained
+from dryfric_control.diagnosis.search import Bench
+from dryfric_control.diagnosis.selection import Selection, Selector, effect_of
+from dryfric_control.effects import REGISTRY
+from dryfric_control.friction import positive
+from dryfric_control.identification.fit import typical
+from dryfric_control.identification.windows import Windows, cut
+from dryfric_control.records import Record
+
+FloatArray = NDArray[np.float64]
+
+#: What a window is used for.
+FIT, JUDGE, MEASURE = 0, 1, 2
+# Turn of the blocks of a record, and how long they are at most [s].
+_TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
+_BLOCK, _FEWEST_BLOCKS = 1.0, 12
+_LEAST_WINDOWS = 10
+# Alternatives for which an experiment is sought.
+_RIVALS = 4
+_SLUGS = {name: slug for slug, name in BASE.items()}
+
+
+def roles(windows: Windows) -> NDArray[np.int64]:
+    """What each window is used for, in contiguous blocks.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    ndarray of int64, shape (nwindows,)
+        0 fit, 1 judge, 2 measure.
+    """
+    length = windows.record.duration / len(windows)
+    block = min(_BLOCK, windows.record.duration / _FEWEST_BLOCKS)
+    size = max(1, round(block / length))
+    return np.asarray(_TURN, dtype=np.int64)[(np.arange(len(windows)) // size) % len(_TURN)]
+
+
+def diagnose(
+    axis: FrictionAxis,
+    record: Record,
+    *,
+    window: float = 0.25,
+    hold: str = "zero",
+    jobs: int = 2,
+    progress: bool = False,
+) -> Diagnosis:
+    """Find what a simulation gets wrong about a record, and name the cause.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis as believed.
+    record : Record
+        The measured record: time, drive force, position.
+    window : float, optional
+        Length of the free runs [s].
+    hold : {"zero", "first"}, optional
+        Whether the recorded input is held or runs linearly between samples.
+    jobs : int, optional
+        Candidates fitted at the same time.
+    progress : bool, optional
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, or the record is too short to fit
+        on one part and judge on another, or the axis does not move in it.
+
+    Notes
+    -----
+    Every hypothesis is run freely over short windows of the record, each from
+    its most likely start state, and scored by the mean of log(1 + cost/(4 n)),
+    cost the squared error over the variance of the readings' noise.  Blocks of
+    1 s are used in turn to fit, to judge and (every fifth) only to measure the
+    final gain.  Candidates join one at a time as long as that lowers the score
+    on the blocks that judge; base parameters are free with a prior that a few
+    per cent are nothing to wonder about.  The noise floor comes from replays of
+    the model itself through the record's own encoder.
+
+    The answer holds for what the record excites: a cause that never acts in it
+    is not found, and a verdict "nothing to find" says no more than that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> machine = believed.replace(effects=(dfc.Spring(stiffness=40.0, rest=0.05),))
+    >>> t = 1e-3 * np.arange(6000)
+    >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    >>> d = dfc.diagnose(believed, dfc.Record(t, u, x))
+    >>> d.verdict, [cause.effect for cause in d.causes]
+    ('explained', ['spring'])
+    >>> round(d.causes[0].parameters["stiffness"], 1)
+    40.0
+    """
+    if not isinstance(axis, FrictionAxis):
+        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
+    window = positive("window", window, unit="s")
+    axis = axis.effective()
+    windows = cut(record, window, hold)
+    if len(windows) < _LEAST_WINDOWS:
+        raise ValueError(
+            f"record lasts {record.duration:.3g} s, which is {len(windows)} windows of "
+            f"{window:g} s: give at least {_LEAST_WINDOWS} windows, or a shorter window"
+        )
+    bench = Bench(windows)
+    part = roles(windows)
+    if not np.any(bench.moving & (part == FIT)) or not np.any(bench.moving & (part == JUDGE)):
+        raise ValueError(
+            "record: the axis hardly moves in it, so that it shows no friction; take one with "
+            "slow and fast moves both ways"
+        )
+    bar = tqdm(desc="diagnose", unit="step", disable=not progress)
+
+    def tell(what: str) -> None:
+        bar.set_postfix_str(what)
+        bar.update()
+
+    with bar:
+        race = Race(bench, axis, part == FIT, part == JUDGE, typical([record]), jobs)
+        return _diagnosis(Selector(race, axis, tell), record, window, part)
+
+
+def _diagnosis(
+    selector: Selector, record: Record, window: float, part: NDArray[np.int64]
+) -> Diagnosis:
+    axis, race, bench = selector.axis, selector.race, selector.bench
+    before = race.judged(race.alone(axis, (), base=()))
+    floor_before = selector.floor_of(before)
+    if floor_before.nothing(before.scores, selector.known):
+        found, best, kept = Selection(before), before, list[str]()
+        found.first[""] = float(before.scores[race.judge].mean())
+    else:
+        found, floor = selector.run()
+        best, kept = selector.base(found, floor)
+        if not found.causes and not kept:
+            best = before
+    selector.tell("all data")
+    free = [n for names in found.free.values() for n in names]
+    final = best
+    if free or kept:
+        final = race.alone(best.axis, free, base=kept, active=selector.known, search=True)
+    floor = selector.floor_of(final)
+    explained = floor.reached(final.scores, selector.known)
+    causes = _causes(selector, found, best, final, kept)
+    if causes:
+        verdict = "explained" if explained else "partly explained"
+    else:
+        verdict = "nothing to find" if explained else "unexplained"
+    left = _unexplained(selector, before, final, floor, explained)
+    measured = part == MEASURE
+    gain = _gain(selector, axis, final, measured)
+    experiment = None
+    doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
+    if doubtful is not None:
+        selector.tell("next experiment")
+        rest = selector.without(final.axis, doubtful)
+        rivals = {
+            slug: _in_place(rest, rival, slug)
+            for slug, rival in list(found.rivals[doubtful].items())[:_RIVALS]
+        }
+        experiment = next_experiment(
+            final.axis, list(rivals.values()), record, names=[doubtful, *rivals]
+        )
+    return Diagnosis(
+        axis=axis,
+        record=record,
+        verdict=verdict,
+        causes=tuple(causes),
+        extended=final.axis,
+        gain=gain,
+        unexplained=left,
+        next_experiment=experiment,
+        messages=_messages(causes),
+        scores=found.first,
+        window=window,
+        hold=bench.windows.hold,
+        roles=part,
+    )
+
+
+def _in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis:
+    """The axis with an alternative's effect, and the base that goes with it."""
+    base = {"mass": rival.mass, "viscous": rival.viscous, "coulomb": rival.coulomb}
+    if slug == "stribeck":
+        return axis.replace(stribeck=rival.stribeck, **base)
+    effect = effect_of(rival, slug)
+    return axis.replace(effects=(*axis.effects, *([effect] if effect else [])), **base)
+
+
+def _causes(
+    selector: Selector, found: Selection, best: Fitted, final: Fitted, kept: list[str]
+) -> list[Cause]:
+    race, bench = selector.race, selector.bench
+    at = bench.evaluate(final.axis, selector.known, None, final.starts)
+    errors: dict[str, float] = {}
+    if final.z.size:
+        h = final.hypothesis
+        spread = np.sqrt(np.diag(selector.covariance(final, at)))
+        for p, c, s in zip(h.parameters, final.z, spread, strict=True):
+            errors[p.name] = float(s * p.slope(p.value(c)))
+    values = final.hypothesis.values(final.z)
+    units = {p.name: p.unit for p in final.hypothesis.parameters}
+    causes = []
+    for slug in found.causes:
+        less = race.alone(
+            selector.without(best.axis, slug),
+            [n for s, names in found.free.items() if s != slug for n in names],
+            base=kept,
+        )
+        own = {n.partition(".")[2]: n for n in found.free[slug]}
+        causes.append(
+            _cause(selector, slug, own, values, errors, units, less, best,
+                   found.alternatives.get(slug, ()))
+        )  # fmt: skip
+    bases = []
+    for name in selector.wrong(final, kept):
+        others = [n for n in kept if n != name]
+        free = [n for names in found.free.values() for n in names]
+        less = race.alone(selector.hold(best.axis, [name]), free, base=others)
+        bases.append(
+            _cause(selector, _SLUGS[name], {name: name}, values, errors, units, less, best, ())
+        )
+    return causes + sorted(bases, key=lambda cause: -cause.held_out_gain)
+
+
+def _cause(  # type: ignore[no-untyped-def]
+    selector: Selector, slug: str, own: dict[str, str], values, errors, units,
+    less: Fitted, best: Fitted, alternatives: tuple[str, ...],
+) -> Cause:  # fmt: skip
+    effect = REGISTRY[slug]
+    mean, error = selector.gain(less.scores, best.scores)
+    return Cause(
+        effect=slug,
+        title=effect.title,
+        parameters={short: float(values[name]) for short, name in own.items()},
+        standard_errors={short: errors[name] for short, name in own.items()},
+        units={short: units[name] for short, name in own.items()},
+        held_out_gain=mean,
+        interval=(mean - 1.645 * error, mean + 1.645 * error),
+        alternatives=alternatives,
+        explanation=effect.explanation,
+        experiment=effect.experiment,
+    )
+
+
+def _unexplained(selector, before, final, floor, explained):  # type: ignore[no-untyped-def]
+    expected = floor.expected
+    known = selector.known
+    left = float(np.maximum(final.scores - expected, 0.0)[known].mean())
+    there = float(np.maximum(before.scores - expected, 0.0)[known].mean())
+    fraction = min(left / there, 1.0) if there > 0.0 else 0.0
+    places: tuple[str, ...] = ()
+    if not explained:
+        scores = np.where(known, final.scores, np.nan)
+        places = where(
+            scores, float(floor.worst[known].max()), selector.bench.windows, selector.axis.units
+        )
+    return Unexplained(fraction if not explained else 0.0, not explained, places)
+
+
+def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
+    bench = selector.bench
+    if not np.any(measured & bench.moving):
+        measured = selector.race.judge
+    rows = []
+    for one in (axis, final.axis):
+        at = bench.evaluate(one, measured, thorough=True)
+        rows.append(bench.mean_squares(at.errors)[measured])
+    floor = noise_floor(bench, final.axis, [final.axis] * REPLAYS, at, measured)
+    rng = np.random.default_rng(0)
+    labels = np.unique(selector.labels[np.flatnonzero(measured)], return_inverse=True)[1]
+    blocks = [
+        np.array([row[labels == i].sum() for i in range(int(labels.max()) + 1)]) for row in rows
+    ]
+    picks = rng.integers(0, blocks[0].size, size=(2000, blocks[0].size))
+    ratios = np.sqrt(blocks[0][picks].sum(axis=1) / blocks[1][picks].sum(axis=1))
+    low, high = np.quantile(ratios, [0.05, 0.95])
+    return Gain(
+        before=float(np.sqrt(rows[0].mean())),
+        after=float(np.sqrt(rows[1].mean())),
+        floor=float(np.sqrt(floor.squares[:, measured].mean())),
+        interval=(float(low), float(high)),
+        unit=axis.units[0],
+    )
+
+
+def _messages(causes: list[Cause]) -> tuple[str, ...]:
+    told = []
+    for cause in causes:
+        for name, error in cause.standard_errors.items():
+            if not np.isfinite(error) or error > 0.3 * abs(cause.parameters[name]):
+                if name in ("phase", "rest", "centre"):
+                    continue
+                told.append(f"{cause.effect}.{name} is hardly determined by this record")
+    return tuple(told)

@@ -1,0 +1,493 @@
+"""Simulation beside measurement: what is wrong, and where, before asking why."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import correlate
+from scipy.stats import hypergeom
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.guesses import view
+from dryfric_control.diagnosis.search import Bench
+from dryfric_control.identification.motion import directions
+from dryfric_control.identification.windows import Windows, cut
+from dryfric_control.records import Record, RecordWarning
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Longest lag of the autocorrelation [s].
+_LONGEST_LAG = 0.5
+# Bins of position, speed and time in which a residual is looked for.
+_BINS = 40
+# A place is named if chance puts that many bad windows there less often than
+# this: over all the ranges tried, of randomly strewn bad windows about 1 in 100.
+_SURE = 1e-4
+# It must also hold this share of bad windows, this many times the share elsewhere.
+_SHARE, _TIMES = 0.3, 3.0
+# Part of a window's samples that must lie in a range of speed to count as there.
+_THERE = 0.3
+_MOST_PLACES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One axis beside one record.
+
+    Made by `evidence`.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+    record : Record
+    t, x, v : ndarray, shape (n,)
+        Time, position and speed of samples that slide, zero-phase.
+    residual : ndarray, shape (n,)
+        Force that the axis would need beside its drive to move as measured,
+        m a - (u - f v - F): positive where a push in positive direction is
+        missing.
+    since_reversal : ndarray, shape (n,)
+        Time since the motion last changed direction [s]; NaN before the first
+        time.
+    lags, autocorrelation, white : ndarray, shape (nlags,)
+        Autocorrelation of the residual over the lag [s], and the half width of
+        the band that 95 % of white noise stays in.  The smoothing alone
+        correlates the shortest lags.
+    windows : Windows
+        Windows of the free runs.
+    errors : ndarray, shape (nsamples,)
+        Free run less measured position at every sample of the record, each run
+        from its most likely start state.
+    error_by_window : ndarray, shape (nwindows,)
+        RMS of those errors.
+    mode_measured, mode_simulated : ndarray of int8, shape (nsamples,)
+        +1 or -1 moving, 0 motionless: seen in the readings, and seen in the
+        free runs read by the same encoder.
+    """
+
+    axis: FrictionAxis
+    record: Record
+    t: FloatArray
+    x: FloatArray
+    v: FloatArray
+    residual: FloatArray
+    since_reversal: FloatArray
+    lags: FloatArray
+    autocorrelation: FloatArray
+    white: FloatArray
+    windows: Windows
+    errors: FloatArray
+    error_by_window: FloatArray
+    mode_measured: NDArray[np.int8]
+    mode_simulated: NDArray[np.int8]
+
+    @property
+    def positions(self) -> FloatArray:
+        """Position of the free runs at every sample, shape (nsamples,)."""
+        return np.asarray(self.record.x + self.errors)
+
+    @property
+    def force_rms(self) -> float:
+        """RMS of the force residual."""
+        return float(np.sqrt(np.mean(self.residual**2))) if self.residual.size else 0.0
+
+    @property
+    def position_rms(self) -> float:
+        """RMS error of all free runs."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def disagreement(self) -> float:
+        """Part of the samples in which the modes differ."""
+        return float(np.mean(self.mode_measured != self.mode_simulated))
+
+    def to_dict(self) -> dict[str, float]:
+        """Numbers, ready for JSON."""
+        return {
+            "force_rms": self.force_rms,
+            "position_rms": self.position_rms,
+            "mode_disagreement": self.disagreement,
+        }
+
+
+def evidence(
+    axis: FrictionAxis, record: Record, window: float = 0.25, hold: str = "zero"
+) -> Evidence:
+    """Lay an axis' simulation beside a record.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    record : Record
+        The measured record.
+    window : float, optional
+        Length of the free runs [s].
+    hold : {"zero", "first"}, optional
+        Whether the recorded input is held or runs linearly between samples.
+
+    Returns
+    -------
+    Evidence
+
+    Raises
+    ------
+    ValueError
+        If the window holds fewer than 5 samples or more than the record.
+
+    Notes
+    -----
+    The force residual is blind to what acts through time or at rest (delay,
+    backlash, presliding); the free runs and the modes are not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> machine = axis.replace(effects=(dfc.BiasForce(force=0.5),))
+    >>> u = 20.0 * np.sin(6e-3 * np.arange(4000))
+    >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    >>> shown = evidence(axis, dfc.Record(1e-3 * np.arange(4000), u, x))
+    >>> round(float(np.median(shown.residual)), 2)
+    0.5
+    """
+    axis = axis.effective()
+    windows = cut(record, window, hold)
+    seen = view(axis, record)
+    moving = directions(record)
+    index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
+    lags, correlation, white = autocorrelation(seen.residual, index, record.dt)
+    bench = Bench(windows)
+    at = bench.evaluate(axis, np.ones(len(windows), bool), thorough=True)
+    return Evidence(
+        axis,
+        record,
+        seen.t,
+        seen.x,
+        seen.v,
+        seen.residual,
+        since_reversal(record)[index],
+        lags,
+        correlation,
+        white,
+        windows,
+        at.errors,
+        np.sqrt(windows.mean_squares(at.errors)),
+        moving,
+        _modes(windows, record.x + at.errors),
+    )
+
+
+def since_reversal(record: Record) -> FloatArray:
+    """Time since the motion last changed direction, from the readings.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Time [s]; NaN before the first reversal.  A rest between two motions
+        the same way is no reversal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> since = since_reversal(dfc.Record(t, np.cos(t), 0.1 * np.abs(t - 0.5)))
+    >>> bool(np.isnan(since[100])), round(float(since[1500]), 1)
+    (True, 1.0)
+    """
+    turns = _reversals(record)
+    index = np.arange(len(record))
+    last = np.maximum.accumulate(np.where(turns, index, -1))
+    return np.where(last < 0, np.nan, (index - last) * record.dt)
+
+
+def _reversals(record: Record) -> BoolArray:
+    """Samples at which motion sets in the other way than before."""
+    moving = directions(record).astype(int)
+    index = np.arange(moving.size)
+    last = np.maximum.accumulate(np.where(moving != 0, index, 0))
+    way = moving[last]
+    before = np.concatenate((way[:1], way[:-1]))
+    return np.asarray(way * before < 0)
+
+
+def _modes(windows: Windows, positions: FloatArray) -> NDArray[np.int8]:
+    """Directions of the free runs, read by the record's own encoder."""
+    record = windows.record
+    steps = np.diff(positions)
+    restarts = windows.edges[1:-1] - 1
+    # A restart is no motion of the model: go on as before it.
+    steps[restarts] = steps[restarts - 1]
+    path = np.concatenate(([0.0], np.cumsum(steps)))
+    quantum = record.quantum or 0.0
+    noise = np.sqrt(max(record.noise**2 - quantum**2 / 12.0, 0.0))
+    path += noise * np.random.default_rng(0).standard_normal(path.size)
+    if quantum > 0.0:
+        path = quantum * np.round(path / quantum)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RecordWarning)
+            run = Record(record.t, record.u, path, quantum=quantum)
+    except ValueError:  # the model never moves
+        return np.zeros(len(record), np.int8)
+    return directions(run)
+
+
+def autocorrelation(
+    values: ArrayLike, index: ArrayLike, dt: float, longest: float = _LONGEST_LAG
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Autocorrelation of a signal that is known at some samples only.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Values.
+    index : array_like of int, shape (n,)
+        Sample at which each was taken, increasing.
+    dt : float
+        Sampling time [s].
+    longest : float, optional
+        Longest lag [s].
+
+    Returns
+    -------
+    lags : ndarray, shape (nlags,)
+        Lags at which at least 20 pairs of values lie [s].
+    correlation : ndarray, shape (nlags,)
+        Mean product of the pairs over the mean square of their members.
+    white : ndarray, shape (nlags,)
+        1.96 / sqrt(number of pairs).
+
+    Examples
+    --------
+    >>> lags, correlation, _ = autocorrelation([1.0, -1.0] * 50, range(100), dt=0.01)
+    >>> correlation[:3].round(6).tolist()
+    [1.0, -1.0, 1.0]
+    """
+    r, k = np.asarray(values, dtype=float), np.asarray(index, dtype=np.int64)
+    if r.size < 2:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    r = r - r.mean()
+    step = int(np.median(np.diff(k)))
+    held = np.zeros(int(k[-1] - k[0]) + 1)
+    held[k - k[0]] = 1.0
+    signal = np.zeros_like(held)
+    signal[k - k[0]] = r
+    middle = held.size - 1
+    lags = np.arange(0, min(middle, round(longest / dt)) + 1, max(step, 1))
+
+    def pairs(a: FloatArray, b: FloatArray) -> FloatArray:
+        return np.asarray(correlate(a, b, mode="full", method="fft")[middle + lags])
+
+    count = np.rint(pairs(held, held))
+    early, late = pairs(held, signal**2), pairs(signal**2, held)
+    enough = count >= 20
+    size: FloatArray = np.sqrt(np.maximum(early * late, 0.0))[enough]
+    products = pairs(signal, signal)[enough]
+    correlation = np.divide(products, size, out=np.zeros_like(size), where=size > 0.0)
+    white = np.asarray(1.96 / np.sqrt(count[enough]))
+    return np.asarray(dt * lags[enough], dtype=float), np.asarray(correlation), white
+
+
+class Binned(NamedTuple):
+    """Quartiles of values in bins, each shape (nbins,)."""
+
+    centre: FloatArray
+    median: FloatArray
+    low: FloatArray
+    high: FloatArray
+    samples: NDArray[np.int64]
+
+
+def binned(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binned:
+    """Median and quartiles of values over something they may depend on.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Values.
+    by : array_like, shape (n,)
+        What they may depend on; samples where it is NaN are left out.
+    bins : int or array_like, shape (nbins + 1,), optional
+        Number of equal bins, or their edges.
+
+    Returns
+    -------
+    Binned
+        Bins with fewer than 5 values are left out.
+
+    Examples
+    --------
+    >>> found = binned([1.0, 2.0, 3.0, 4.0, 5.0, 60.0], [0, 0, 0, 0, 0, 1], bins=[0, 0.5, 1])
+    >>> found.median.tolist(), found.low.tolist(), found.samples.tolist()
+    ([3.0], [2.0], [5])
+    """
+    y, z = np.asarray(values, dtype=float), np.asarray(by, dtype=float)
+    known = np.isfinite(y) & np.isfinite(z)
+    y, z = y[known], z[known]
+    if y.size == 0:
+        none = np.zeros(0)
+        return Binned(none, none, none, none, np.zeros(0, np.int64))
+    edges = np.histogram_bin_edges(z, bins) if np.ndim(bins) == 0 else np.asarray(bins, float)
+    number = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, edges.size - 2)
+    inside = (z >= edges[0]) & (z <= edges[-1])
+    rows = []
+    for i in range(edges.size - 1):
+        here = y[inside & (number == i)]
+        if here.size >= 5:
+            quarter, half, rest = np.quantile(here, [0.25, 0.5, 0.75])
+            rows.append((0.5 * (edges[i] + edges[i + 1]), half, quarter, rest, here.size))
+    table = np.array(rows).reshape(-1, 5)
+    centre, median, low, high, samples = table.T
+    return Binned(centre, median, low, high, samples.astype(np.int64))
+
+
+class _Place(NamedTuple):
+    """A part of the record that could hold the large errors."""
+
+    kind: str
+    words: str
+    there: BoolArray  # windows that are in it
+    width: int = 0  # of several with the same windows, the least is named
+
+
+def where(
+    scores: FloatArray, expected: float, windows: Windows, units: tuple[str, str] = ("m", "N")
+) -> tuple[str, ...]:
+    """Say in words where the windows with large scores lie.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (nwindows,)
+        Score of each window, larger is worse; NaN for windows not judged.
+    expected : float
+        Largest score that noise alone makes.
+    windows : Windows
+        The windows.
+    units : tuple of str, optional
+        Units of position and force.
+
+    Returns
+    -------
+    tuple of str
+        At most three places, the clearest first; one phrase that says so if the
+        bad windows are tied to no place; nothing if no window is bad.
+
+    Notes
+    -----
+    Windows above `expected`, or if those are more than half of all and tied to
+    no place the worse half, are counted inside and outside of every range of position, of speed
+    and of time between quantiles, and in windows with a reversal, with a
+    break-away, at rest and by direction of motion.  A range is named if chance
+    would hardly put so many of them there (hypergeometric tail) and if they are
+    several times as frequent there as elsewhere.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.identification.windows import cut
+    >>> t = 1e-3 * np.arange(20_000)
+    >>> windows = cut(dfc.Record(t, np.cos(t), 0.1 * np.sin(9.0 * t)), window=0.25)
+    >>> bad = (windows.start_times > 5.0) & (windows.start_times < 7.9)
+    >>> where(np.where(bad, 3.0, 0.1), 1.0, windows)
+    ('between t = 5 and 8 s (11 of 12 windows there, none of 68 elsewhere)',)
+    """
+    judged = np.isfinite(scores)
+    bad = judged & (scores > expected)
+    if not bad.any():
+        return ()
+    places = list(_places(windows, units[0]))
+    words = _clearest(places, judged, bad)
+    if not words and bad.sum() > 0.5 * judged.sum():
+        words = _clearest(places, judged, judged & (scores > np.median(scores[judged])))
+    if words:
+        return words
+    return (f"strewn over the record: {bad.sum()} of {judged.sum()} windows, tied to no place",)
+
+
+def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:
+    """Places that hold bad windows far more often than chance would."""
+    inside = np.array([place.there & judged for place in places]).reshape(-1, judged.size)
+    total, count = int(judged.sum()), int(bad.sum())
+    size, hits = inside.sum(axis=1), (inside & bad).sum(axis=1)
+    chance = hypergeom.sf(hits - 1, total, count, size)
+    share = hits / np.maximum(size, 1)
+    elsewhere = (count - hits) / np.maximum(total - size, 1)
+    clear = (chance < _SURE) & (share >= _SHARE) & (share >= _TIMES * elsewhere)
+    order = sorted(np.flatnonzero(clear), key=lambda i: (chance[i], places[i].width))
+    named: dict[str, str] = {}
+    for i in order:
+        # What is far less clear than the clearest is most likely its shadow.
+        if chance[i] > np.sqrt(chance[order[0]]):
+            break
+        others = str(count - hits[i]) if hits[i] < count else "none"
+        named.setdefault(
+            places[i].kind,
+            f"{places[i].words} ({hits[i]} of {size[i]} windows there, "
+            f"{others} of {total - size[i]} elsewhere)",
+        )
+    return tuple(named.values())[:_MOST_PLACES]
+
+
+def _places(windows: Windows, unit: str) -> Iterator[_Place]:
+    record, edges = windows.record, windows.edges
+    starts = edges[:-1]
+    moving = directions(record)
+    speed = np.abs(record.derivatives().v)
+    sliding = moving != 0
+    if not np.any(sliding):
+        return
+
+    def part(mask: BoolArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(mask.astype(float), starts) / windows.samples)
+
+    low = np.minimum.reduceat(record.x, starts)
+    high = np.maximum.reduceat(record.x, starts)
+    for a, b, words, width in _ranges(record.x[sliding], "x", unit):
+        there = (high > a) & (low < b) & (part(sliding) > 0.0)
+        yield _Place("position", words, there, width)
+    for a, b, words, width in _ranges(speed[sliding], "|v|", f"{unit}/s"):
+        there = part(sliding & (speed >= a) & (speed <= b)) > _THERE
+        yield _Place("speed", words, there, width)
+    times = record.t[starts]
+    for a, b, words, width in _ranges(np.append(times, record.t[-1] + record.dt), "t", "s"):
+        yield _Place("time", words, (times >= a) & (times < b), width)
+    turns = _reversals(record)
+    yield _Place("reversal", "where the motion reverses", part(turns) > 0.0)
+    free = np.concatenate(([False], sliding[1:] & ~sliding[:-1])) & ~turns
+    yield _Place("break-away", "where the axis breaks away", part(free) > 0.0)
+    yield _Place("rest", "where the axis rests", part(~sliding) > 0.5)
+    for s, name in ((1, "positive"), (-1, "negative")):
+        yield _Place("direction", f"moving in {name} direction", part(moving == s) > 0.5)
+
+
+def _ranges(values: FloatArray, name: str, unit: str) -> Iterator[tuple[float, float, str, int]]:
+    """Every range between two quantiles of values, in words, with its width.
+
+    A range open to one side is the simpler statement: it has no width.
+    """
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
+    low, high = ("before", "after") if name == "t" else ("below", "above")
+    for i in range(edges.size - 1):
+        for j in range(i + 1, edges.size):
+            a, b = float(edges[i]), float(edges[j])
+            if i == 0:
+                yield a, b, f"{low} {name} = {b:.3g} {unit}", 0
+            elif j == edges.size - 1:
+                yield a, b, f"{high} {name} = {a:.3g} {unit}", 0
+            else:
+                yield a, b, f"between {name} = {a:.3g} and {b:.3g} {unit}", j - i

@@ -1,0 +1,391 @@
+"""The small set of bench experiments that a diagnosis chooses from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.effects import Effect, parameter
+from dryfric_control.friction import finite, positive
+from dryfric_control.records import Record
+
+FloatArray = NDArray[np.float64]
+Motion = tuple[FloatArray, FloatArray]
+
+# Length of an experiment [s], and the most samples that are simulated.
+_DURATION, _MOST_SAMPLES = 8.0, 16_000
+# Part of the travel that motions keep free at each end.
+_MARGIN = 0.08
+# Mass clamped on over the axis' own, and known force over the Coulomb level.
+ADDED_MASS, KNOWN_FORCE = 0.5, 0.5
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What an experiment may use of a machine.
+
+    Parameters
+    ----------
+    travel : tuple of float
+        Lowest and highest position [m].
+    drive : float
+        Largest drive force [N].
+    speed : float
+        Largest speed [m/s].
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Limits(travel=(0.0, 0.3), drive=40.0, speed=0.5).span
+    0.3
+    """
+
+    travel: tuple[float, float]
+    drive: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        low, high = (finite("limits.travel", value) for value in self.travel)
+        if not low < high:
+            raise ValueError(f"limits.travel must run from low to high, got {self.travel!r}")
+        object.__setattr__(self, "travel", (low, high))
+        positive("limits.drive", self.drive, unit="N")
+        positive("limits.speed", self.speed, unit="m/s")
+
+    @property
+    def span(self) -> float:
+        """Length of the travel [m]."""
+        return self.travel[1] - self.travel[0]
+
+    @classmethod
+    def of(cls, axis: FrictionAxis, record: Record) -> Limits:
+        """What a record has used, and the whole travel of its axis.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            Its `travel` counts, if it has one.
+        record : Record
+            A record of the machine.
+
+        Returns
+        -------
+        Limits
+        """
+        return cls(
+            axis.travel or (float(record.x.min()), float(record.x.max())),
+            float(np.abs(record.u).max()),
+            float(np.abs(record.derivatives().v).max()),
+        )
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where an excitation is to take place.
+
+    Attributes
+    ----------
+    limits : Limits
+    axis : FrictionAxis
+        The axis by which distances and forces are chosen.
+    level : float
+        Coulomb level in the middle of the travel [N].
+    t : ndarray, shape (n,)
+        Time [s].
+    """
+
+    limits: Limits
+    axis: FrictionAxis
+    level: float
+    t: FloatArray
+
+    @classmethod
+    def of(cls, axis: FrictionAxis, limits: Limits, dt: float) -> Stage:
+        """Stage for an axis within limits, sampled at `dt`."""
+        axis = axis.effective()
+        middle = 0.5 * sum(limits.travel)
+        level = 0.5 * float(np.sum([axis.coulomb(np.array([middle]), s) for s in (1, -1)]))
+        n = min(round(_DURATION / dt), _MOST_SAMPLES)
+        return cls(limits, axis, level, np.asarray(dt * np.arange(n)))
+
+    @property
+    def duration(self) -> float:
+        """Length of the experiment [s]."""
+        return float(self.t[-1])
+
+    @property
+    def middle(self) -> float:
+        """Middle of the travel [m]."""
+        return 0.5 * sum(self.limits.travel)
+
+    @property
+    def reach(self) -> float:
+        """Way from the middle that motions may go [m]."""
+        return (0.5 - _MARGIN) * self.limits.span
+
+    @property
+    def spare(self) -> float:
+        """Drive beyond the friction [N]."""
+        return max(self.limits.drive - self.level, 0.2 * self.limits.drive)
+
+    def path(self, times: Any, places: Any) -> FloatArray:
+        """Straight lines in time, times as parts of the duration, places in reach."""
+        x = np.interp(self.t, np.asarray(times) * self.duration, np.asarray(places))
+        return np.asarray(self.middle + self.reach * x)
+
+    def still(self) -> FloatArray:
+        """No feed-forward force."""
+        return np.zeros(self.t.size)
+
+
+def _zigzag(stage: Stage, speed: float, reach: float) -> FloatArray:
+    """To and fro at one speed, from the middle, within `reach`."""
+    way = speed * stage.t + reach
+    return np.asarray(stage.middle + np.abs(np.mod(way, 4.0 * reach) - 2.0 * reach) - reach)
+
+
+def _triangle(stage: Stage, scale: float) -> Motion:
+    speed = min(8.0 * stage.reach / stage.duration, 0.8 * stage.limits.speed)
+    return _zigzag(stage, scale * speed, scale * stage.reach), stage.still()
+
+
+def _crawl(stage: Stage, scale: float) -> Motion:
+    speed = 0.02 * scale * stage.limits.speed
+    return _zigzag(stage, speed, min(stage.reach, speed * stage.duration / 8.0)), stage.still()
+
+
+def _reversals(stage: Stage, scale: float) -> Motion:
+    turns = 32
+    part = stage.duration / turns
+    way = scale * min(stage.reach, 0.5 * stage.limits.speed * part)
+    places = way * np.tile([1.0, -0.3, 0.6, -1.0], turns // 4)
+    number = np.minimum((stage.t / part).astype(int), turns - 1)
+    s = np.minimum((stage.t / part - number) / 0.8, 1.0)
+    before = np.concatenate(([0.0], places))[number]
+    eased = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    return stage.middle + before + (places[number] - before) * eased, stage.still()
+
+
+def _steps(stage: Stage, scale: float) -> Motion:
+    # An integer pattern of jumps: short and long, with time to settle.
+    pattern = np.array([0.0, 0.6, 0.0, -0.9, 0.3, 0.9, -0.3, 0.1, -0.6, 0.0, 0.9, -0.9])
+    number = np.minimum((stage.t / stage.duration * pattern.size).astype(int), pattern.size - 1)
+    return stage.middle + scale * stage.reach * pattern[number], stage.still()
+
+
+def _speeds(stage: Stage, scale: float) -> Motion:
+    parts = 4
+    x = np.empty(stage.t.size)
+    part = (np.minimum(stage.t / stage.duration * parts, parts - 1e-9)).astype(int)
+    for i, share in enumerate((0.08, 0.17, 0.37, 0.8)):
+        pick = part == i
+        t = stage.t[pick] - stage.t[pick][0]
+        speed = scale * share * stage.limits.speed
+        turns = max(1, round(speed * stage.duration / parts / (4.0 * stage.reach)))
+        length = stage.duration / parts / turns
+        reach = min(stage.reach, 0.25 * speed * length)
+        phase = np.mod(t / length + 0.25, 1.0)
+        x[pick] = reach * (1.0 - 4.0 * np.abs(phase - 0.5))
+    return stage.middle + x, stage.still()
+
+
+def _braking(stage: Stage, scale: float) -> Motion:
+    m = stage.axis.mass
+    speed = 0.85 * scale * stage.limits.speed
+    slow = (stage.level + 0.7 * scale * stage.spare) / m
+    # Nothing is gained by a start as hard as the stop.
+    fast = 0.5 * stage.spare / m
+    way = 2.0 * stage.reach
+    speed = min(speed, float(np.sqrt(way / (0.5 / fast + 0.5 / slow))))
+    up, down = speed / fast, speed / slow
+    even = max(min((way - 0.5 * speed * (up + down)) / speed, 0.1 * stage.duration), 0.0)
+    pause = 0.03 * stage.duration
+    one = np.cumsum([pause, up, even, down])
+    t = np.mod(stage.t, one[-1])
+    v = np.interp(t, [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
+    sign = 1.0 - 2.0 * (np.floor(stage.t / one[-1]) % 2)
+    v = sign * v
+    dt = stage.t[1] - stage.t[0]
+    x = np.cumsum(v) * dt
+    force = m * np.gradient(v, dt) + stage.axis.viscous * v + stage.level * np.sign(v)
+    limit = 0.8 * stage.limits.drive
+    return stage.middle - 0.5 * float(np.ptp(x)) + x, np.clip(force, -limit, limit)
+
+
+def _rests(stage: Stage, scale: float) -> Motion:
+    # Time at rest in seconds; all ramps are equally slow.
+    rests = np.array([0.02, 0.1, 0.3, 0.6, 1.2, 2.0])
+    ramp = (stage.duration - rests.sum() * stage.duration / 8.0) / rests.size
+    times, places, here = [0.0], [0.0], 0.0
+    way = scale * min(0.5, 0.1 * stage.limits.speed * ramp / stage.reach)
+    for i, rest in enumerate(rests):
+        times += [times[-1] + rest * stage.duration / 8.0]
+        times += [times[-1] + ramp]
+        places += [here, way if i % 2 == 0 else 0.0]
+        here = places[-1]
+    return stage.path(np.array(times) / stage.duration, places), stage.still()
+
+
+def _force_steps(stage: Stage, scale: float) -> Motion:
+    speed = 0.3 * stage.limits.speed * scale
+    # Alternating steps of lengths without a common period.
+    lengths = np.tile([0.05, 0.11, 0.07, 0.17, 0.09], 40)
+    edges = np.cumsum(lengths)
+    sign = 1.0 - 2.0 * (np.searchsorted(edges, stage.t, side="right") % 2)
+    size = 0.4 * scale * stage.spare
+    return _zigzag(stage, speed, stage.reach), np.asarray(size * sign)
+
+
+def _small_forces(stage: Stage, scale: float) -> Motion:
+    part = stage.t / stage.duration
+    level = max(stage.level, 0.05 * stage.limits.drive)
+    size = np.minimum(1.25 * level * part, 0.8 * stage.limits.drive)
+    force = scale * size * np.sin(2.0 * np.pi * 8.0 * part)
+    return np.full(stage.t.size, stage.middle), force
+
+
+def _sine_sweep(stage: Stage, scale: float) -> Motion:
+    part = stage.t / stage.duration
+    low, high = 4.0 / stage.duration, 64.0 / stage.duration
+    ratio = np.log(high / low)
+    omega = 2.0 * np.pi * low * np.exp(ratio * part)
+    phase = 2.0 * np.pi * low * stage.duration * np.expm1(ratio * part) / ratio
+    size = np.minimum(stage.reach, 0.8 * stage.limits.speed / omega)
+    size = np.minimum(size, 0.5 * stage.spare / stage.axis.mass / omega**2)
+    return stage.middle + scale * size * np.sin(phase), stage.still()
+
+
+def _coasting(stage: Stage, scale: float) -> Motion:
+    m, level = stage.axis.mass, max(stage.level, 1e-3 * stage.limits.drive)
+    push = level + 0.5 * stage.spare
+    speed = 0.7 * scale * stage.limits.speed
+    speed = min(speed, 0.6 * scale * float(np.sqrt(2.0 * level * stage.reach / m)))
+    part = stage.duration / 8.0
+    time = min(m * speed / (0.5 * stage.spare), 0.5 * part)
+    now = np.mod(stage.t, part)
+    sign = 1.0 - 2.0 * (np.floor(stage.t / part) % 2)
+    force = np.where(now < time, sign * push, 0.0)
+    force = np.clip(force, -0.9 * stage.limits.drive, 0.9 * stage.limits.drive)
+    dt = float(stage.t[1])
+    # The loop is there to catch a hypothesis that goes elsewhere.
+    return stage.axis.simulate(force, dt, x0=stage.middle).y[0].copy(), force
+
+
+@dataclass(frozen=True)
+class KnownForce(Effect):
+    """Force that the bench adds and knows; no candidate of a diagnosis."""
+
+    force: float = parameter("N", "force, positive with x")
+
+    slug = "known_force"
+    title = "known force"
+    action = "force"
+    depends_on_speed = False
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0]
+
+
+def _added_mass(stage: Stage) -> float:
+    return ADDED_MASS * stage.axis.mass
+
+
+def _added_force(stage: Stage) -> float:
+    level = max(stage.level, 0.05 * stage.limits.drive)
+    return KNOWN_FORCE * min(level, stage.limits.drive)
+
+
+def _heavier(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+    own = axis.effective()
+    return own.replace(mass=own.mass + _added_mass(stage))
+
+
+def _pulled(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+    return axis.replace(effects=(*axis.effects, KnownForce(force=_added_force(stage))))
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """One experiment of the set.
+
+    Attributes
+    ----------
+    name : str
+        Short name.
+    title : str
+        What it is called.
+    description : str
+        What to do, in plain words; {mass} and {force} stand for what is added.
+    motion : callable
+        ``motion(stage, scale)`` gives reference and feed-forward force.
+    change : callable or None
+        ``change(stage, axis)``: the axis with a change of the bench that is
+        known, such as a mass clamped on.
+    """
+
+    name: str
+    title: str
+    description: str
+    motion: Callable[[Stage, float], Motion]
+    change: Callable[[Stage, FrictionAxis], FrictionAxis] | None = None
+
+    def words(self, stage: Stage) -> str:
+        """The description with the numbers of a stage."""
+        length, force = stage.axis.units
+        mass = "kg" if (length, force) == ("m", "N") else f"{force} s^2/{length}"
+        return self.description.format(
+            mass=f"{_added_mass(stage):.3g} {mass}", force=f"{_added_force(stage):.3g} {force}"
+        )
+
+
+#: Experiments without a change of the bench first.
+EXCITATIONS = (
+    Excitation("triangle", "slow triangle over the travel",
+               "Move slowly and evenly over the whole travel, to and fro.", _triangle),
+    Excitation("crawl", "crawl",
+               "Crawl to and fro over a short way at a fiftieth of the top speed.", _crawl),
+    Excitation("reversals", "quick moves and reversals",
+               "Move quickly from point to point with many reversals, long and short ways.",
+               _reversals),
+    Excitation("steps", "steps of the reference",
+               "Step the reference over short and long ways; let the drive reach its limit.",
+               _steps),
+    Excitation("speeds", "constant speeds over a decade",
+               "Run to and fro at four constant speeds from a twelfth to near the top speed.",
+               _speeds),
+    Excitation("braking", "braking from speed",
+               "Bring the axis to speed gently, then brake hard with the drive; both ways.",
+               _braking),
+    Excitation("rests", "rests of growing length",
+               "Let the axis rest for longer and longer times, and break it away each time with "
+               "the same slow ramp.", _rests),
+    Excitation("force_steps", "steps of force while sliding",
+               "While the axis slides to and fro, add steps of force to the drive.",
+               _force_steps),
+    Excitation("small_forces", "small forces around rest",
+               "At rest, raise and lower the force slowly, from far below breakaway to just "
+               "above it.", _small_forces),
+    Excitation("sine_sweep", "sweep of a large sine",
+               "Follow a sine as large as travel, speed and drive allow, from slow to fast.",
+               _sine_sweep),
+    Excitation("coasting", "push and coast",
+               "Push the axis to speed, drop the force to zero and let it coast to rest; both "
+               "ways.", _coasting),
+    Excitation("added_mass", "a known mass clamped on",
+               "Clamp a known mass of {mass} to the axis, half of its own, and move quickly from "
+               "point to point with many reversals.", _reversals, _heavier),
+    Excitation("known_force", "a known force added",
+               "Pull the axis in positive direction with a known constant force of {force} (a "
+               "weight over a pulley, a known tilt), and run to and fro at four constant speeds.",
+               _speeds, _pulled),
+)  # fmt: skip

@@ -1,0 +1,426 @@
+"""Which experiment to do next, so that causes that look alike part."""
+
+from __future__ import annotations
+
+import html
+import os
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
+from dryfric_control.diagnosis.trial import Refit, Staged, mean_squares, staged
+from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.effects import REGISTRY
+from dryfric_control.files import replacing
+from dryfric_control.records import Record
+
+if TYPE_CHECKING:
+    import control as ct
+
+FloatArray = NDArray[np.float64]
+
+# Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses part,
+# the largest left out (one mistimed break-away is no evidence): a window in
+# thirty off by five quanta, or all of them by a third of one.
+_PARTED = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """The experiment that best parts causes that look alike.
+
+    Made by `next_experiment`.
+
+    Attributes
+    ----------
+    name : str
+        Short name of the excitation; "change_of_bench" if none of the set
+        parts the causes.
+    title : str
+        What it is called.
+    description : str
+        What to do on the bench.
+    t, reference : ndarray, shape (n,)
+        Time [s] and position reference [m] for the position loop; empty for a
+        change of the bench.
+    force : ndarray, shape (n,), or None
+        Force added to the loop's drive [N], if any.
+    separates : tuple of str
+        Alternatives that this experiment parts from the named cause.
+    score : dict of str to float
+        For every alternative: what is left of the windowed error between the
+        two after the best refit, RMS in encoder quanta; 0 if nothing of the
+        set parts them.
+    tried : dict of str to float
+        The same before any refit, smallest over the alternatives, for every
+        excitation that keeps the limits.
+    cause : str
+        The named cause.
+    positions, drives : dict of str to ndarray, shape (n,)
+        Position [m] and drive force [N] that each hypothesis predicts.
+    units : tuple of str
+        Units of position and force.
+    """
+
+    name: str
+    title: str
+    description: str
+    t: FloatArray
+    reference: FloatArray
+    force: FloatArray | None
+    separates: tuple[str, ...]
+    score: dict[str, float]
+    tried: dict[str, float]
+    cause: str
+    positions: dict[str, FloatArray]
+    drives: dict[str, FloatArray]
+    units: tuple[str, str]
+
+    def summary(self) -> str:
+        """What to do and what it tells, in a sentence or two."""
+        text = f"{self.title}: {self.description}"
+        if self.separates:
+            told = ", ".join(f"{slug} ({self.score[slug]:.3g} quanta)" for slug in self.separates)
+            text += f" It parts {self.cause} from {told}."
+        left = [slug for slug in self.score if slug not in self.separates]
+        if left and self.separates:
+            text += f" It leaves {', '.join(left)} open."
+        return text
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Words and numbers, ready for JSON."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "description": self.description,
+            "cause": self.cause,
+            "separates": list(self.separates),
+            "score": dict(self.score),
+            "tried": dict(self.tried),
+            "t": self.t.tolist(),
+            "reference": self.reference.tolist(),
+            "force": None if self.force is None else self.force.tolist(),
+        }
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write time, reference and force to a file for the bench.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+
+        Raises
+        ------
+        ValueError
+            If the experiment has no reference to follow.
+        """
+        if not self.t.size:
+            raise ValueError(
+                "this experiment is a change of the bench and has no reference to write: "
+                "read its description"
+            )
+        columns = {"t": self.t, "reference": self.reference}
+        if self.force is not None:
+            columns["force"] = self.force
+        with replacing(path) as part:
+            np.savetxt(
+                part, np.column_stack(list(columns.values())), fmt="%.9g", delimiter=",",
+                header=",".join(columns), comments="",
+            )  # fmt: skip
+
+    def plot(self, ax: Any = None) -> ct.ControlPlot:
+        """Draw the reference and what each hypothesis predicts.
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw.  Default: a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        axes = axes_of(ax, 2)
+        length, force = self.units
+        axes[0].set_title(self.title, loc="left")
+        if not self.t.size:
+            for one in axes:
+                one.set_axis_off()
+            axes[0].text(
+                0.0, 0.9, textwrap.fill(self.description, 90), transform=axes[0].transAxes,
+                va="top", fontsize="small",
+            )  # fmt: skip
+            return control_plot(axes)
+        axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
+        for i, name in enumerate(self.positions):
+            style = "-" if i == 0 else "--"
+            axes[0].plot(self.t, self.positions[name], f"C{i}{style}", linewidth=1.0, label=name)
+            axes[1].plot(self.t, self.drives[name], f"C{i}{style}", linewidth=1.0)
+        if self.force is not None:
+            axes[1].plot(self.t, self.force, color="0.6", linewidth=1.0, label="added force")
+            axes[1].legend(fontsize="small", frameon=False)
+        axes[0].set_ylabel(f"position [{length}]")
+        axes[1].set_ylabel(f"drive force [{force}]")
+        axes[1].set_xlabel("Time [s]")
+        legend_above(axes[0])
+        for one in axes:
+            one.margins(x=0.0)
+        return control_plot(axes)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.summary())}</p>"
+
+
+def next_experiment(
+    axis: FrictionAxis,
+    rivals: Sequence[FrictionAxis],
+    record: Record,
+    *,
+    names: Sequence[str] | None = None,
+    limits: Limits | None = None,
+) -> Experiment | None:
+    """Experiment that best parts a cause from what explains a record as well.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis fitted with the named cause.
+    rivals : sequence of FrictionAxis
+        The axis fitted with each alternative.
+    record : Record
+        The record that all of them explain.
+    names : sequence of str, optional
+        Slugs of the named cause and of the alternatives.  Default: the effects
+        by which the axes differ.
+    limits : Limits, optional
+        Travel, drive and speed that may be used.  Default: the axis' travel or
+        the record's, the record's largest drive and speed.
+
+    Returns
+    -------
+    Experiment or None
+        None if there are no rivals.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind or number.
+
+    Notes
+    -----
+    Each excitation of a small set is run in a position loop, read through the
+    record's encoder, with every hypothesis in turn as the truth, and made
+    smaller until all of them keep the limits.  The other hypothesis then runs
+    freely over windows of it, from the true states, after a refit of its
+    parameters that may not spoil what it says on the known record.  How far the
+    two stay apart is the mean of log(1 + (error/quantum)^2), the largest window
+    left out, and the worse of both ways round.  A line in time is taken out of
+    every window's error first: another start state could explain it.
+
+    Experiments that need a known mass or force come into play only if no
+    other parts the causes.  If these do not either, the causes are equal on
+    this bench, and the answer is in words.
+
+    The answer is as good as the hypotheses: if none of them is true, the
+    experiment may still tell something else.
+
+    Examples
+    --------
+    A bias and a spring whose force hardly changes over a short way:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.diagnosis.experiment import next_experiment
+    >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
+    >>> bias = base.replace(effects=(dfc.BiasForce(force=2.0),))
+    >>> spring = base.replace(effects=(dfc.Spring(stiffness=10.0, rest=0.2),))
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
+    >>> x = 1e-6 * np.round(1e6 * bias.simulate(u, dt=1e-3, x0=-0.05).y[0])
+    >>> found = next_experiment(bias, [spring], dfc.Record(t, u, x))
+    >>> found.separates, found.score["spring"] > 10.0
+    (('spring',), True)
+    """
+    rivals = _checked(axis, rivals, record, limits)
+    if not rivals:
+        if names is not None and len(names) > 1:
+            raise ValueError(f"names holds {len(names)} names, but there are no rivals")
+        return None
+    names = _named(axis, rivals, names)
+    quantum = max(record.quantum or 0.0, np.sqrt(12.0) * record.noise, 1e-9 * record.range)
+    stage = Stage.of(axis, limits or Limits.of(axis, record), record.dt)
+    axes = [axis, *rivals]
+    refits = [Refit.of(one, record, quantum) for one in axes]
+    tried: dict[str, float] = {}
+    best: tuple[float, Staged, list[float], list[float]] | None = None
+    for changed in (False, True):
+        stages = [
+            found
+            for e in EXCITATIONS
+            if (e.change is not None) == changed
+            and (found := staged(e, stage, axes, quantum, record.dt)) is not None
+        ]
+        raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
+        for one, pairs in zip(stages, raw, strict=True):
+            tried[one.excitation.name] = min(rms for _, rms in pairs)
+        # A refit can only bring hypotheses closer, so the order by what they are
+        # without one tells when to stop.
+        upper = [_worth([part for part, _ in pairs]) for pairs in raw]
+        for k in sorted(range(len(stages)), key=lambda k: -upper[k]):
+            if best is not None and upper[k] <= best[0]:
+                break
+            parts, scores = _after_refit(stages[k], stage, refits, raw[k], quantum)
+            worth = _worth(parts)
+            if best is None or worth > best[0]:
+                best = (worth, stages[k], parts, scores)
+        if best is not None and min(best[2]) > _PARTED:
+            break
+    if best is None or max(best[2]) <= _PARTED:
+        return _change_of_bench(names, tried, axis.units)
+    _, chosen, parts, scores = best
+    parted = [part > _PARTED for part in parts]
+    return Experiment(
+        name=chosen.excitation.name,
+        title=chosen.excitation.title,
+        description=chosen.excitation.words(stage),
+        t=stage.t,
+        reference=chosen.reference,
+        force=chosen.force if np.any(chosen.force) else None,
+        separates=tuple(n for n, is_ in zip(names[1:], parted, strict=True) if is_),
+        score={n: s if is_ else 0.0 for n, s, is_ in zip(names[1:], scores, parted, strict=True)},
+        tried=tried,
+        cause=names[0],
+        positions={n: trial.x for n, trial in zip(names, chosen.trials, strict=True)},
+        drives={n: trial.u for n, trial in zip(names, chosen.trials, strict=True)},
+        units=axis.units,
+    )
+
+
+def _worth(parts: Sequence[float]) -> float:
+    """How good an experiment is: what is not parted yet counts most."""
+    return float(np.mean([part / (1.0 + part) for part in parts]))
+
+
+def _measure(squares: FloatArray, quantum: float) -> tuple[float, float]:
+    """Mean log score without the worst window, and RMS in quanta."""
+    ratio = np.sort(squares) / quantum**2
+    return float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio)))
+
+
+def _apart(one: Staged, rival: int, quantum: float) -> tuple[float, float]:
+    """How far a rival is from the named cause without refit, the worse way round."""
+    return min(
+        _measure(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
+        for truth, other in ((0, rival), (rival, 0))
+    )
+
+
+def _after_refit(
+    one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[tuple[float, float]],
+    quantum: float,
+) -> tuple[list[float], list[float]]:  # fmt: skip
+    """The same for every rival with the other hypothesis refitted."""
+    parts, scores = [], []
+    for rival, first in enumerate(raw, start=1):
+        worst = first
+        for truth, other in ((0, rival), (rival, 0)):
+            if worst[0] <= _PARTED:
+                break
+            squares = refits[other].best(one, stage, one.trials[truth])
+            worst = min(worst, _measure(squares, quantum))
+        parts.append(worst[0])
+        scores.append(worst[1])
+    return parts, scores
+
+
+def _change_of_bench(
+    names: Sequence[str], tried: dict[str, float], units: tuple[str, str]
+) -> Experiment:
+    """The answer where no motion within the limits parts the causes."""
+    own = [
+        f"{REGISTRY[slug].title}: {REGISTRY[slug].experiment}" for slug in names if slug in REGISTRY
+    ]
+    changes = [e.title for e in EXCITATIONS if e.change is not None and e.name in tried]
+    nor = f", nor does {' or '.join(changes)}" if changes else ""
+    why = (
+        f"No motion within these limits parts {names[0]} from {', '.join(names[1:])}{nor}: the "
+        "same record comes out either way."
+        if tried
+        else "No experiment of the set keeps the limits of travel, drive and speed: widen them."
+    )
+    return Experiment(
+        name="change_of_bench",
+        title="a change of the bench",
+        description=f"{why} Turn or tilt the axis, or swap its drive, repeat the record, and see "
+        f"what stays with the axis. {' '.join(own)}",
+        t=np.empty(0),
+        reference=np.empty(0),
+        force=None,
+        separates=(),
+        score=dict.fromkeys(names[1:], 0.0),
+        tried=tried,
+        cause=names[0],
+        positions={},
+        drives={},
+        units=units,
+    )
+
+
+def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[FrictionAxis, ...]:
+    if not isinstance(axis, FrictionAxis):
+        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
+    if isinstance(rivals, FrictionAxis):
+        rivals = (rivals,)
+    try:
+        rivals = tuple(rivals)
+    except TypeError:
+        raise ValueError(
+            f"rivals must be a sequence of FrictionAxis, got {type(rivals).__name__}"
+        ) from None
+    for one in rivals:
+        if not isinstance(one, FrictionAxis):
+            raise ValueError(f"rivals must hold FrictionAxis, got {type(one).__name__}")
+    if not isinstance(record, Record):
+        raise ValueError(
+            f"record must be a Record, got {type(record).__name__}: use dfc.read_record(...) or "
+            "dfc.Record(t=..., u=..., x=...)"
+        )
+    if limits is not None and not isinstance(limits, Limits):
+        raise ValueError(f"limits must be Limits(travel=..., drive=..., speed=...), got {limits!r}")
+    return rivals
+
+
+def _named(
+    axis: FrictionAxis, rivals: Sequence[FrictionAxis], names: Sequence[str] | None
+) -> list[str]:
+    """Names given, or the effects and base parameters by which the axes differ."""
+    count = 1 + len(rivals)
+    if names is not None:
+        if len(names) != count or len(set(names)) != count:
+            raise ValueError(
+                f"names must hold {count} different names, of the cause and of each rival, "
+                f"got {list(names)!r}"
+            )
+        return list(names)
+    contents = [_content(one) for one in (axis, *rivals)]
+    common = set.intersection(*(set(c) for c in contents))
+    found = []
+    for i, content in enumerate(contents):
+        own = [slug for slug in content if slug not in common]
+        name = "+".join(own) or ("cause" if i == 0 else f"rival {i}")
+        found.append(name if name not in found else f"{name} ({i})")
+    return found
+
+
+def _content(axis: FrictionAxis) -> list[str]:
+    return [*(e.slug for e in axis.effects), *(["stribeck"] if axis.stribeck else [])]

@@ -1,0 +1,237 @@
+"""All candidates fitted side by side; the hopeless leave early."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.candidates import BASE, with_effect
+from dryfric_control.diagnosis.guesses import guesses, view
+from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesis
+from dryfric_control.effects import Effect
+from dryfric_control.identification.parameters import Scales, choose, values_of, with_values
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# What one more cause costs, in the units of the prior of base parameters: as
+# much as one of them being off by some seven times its usual spread.
+CAUSE_COST = BASE_COST * 4.0
+# Runners kept after the first round: no more than this, and none whose loss is
+# this many times the best.
+_KEPT, _NEAR = 6, 3.0
+# A second guess is followed if its loss is within this factor of the first's.
+_CLOSE = 1.1
+# Mean score of a fit that leaves next to nothing; 0.22 is the floor.
+_SETTLED = 0.4
+# Points of the random search where the loss is rugged.
+_TRIES = 120
+# Mean score below which single windows are worth a search for better starts.
+_THOROUGH = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """One hypothesis after its fit.
+
+    Attributes
+    ----------
+    slug : str
+        The effect added; empty for the axis itself with its base free.
+    hypothesis : Hypothesis
+    z : ndarray
+        Search coordinates.
+    axis : FrictionAxis
+        The fitted axis.
+    loss : float
+        On the windows of the fit, prior included, at the noise floor.
+    starts : ndarray, shape (2, nwindows)
+        Start states found.
+    scores : ndarray, shape (nwindows,)
+        Score of every window, from the fit that did not see it.
+    """
+
+    slug: str
+    hypothesis: Hypothesis
+    z: FloatArray
+    axis: FrictionAxis
+    loss: float
+    starts: FloatArray
+    scores: FloatArray
+
+
+class Race:
+    """Fits of hypotheses on one record.
+
+    Parameters
+    ----------
+    bench : Bench
+    believed : FrictionAxis
+        The axis whose base parameters the prior is about.
+    fit, judge : ndarray of bool, shape (nwindows,)
+        Windows to fit on and to judge on.
+    scales : Scales
+        Typical sizes in the record.
+    jobs : int
+        Fits at the same time.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        believed: FrictionAxis,
+        fit: BoolArray,
+        judge: BoolArray,
+        scales: Scales,
+        jobs: int = 2,
+    ) -> None:
+        self.bench, self.fit, self.judge = bench, fit, judge
+        self.sieve = bench.sieve(fit)
+        self.sizes = scales
+        self.jobs = jobs
+        names = list(BASE.values())
+        self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
+
+    def hypothesis(
+        self, axis: FrictionAxis, free: Sequence[str], base: Sequence[str] | None = None
+    ) -> Hypothesis:
+        """Hypothesis with base parameters (default: all) and others free."""
+        names = list(BASE.values()) if base is None else list(base)
+        if not names and not free:
+            return Hypothesis(self.bench, axis, (), self.believed)
+        axis, parameters = choose(axis, [*names, *free], self.sizes)
+        return Hypothesis(self.bench, axis, parameters, self.believed)
+
+    def _run(self, function, items: Iterable):  # type: ignore[no-untyped-def]
+        if self.jobs == 1:
+            return [function(*item) for item in items]
+        run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
+        return run(joblib.delayed(function)(*item) for item in items)
+
+    def alone(
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str],
+        slug: str = "",
+        base: Sequence[str] | None = None,
+        active: BoolArray | None = None,
+        search: bool = False,
+    ) -> Fitted:
+        """Fit of an axis as it is, with base parameters and `free`.
+
+        `search`: look farther where break-aways make the loss rugged.
+        """
+        fit = self.fit if active is None else active
+        h = self.hypothesis(axis, free, base)
+        z = h.search(dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True)))
+        scales = h.scales(z, fit)
+        z, at, loss = h.minimise(z, fit, scales, 4)
+        if h.rugged.size and search and not self._settled(loss, fit):
+            z, at = h.scatter(z, fit, at.starts, _TRIES)
+        z, at, loss = h.minimise(z, fit, scales[-1:], 10, at.starts, 2)
+        return self.judged(Fitted(slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
+
+    def judged(self, one: Fitted) -> Fitted:
+        """The same, with the scores of all windows."""
+        known = self.fit | self.judge
+        at = self.bench.evaluate(one.axis, known, None, one.starts)
+        if self.bench.scores(at.costs)[known].mean() < _THOROUGH:
+            at = self.bench.evaluate(one.axis, known, None, at.starts, thorough=True)
+        return Fitted(
+            one.slug, one.hypothesis, one.z, one.axis, one.loss, at.starts,
+            self.bench.scores(at.costs),
+        )  # fmt: skip
+
+    def among(
+        self, base: Fitted, free: Sequence[str], effects: Sequence[type[Effect]]
+    ) -> list[Fitted]:
+        """Every effect added to a fitted axis, best first by its loss.
+
+        Those that are far behind after a short fit are not fitted further.
+        """
+        record = self.bench.windows.record
+        known = base.hypothesis.values(base.z)
+        views = [(view(base.axis, record, self.believed), known)]
+        if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
+            # The base may have bent only for want of the cause.
+            straight = known | {n: v for n, v in self.believed.items() if n in known}
+            names = [n for n in self.believed if n in known]
+            axis = with_values(base.axis, names, [straight[n] for n in names])
+            views.append((view(axis, record, self.believed), straight))
+        # Elastic contacts and transmissions are slow to run: they are tried where
+        # nothing simpler reaches the floor.
+        slow = [e for e in effects if e.action in ("contact", "transmission")]
+        # Where the base alone reaches the floor, only what a fit asks of it decides,
+        # which takes a fit to its end.
+        turns = 6 if self._settled(base.loss, self.fit) else 2
+        runners: list[Fitted] = []
+        for group in ([e for e in effects if e not in slow], slow):
+            if runners and self._settled(min(r.loss for r in runners), self.sieve):
+                break
+            tried = self._run(self._first, ((base, e, views, free, turns) for e in group))
+            runners += [r for runs in tried for r in runs]
+        runners.sort(key=lambda r: r.loss)
+        if not runners:
+            return []
+        best = runners[0].loss
+        near = _NEAR * best
+        most = len(runners) if self._settled(best, self.sieve) else _KEPT
+        keep = [r for i, r in enumerate(runners) if i < most and (i < 2 or r.loss < near)]
+        left = [r for r in runners if r not in keep]
+        done = sorted(self._run(self._second, ((r,) for r in keep)), key=lambda r: r.loss)
+        first: dict[str, Fitted] = {}
+        for r in done + left:
+            first.setdefault(r.slug, r)
+        return list(first.values())
+
+    def _settled(self, loss: float, active: BoolArray) -> bool:
+        """Whether a loss over windows is next to the floor."""
+        n = self.bench.samples[active] * ROBUST**2
+        return loss < _SETTLED * float(n.sum())
+
+    def _first(self, base, effect, views, free, turns):  # type: ignore[no-untyped-def]
+        """Best of the first guesses after a short fit, of every origin as good."""
+        tried = []
+        for number, (seen, known) in enumerate(views):
+            for values, regressed in guesses(effect, seen):
+                origin = known | regressed
+                try:
+                    start = with_effect(base.axis, effect, values, origin)
+                    h = self.hypothesis(start.axis, [*free, *start.free])
+                    here = dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True))
+                    z = h.search(here | {n: v for n, v in origin.items() if n in h.names})
+                    some = self.fit if h.rugged.size else self.sieve
+                    at = self.bench.evaluate(h.axis_at(z), some, rounds=1)
+                except ValueError:
+                    continue
+                tried.append((self.bench.loss(at.costs, some) + h.prior(z)[0], number, h, z))
+        if not tried:
+            return []
+        tried.sort(key=lambda item: item[0])
+        # The best of every origin, and whoever is as good as the best of all.
+        firsts = {number: i for i, (_, number, _, _) in reversed(list(enumerate(tried)))}
+        some = set(firsts.values())
+        if len(tried) > 1 and tried[1][0] < _CLOSE * tried[0][0]:
+            some.add(1)
+        runs = []
+        for _, _, h, z in [tried[i] for i in sorted(some)]:
+            scales = h.scales(z, self.sieve)
+            z, at, loss = h.minimise(z, self.sieve, scales, turns)
+            runs.append(Fitted(effect.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
+        # Fits that tie may differ in what they ask of the base parameters.
+        best = min(r.loss for r in runs)
+        return [r for r in runs if r.loss < _CLOSE * best]
+
+    def _second(self, one: Fitted) -> Fitted:
+        h = one.hypothesis
+        scales = h.scales(one.z, self.fit)
+        z, at, loss = h.minimise(one.z, self.fit, scales[-3:], 4)
+        if h.rugged.size and not self._settled(loss, self.fit):
+            z, at = h.scatter(z, self.fit, at.starts, _TRIES)
+        z, at, loss = h.minimise(z, self.fit, scales[-1:], 10, at.starts, 2)
+        return self.judged(Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))

@@ -1,0 +1,305 @@
+"""Which causes a record shows: forward, backward, and what it cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.candidates import BASE, PLAINNESS, catalogue
+from dryfric_control.diagnosis.floor import REPLAYS, Floor, noise_floor
+from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
+from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, Evaluation
+from dryfric_control.effects import Effect
+from dryfric_control.identification.uncertainty import block_labels, jackknife
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# A gain counts if it is this many standard errors above zero (two dozen
+# candidates are tried) or wins this many times what it loses, and this much in
+# the mean score; two fits tie if their scores differ by less.
+_SURE, _LEAST, _TIE = 3.0, 0.03, 0.03
+# Part of the structured error that a cause must take away to be named.
+_SHARE = 0.05
+# A base parameter off by less than this is what anybody would call right.
+_RIGHT = 0.004
+_MOST_CAUSES = 4
+# Hypotheses whose assumptions differ by less than this are equally plain.
+_PLAIN = 4.0
+# What a wrong base parameter costs at most, less than any other cause.
+_BASE_MOST = 0.8 * CAUSE_COST
+
+
+@dataclass(eq=False)
+class Selection:
+    """State of the search.
+
+    Attributes
+    ----------
+    causes : list of str
+        Slugs found, in order; base parameters not among them.
+    best : Fitted
+        Fit with all causes and base parameters free.
+    alternatives : dict of str to tuple of str
+        For each cause, what explains the record as well in its place.
+    first : dict of str to float
+        Mean held-out score of every candidate of the first round.
+    """
+
+    best: Fitted
+    causes: list[str] = field(default_factory=list)
+    free: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
+    first: dict[str, float] = field(default_factory=dict)
+
+
+class Selector:
+    """Forward selection of causes on one record, with a backward pass.
+
+    Parameters
+    ----------
+    race : Race
+    axis : FrictionAxis
+        As believed.
+    tell : callable
+        Called with a word on what is being done.
+    """
+
+    def __init__(self, race: Race, axis: FrictionAxis, tell: Callable[[str], None]) -> None:
+        self.race, self.axis, self.tell = race, axis, tell
+        self.bench = race.bench
+        self.known = race.fit | race.judge
+        self.labels = block_labels([self.bench.windows])
+
+    # -- tests -----------------------------------------------------------------
+
+    def floor_of(self, fitted: Fitted) -> Floor:
+        """Floor of a fitted hypothesis, its uncertainty included."""
+        h, z = fitted.hypothesis, fitted.z
+        at = self.bench.evaluate(fitted.axis, self.known, None, fitted.starts)
+        truths = [fitted.axis]
+        if z.size:
+            rng = np.random.default_rng(1)
+            covariance = self.covariance(fitted, at)
+            values, vectors = np.linalg.eigh(covariance)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            for _ in range(REPLAYS - 1):
+                there = np.clip(z + root @ rng.standard_normal(z.size), h.low, h.high)
+                try:
+                    truths.append(h.axis_at(there))
+                except ValueError:
+                    truths.append(fitted.axis)
+        else:
+            truths *= REPLAYS
+        return noise_floor(self.bench, fitted.axis, truths, at, self.known)
+
+    def covariance(self, fitted: Fitted, at: Evaluation) -> FloatArray:
+        """Covariance of the search coordinates, from leaving out blocks."""
+        h, z = fitted.hypothesis, fitted.z
+        g, normal, _ = h.terms(z, self.known, self.bench.floor, at)
+        prior = h.prior(z)[2] + 1e-9
+        known = np.flatnonzero(self.known)
+        labels = np.unique(self.labels[known], return_inverse=True)[1]
+        covariance, _ = jackknife(g[known], normal[known], labels, prior)
+        if not np.all(np.isfinite(covariance)):
+            covariance = np.diag(1.0 / (normal.sum(axis=0).diagonal() + prior))
+        return covariance
+
+    def gain(self, before: FloatArray, after: FloatArray) -> tuple[float, float]:
+        """Mean fall of the held-out scores, and its standard error by blocks."""
+        judge = np.flatnonzero(self.race.judge)
+        fall = (before - after)[judge]
+        labels = np.unique(self.labels[judge], return_inverse=True)[1]
+        count = np.bincount(labels)
+        mean = float(fall.mean())
+        blocks = np.bincount(labels, fall - mean) / count.mean()
+        if blocks.size < 2:
+            return mean, np.inf
+        return mean, float(np.std(blocks, ddof=1) / np.sqrt(blocks.size))
+
+    def better(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
+        """Whether a fall of the held-out scores names a cause."""
+        mean, error = self.gain(before, after)
+        above = max(self.excess(before, floor), 0.0)
+        fall = (before - after)[self.race.judge]
+        won, lost = fall[fall > 0.0], -fall[fall < 0.0]
+        # What is rare is seen in few blocks: then it must cost nowhere else.
+        sure = mean > _SURE * error or (won.sum() > _SURE * lost.sum() and (won > 0.3).sum() > 1)
+        return bool(mean > max(_LEAST, _SHARE * above) and sure)
+
+    def excess(self, scores: FloatArray, floor: Floor) -> float:
+        """Mean held-out score above the floor."""
+        return float((scores - floor.expected)[self.race.judge].mean())
+
+    def ties(self, one: FloatArray, best: FloatArray, floor: Floor) -> bool:
+        """Whether held-out scores are as good as the best."""
+        mean, error = self.gain(one, best)
+        return mean < max(_TIE, 0.02 * self.excess(best, floor)) or (
+            mean < 2.0 * error and mean < 0.1
+        )
+
+    def cost(self, fitted: Fitted, causes: int) -> float:
+        """What a hypothesis assumes: its causes, and its wrong base parameters."""
+        total = CAUSE_COST * causes
+        values = fitted.hypothesis.values(fitted.z)
+        for name, believed in self.race.believed.items():
+            if believed > 0.0 and name in values:
+                change = (values[name] / believed - 1.0) / BASE_SPREAD
+                total += min(BASE_COST * float(np.log1p(change**2)), _BASE_MOST)
+        return total
+
+    # -- search ----------------------------------------------------------------
+
+    def run(self) -> tuple[Selection, Floor]:
+        """Search until nothing significant is left."""
+        self.tell("base parameters")
+        best = self.race.alone(self.axis, ())
+        floor = self.floor_of(best)
+        found = Selection(best)
+        found.first[""] = float(best.scores[self.race.judge].mean())
+        while len(found.causes) < _MOST_CAUSES:
+            settled = floor.nothing(best.scores, self.known)
+            if settled and (found.causes or self.cost(best, 0) < CAUSE_COST):
+                break
+            self.tell(f"cause {len(found.causes) + 1}")
+            step = self._step(found, floor)
+            if step is None:
+                break
+            best = found.best = step
+            floor = self.floor_of(best)
+        if len(found.causes) > 1:
+            floor = self._backward(found, floor)
+        return found, floor
+
+    def _names(self, found: Selection, without: str = "") -> list[str]:
+        return [n for slug, names in found.free.items() if slug != without for n in names]
+
+    def _step(self, found: Selection, floor: Floor) -> Fitted | None:
+        effects = catalogue(found.best.axis, tuple(found.causes))
+        runners = self.race.among(found.best, self._names(found), effects)
+        judged = [r for r in runners if r.scores.size]
+        if not found.causes:
+            for r in judged:
+                found.first[r.slug] = float(r.scores[self.race.judge].mean())
+        if not judged:
+            return None
+        winner, rivals = self._choose(judged, found.best, floor, len(found.causes))
+        if winner is None:
+            return None
+        # The same without the cause, from where the winner got to: the fit without
+        # it may only have ended early.
+        less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
+        if less.loss < found.best.loss:
+            found.best = less
+            winner, rivals = self._choose(judged, less, floor, len(found.causes))
+            if winner is None:
+                return None
+        found.causes.append(winner.slug)
+        found.free[winner.slug] = self._own(winner)
+        found.alternatives[winner.slug] = tuple(r.slug for r in rivals if r.slug)
+        found.rivals[winner.slug] = {r.slug: r.axis for r in rivals if r.slug}
+        return winner
+
+    def _own(self, fitted: Fitted) -> tuple[str, ...]:
+        return tuple(n for n in fitted.hypothesis.names if n.partition(".")[0] == fitted.slug)
+
+    def _choose(
+        self, judged: list[Fitted], current: Fitted, floor: Floor, causes: int
+    ) -> tuple[Fitted | None, list[Fitted]]:
+        """The plainest of the best, and those that tie with it."""
+        judge = self.race.judge
+        best = min(judged, key=lambda r: r.scores[judge].mean())
+        level = [r for r in judged if self.ties(r.scores, best.scores, floor)]
+        if self.ties(current.scores, best.scores, floor) or not self.better(
+            current.scores, best.scores, floor
+        ):
+            # As good without any of them: only if the base had to bend for it.
+            plain = min(level, key=self._plain_key(causes + 1))
+            if self.cost(plain, causes + 1) >= self.cost(current, causes):
+                return None, []
+        winner = min(level, key=self._plain_key(causes + 1))
+        most = self.cost(winner, causes + 1) + _PLAIN
+        rivals = [
+            r
+            for r in level
+            if r is not winner
+            and self.cost(r, causes + 1) < most
+            # Not one that does nothing and leaves the work to the base parameters.
+            and (
+                self.better(current.scores, r.scores, floor)
+                or self.cost(r, causes + 1) < self.cost(current, causes)
+            )
+        ]
+        return winner, rivals
+
+    def _plain_key(self, causes: int) -> Callable[[Fitted], tuple[float, int]]:
+        def key(r: Fitted) -> tuple[float, int]:
+            place = PLAINNESS.index(r.slug) if r.slug in PLAINNESS else len(PLAINNESS)
+            return round(self.cost(r, causes) / _PLAIN), place
+
+        return key
+
+    def _backward(self, found: Selection, floor: Floor) -> Floor:
+        """Drop what later causes made superfluous, one at a time."""
+        changed = True
+        while changed and len(found.causes) > 1:
+            changed = False
+            for slug in list(found.causes):
+                self.tell(f"without {slug}")
+                less = self.race.alone(
+                    self.without(found.best.axis, slug), self._names(found, slug)
+                )
+                if not self.better(less.scores, found.best.scores, floor):
+                    found.causes.remove(slug)
+                    for table in (found.free, found.alternatives, found.rivals):
+                        table.pop(slug, None)
+                    found.best = less
+                    floor = self.floor_of(less)
+                    changed = True
+                    break
+        return floor
+
+    def without(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
+        """The axis less one effect."""
+        if slug == "stribeck":
+            return axis.replace(stribeck=self.axis.stribeck)
+        return axis.replace(effects=tuple(e for e in axis.effects if e.slug != slug))
+
+    def base(self, found: Selection, floor: Floor) -> tuple[Fitted, list[str]]:
+        """Fit without the base corrections that nothing speaks for, and the others."""
+        best = found.best
+        kept = [n for n in BASE.values() if n in best.hypothesis.names]
+        for name in sorted(kept, key=lambda n: self.change(best, n)):
+            self.tell(f"believed {name}")
+            left = [n for n in kept if n != name]
+            there = self.hold(best.axis, [n for n in BASE.values() if n not in left])
+            less = self.race.alone(there, self._names(found), base=left)
+            if not self.better(less.scores, best.scores, floor):
+                best, kept = less, left
+        return best, kept
+
+    def change(self, fitted: Fitted, name: str) -> float:
+        """Relative change of a base parameter from its believed value."""
+        value = fitted.hypothesis.values(fitted.z)[name]
+        believed = self.race.believed[name]
+        return abs(value / believed - 1.0) if believed > 0.0 else abs(value)
+
+    def wrong(self, fitted: Fitted, kept: Sequence[str]) -> list[str]:
+        """Base parameters that are off by more than anybody would call right."""
+        return [n for n in kept if self.change(fitted, n) > _RIGHT]
+
+    def hold(self, axis: FrictionAxis, names: Sequence[str]) -> FrictionAxis:
+        """The axis with base parameters back at their believed values."""
+        from dryfric_control.identification.parameters import with_values
+
+        return with_values(axis, list(names), [self.race.believed[n] for n in names])
+
+
+def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:
+    """The effect of an axis by its slug."""
+    return next((e for e in axis.effects if e.slug == slug), None)

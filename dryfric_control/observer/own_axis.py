@@ -1,0 +1,75 @@
+"""The model that the observer runs, from the axis as it is believed to be."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+from dryfric_control.friction import CoulombMap, positive
+
+if TYPE_CHECKING:
+    from dryfric_control.axis import FrictionAxis
+
+#: What acts through states that the observer does not have.
+LEFT_OUT = ("contact", "transmission")
+
+
+class ObserverWarning(UserWarning):
+    """Part of an axis that its observer leaves out."""
+
+
+def own_axis(
+    axis: FrictionAxis,
+    coulomb: CoulombMap | float | None = None,
+    stick_speed: float | None = None,
+) -> FrictionAxis:
+    """Axis that the observer believes in.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis as it is believed to be.
+    coulomb : CoulombMap or float, optional
+        The observer's own Coulomb levels.  Default: those of `axis`.
+    stick_speed : float, optional
+        The observer's own stick speed [m/s].  Default: half that of `axis`.
+
+    Returns
+    -------
+    FrictionAxis
+        With the base parameters that act, without a Stribeck peak, and with
+        the effects that the observer can follow.
+
+    Warns
+    -----
+    ObserverWarning
+        If effects are left out; one warning names them all.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.Inertia(factor=1.5), dfc.BiasForce(force=1.0)))
+    >>> own = own_axis(axis)
+    >>> own.mass, [effect.slug for effect in own.effects]
+    (3.0, ['bias_force'])
+    """
+    acting = axis.effective()
+    if stick_speed is None:
+        stick_speed = acting.stick_speed / 2.0
+    speed = positive("stick_speed", stick_speed, unit="m/s")
+    left = [effect for effect in acting.effects if effect.action in LEFT_OUT]
+    if left:
+        names = ", ".join(effect.slug for effect in left)
+        warnings.warn(
+            f"the observer leaves out {names}: it runs the axis as one rigid mass that either "
+            "rests or slides, and what that misses goes into its integral term and its mode",
+            ObserverWarning,
+            stacklevel=3,  # the caller of design_pi_observer
+        )
+    return acting.replace(
+        stribeck=None,
+        stick_speed=speed,
+        coulomb=acting.coulomb if coulomb is None else CoulombMap.of(coulomb),
+        effects=tuple(effect for effect in acting.effects if effect not in left),
+    )

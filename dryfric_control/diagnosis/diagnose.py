@@ -14,7 +14,7 @@ from dryfric_control.diagnosis.floor import REPLAYS, noise_floor
 from dryfric_control.diagnosis.race import Fitted, Race
 from dryfric_control.diagnosis.result import Cause, Diagnosis, Gain, Unexplained
 from dryfric_control.diagnosis.search import Bench
-from dryfric_control.diagnosis.selection import Selection, Selector, effect_of
+from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.effects import REGISTRY
 from dryfric_control.friction import positive
 from dryfric_control.identification.fit import typical
@@ -166,21 +166,22 @@ def _diagnosis(
         final = race.alone(best.axis, free, base=kept, active=selector.known, search=True)
     floor = selector.floor_of(final)
     explained = floor.reached(final.scores, selector.known)
+    gain, confirmed = _gain(selector, axis, final, part == MEASURE)
+    # Data that nothing was chosen on has the last word on a cause.
+    explained = explained and (confirmed or not (free or kept))
+    left = _unexplained(selector, before, final, floor, explained)
     causes = _causes(selector, found, best, final, kept)
     if causes:
         verdict = "explained" if explained else "partly explained"
     else:
         verdict = "nothing to find" if explained else "unexplained"
-    left = _unexplained(selector, before, final, floor, explained)
-    measured = part == MEASURE
-    gain = _gain(selector, axis, final, measured)
     experiment = None
     doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
     if doubtful is not None:
         selector.tell("next experiment")
         rest = selector.without(final.axis, doubtful)
         rivals = {
-            slug: _in_place(rest, rival, slug)
+            slug: in_place(rest, rival, slug)
             for slug, rival in list(found.rivals[doubtful].items())[:_RIVALS]
         }
         experiment = next_experiment(
@@ -201,15 +202,6 @@ def _diagnosis(
         hold=bench.windows.hold,
         roles=part,
     )
-
-
-def _in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis:
-    """The axis with an alternative's effect, and the base that goes with it."""
-    base = {"mass": rival.mass, "viscous": rival.viscous, "coulomb": rival.coulomb}
-    if slug == "stribeck":
-        return axis.replace(stribeck=rival.stribeck, **base)
-    effect = effect_of(rival, slug)
-    return axis.replace(effects=(*axis.effects, *([effect] if effect else [])), **base)
 
 
 def _causes(
@@ -292,6 +284,7 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
         at = bench.evaluate(one, measured, thorough=True)
         rows.append(bench.mean_squares(at.errors)[measured])
     floor = noise_floor(bench, final.axis, [final.axis] * REPLAYS, at, measured)
+    confirmed = floor.reached(bench.scores(at.costs), measured)
     rng = np.random.default_rng(0)
     labels = np.unique(selector.labels[np.flatnonzero(measured)], return_inverse=True)[1]
     blocks = [
@@ -300,13 +293,14 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
     picks = rng.integers(0, blocks[0].size, size=(2000, blocks[0].size))
     ratios = np.sqrt(blocks[0][picks].sum(axis=1) / blocks[1][picks].sum(axis=1))
     low, high = np.quantile(ratios, [0.05, 0.95])
-    return Gain(
+    gain = Gain(
         before=float(np.sqrt(rows[0].mean())),
         after=float(np.sqrt(rows[1].mean())),
         floor=float(np.sqrt(floor.squares[:, measured].mean())),
         interval=(float(low), float(high)),
         unit=axis.units[0],
     )
+    return gain, confirmed
 
 
 def _messages(causes: list[Cause]) -> tuple[str, ...]:

@@ -91,7 +91,7 @@ class Race:
         jobs: int = 2,
     ) -> None:
         self.bench, self.fit, self.judge = bench, fit, judge
-        self.sieve = bench.sieve(fit)
+        self.sieve = fit
         self.sizes = scales
         self.jobs = jobs
         names = list(BASE.values())
@@ -154,6 +154,7 @@ class Race:
 
         Those that are far behind after a short fit are not fitted further.
         """
+        self.sieve = self.bench.sieve(self.fit, base.scores)
         record = self.bench.windows.record
         known = base.hypothesis.values(base.z)
         views = [(view(base.axis, record, self.believed), known)]
@@ -182,7 +183,7 @@ class Race:
         near = _NEAR * best
         most = len(runners) if self._settled(best, self.sieve) else _KEPT
         keep = [r for i, r in enumerate(runners) if i < most and (i < 2 or r.loss < near)]
-        left = [r for r in runners if r not in keep]
+        left = self._run(self.judged, ((r,) for r in runners if r not in keep))
         done = sorted(self._run(self._second, ((r,) for r in keep)), key=lambda r: r.loss)
         first: dict[str, Fitted] = {}
         for r in done + left:

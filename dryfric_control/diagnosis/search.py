@@ -91,13 +91,15 @@ class Bench:
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
         self.moving = reach > 4.0 * self.floor
 
-    def sieve(self, active: BoolArray, most: int = 14) -> BoolArray:
-        """Some of the windows in which the axis moves, evenly over the record."""
-        found = np.flatnonzero(active & self.moving)
-        if found.size == 0:
-            return active
+    def sieve(self, active: BoolArray, scores: FloatArray, most: int = 14) -> BoolArray:
+        """Some of the windows: the worst, where what is rare shows, and others evenly."""
         picked = np.zeros(active.size, bool)
-        picked[found[np.unique(np.linspace(0, found.size - 1, most).astype(int))]] = True
+        known = np.flatnonzero(active)
+        picked[known[np.argsort(-scores[known])[: most // 2]]] = True
+        others = np.flatnonzero(active & self.moving & ~picked)
+        if others.size:
+            some = np.unique(np.linspace(0, others.size - 1, most - most // 2).astype(int))
+            picked[others[some]] = True
         return picked
 
     def evaluate(
@@ -281,6 +283,8 @@ class Hypothesis:
             g, h = g.sum(axis=0), h.sum(axis=0)
             _, pg, ph = self.prior(z)
             g, h = g + pg, h + np.diag(ph)
+            if not (np.all(np.isfinite(g)) and np.all(np.isfinite(h))):
+                break  # a law that is not a number somewhere
             size = np.sqrt(np.maximum(np.diag(h), 1e-300))
             self.steps = np.clip(3.0 / size, self.least, _STEPS[1])
             held = ((z <= self.low) & (g > 0.0)) | ((z >= self.high) & (g < 0.0))

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.diagnosis.candidates import BASE, PLAINNESS, catalogue
+from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue
 from dryfric_control.diagnosis.floor import REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
-from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, Evaluation
-from dryfric_control.effects import Effect
+from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, ROBUST, Evaluation
+from dryfric_control.effects import REGISTRY, Effect
 from dryfric_control.identification.uncertainty import block_labels, jackknife
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +28,8 @@ _SHARE = 0.05
 # A base parameter off by less than this is what anybody would call right.
 _RIGHT = 0.004
 _MOST_CAUSES = 4
-# Hypotheses whose assumptions differ by less than this are equally plain.
+# Hypotheses whose likelihood and assumptions differ by less than this, in units
+# of chi^2, are equally good.
 _PLAIN = 4.0
 # What a wrong base parameter costs at most, less than any other cause.
 _BASE_MOST = 0.8 * CAUSE_COST
@@ -126,11 +127,29 @@ class Selector:
         """Whether a fall of the held-out scores names a cause."""
         mean, error = self.gain(before, after)
         above = max(self.excess(before, floor), 0.0)
+        if self.rids(before, after, floor):
+            return True
         fall = (before - after)[self.race.judge]
         won, lost = fall[fall > 0.0], -fall[fall < 0.0]
         # What is rare is seen in few blocks: then it must cost nowhere else.
         sure = mean > _SURE * error or (won.sum() > _SURE * lost.sum() and (won > 0.3).sum() > 1)
         return bool(mean > max(_LEAST, _SHARE * above) and sure)
+
+    def rids(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
+        """Whether windows that nothing else explains fall into line.
+
+        What acts rarely is seen in a window or two of those that judge: a mean
+        over all says nothing.
+        """
+        bad, left = floor.outliers(before, self.known), floor.outliers(after, self.known)
+        judged = bad & self.race.judge
+        mended = bad & ~left
+        return bool(
+            mended.sum() >= 3
+            and 3 * left.sum() <= bad.sum()
+            and np.any(judged)
+            and 3 * (left & self.race.judge).sum() <= judged.sum()
+        )
 
     def excess(self, scores: FloatArray, floor: Floor) -> float:
         """Mean held-out score above the floor."""
@@ -138,6 +157,8 @@ class Selector:
 
     def ties(self, one: FloatArray, best: FloatArray, floor: Floor) -> bool:
         """Whether held-out scores are as good as the best."""
+        if self.rids(one, best, floor):
+            return False
         mean, error = self.gain(one, best)
         return mean < max(_TIE, 0.02 * self.excess(best, floor)) or (
             mean < 2.0 * error and mean < 0.1
@@ -172,8 +193,9 @@ class Selector:
                 break
             best = found.best = step
             floor = self.floor_of(best)
+        floor = self._backward(found, floor)
         if len(found.causes) > 1:
-            floor = self._backward(found, floor)
+            floor = self._swap(found, floor)
         return found, floor
 
     def _names(self, found: Selection, without: str = "") -> list[str]:
@@ -219,10 +241,11 @@ class Selector:
             current.scores, best.scores, floor
         ):
             # As good without any of them: only if the base had to bend for it.
-            plain = min(level, key=self._plain_key(causes + 1))
-            if self.cost(plain, causes + 1) >= self.cost(current, causes):
+            plain = self._plainest(level, causes + 1)
+            worse = not self.ties(plain.scores, current.scores, floor)
+            if worse or self.cost(plain, causes + 1) >= self.cost(current, causes):
                 return None, []
-        winner = min(level, key=self._plain_key(causes + 1))
+        winner = self._plainest(level, causes + 1)
         most = self.cost(winner, causes + 1) + _PLAIN
         rivals = [
             r
@@ -237,24 +260,34 @@ class Selector:
         ]
         return winner, rivals
 
-    def _plain_key(self, causes: int) -> Callable[[Fitted], tuple[float, int]]:
-        def key(r: Fitted) -> tuple[float, int]:
-            place = PLAINNESS.index(r.slug) if r.slug in PLAINNESS else len(PLAINNESS)
-            return round(self.cost(r, causes) / _PLAIN), place
+    def _plainest(self, level: list[Fitted], causes: int) -> Fitted:
+        """The likeliest of fits that tie; of those as likely, the plainest."""
+        weight = (self.bench.samples * ROBUST**2)[self.race.judge]
 
-        return key
+        def total(r: Fitted) -> float:
+            return float(weight @ r.scores[self.race.judge]) + self.cost(r, causes)
+
+        least = min(total(r) for r in level)
+        likely = [r for r in level if total(r) < least + _PLAIN]
+        places = {slug: i for i, slug in enumerate(PLAINNESS)}
+        return min(likely, key=lambda r: places.get(r.slug, len(places)))
 
     def _backward(self, found: Selection, floor: Floor) -> Floor:
-        """Drop what later causes made superfluous, one at a time."""
+        """Drop what later causes or a better fit made superfluous, one at a time."""
         changed = True
-        while changed and len(found.causes) > 1:
+        while changed and found.causes:
             changed = False
             for slug in list(found.causes):
                 self.tell(f"without {slug}")
                 less = self.race.alone(
                     self.without(found.best.axis, slug), self._names(found, slug)
                 )
-                if not self.better(less.scores, found.best.scores, floor):
+                kept = self.better(less.scores, found.best.scores, floor)
+                if not kept and self.ties(found.best.scores, less.scores, floor):
+                    # No better, but no worse either: kept if the base must bend for it.
+                    count = len(found.causes)
+                    kept = self.cost(found.best, count) < self.cost(less, count - 1)
+                if not kept:
                     found.causes.remove(slug)
                     for table in (found.free, found.alternatives, found.rivals):
                         table.pop(slug, None)
@@ -262,6 +295,42 @@ class Selector:
                     floor = self.floor_of(less)
                     changed = True
                     break
+        return floor
+
+    def _swap(self, found: Selection, floor: Floor) -> Floor:
+        """Weigh each cause against its alternatives once the others are known."""
+        count = len(found.causes)
+        for i, slug in enumerate(list(found.causes)):
+            runs = {slug: found.best}
+            names = {slug: found.free[slug]}
+            rest = self.without(found.best.axis, slug)
+            for other, rival in found.rivals.get(slug, {}).items():
+                if other in found.causes:
+                    continue
+                self.tell(f"{other} for {slug}")
+                prefix = f"{other}."
+                axis = in_place(rest, rival, other)
+                names[other] = tuple(
+                    prefix + p for p in REGISTRY[other].parameters() if p not in HELD.get(other, ())
+                )
+                free = [*self._names(found, slug), *names[other]]
+                runs[other] = self.race.alone(axis, free, slug=other)
+            if len(runs) == 1:
+                continue
+            judge = self.race.judge
+            best = min(runs.values(), key=lambda r: r.scores[judge].mean())
+            level = [r for r in runs.values() if self.ties(r.scores, best.scores, floor)]
+            winner = self._plainest(level, count)
+            chosen = next(s for s, r in runs.items() if r is winner)
+            found.causes[i] = chosen
+            for table in (found.free, found.alternatives, found.rivals):
+                table.pop(slug, None)
+            found.free[chosen] = names[chosen]
+            rivals = {s: r.axis for s, r in runs.items() if r in level and s != chosen}
+            found.alternatives[chosen], found.rivals[chosen] = tuple(rivals), rivals
+            if winner is not found.best:
+                found.best = winner
+                floor = self.floor_of(winner)
         return floor
 
     def without(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
@@ -298,6 +367,15 @@ class Selector:
         from dryfric_control.identification.parameters import with_values
 
         return with_values(axis, list(names), [self.race.believed[n] for n in names])
+
+
+def in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis:
+    """The axis with an alternative's effect, and the base that goes with it."""
+    base = {"mass": rival.mass, "viscous": rival.viscous, "coulomb": rival.coulomb}
+    if slug == "stribeck":
+        return axis.replace(stribeck=rival.stribeck, **base)
+    effect = effect_of(rival, slug)
+    return axis.replace(effects=(*axis.effects, *([effect] if effect else [])), **base)
 
 
 def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:

@@ -29,6 +29,8 @@ FIT, JUDGE, MEASURE = 0, 1, 2
 _TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
 _BLOCK, _FEWEST_BLOCKS = 1.0, 12
 _LEAST_WINDOWS = 10
+# Searches, each without the causes that the one before had to take back.
+_SEARCHES = 3
 # Alternatives for which an experiment is sought.
 _RIVALS = 4
 _SLUGS = {name: slug for slug, name in BASE.items()}
@@ -155,8 +157,11 @@ def _diagnosis(
         found, best, kept = Selection(before), before, list[str]()
         found.first[""] = float(before.scores[race.judge].mean())
     else:
-        found, floor = selector.run()
-        best, kept = selector.base(found, floor)
+        for _ in range(_SEARCHES):
+            found, floor = selector.run()
+            best, kept = selector.base(found, floor)
+            if not selector.refutes(found, best, kept, floor):
+                break
         if not found.causes and not kept:
             best = before
     selector.tell("all data")

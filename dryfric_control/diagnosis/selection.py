@@ -28,6 +28,8 @@ _SHARE = 0.05
 # A base parameter off by less than this is what anybody would call right.
 _RIGHT = 0.004
 _MOST_CAUSES = 4
+# Causes proposed in one step, each refused if the fit without it does as well.
+_PROPOSED = 4
 # Hypotheses whose likelihood and assumptions differ by less than this, in units
 # of chi^2, are equally good.
 _PLAIN = 4.0
@@ -76,6 +78,8 @@ class Selector:
         self.bench = race.bench
         self.known = race.fit | race.judge
         self.labels = block_labels([self.bench.windows])
+        # Causes that a search named and the fit without them refuted.
+        self.refuted: set[str] = set()
 
     # -- tests -----------------------------------------------------------------
 
@@ -134,6 +138,20 @@ class Selector:
         # What is rare is seen in few blocks: then it must cost nowhere else.
         sure = mean > _SURE * error or (won.sum() > _SURE * lost.sum() and (won > 0.3).sum() > 1)
         return bool(mean > max(_LEAST, _SHARE * above) and sure)
+
+    def earns(self, without: Fitted, fitted: Fitted, floor: Floor, causes: int) -> bool:
+        """Whether a fit with one cause more is worth it.
+
+        It tells more; or else the fit without it leaves nothing to tell, but
+        only because base parameters bend for it, which is the bolder claim.
+        """
+        if self.better(without.scores, fitted.scores, floor):
+            return True
+        return (
+            floor.reached(without.scores, self.known)
+            and self.ties(fitted.scores, without.scores, floor)
+            and self.cost(fitted, causes) < self.cost(without, causes - 1)
+        )
 
     def rids(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
         """Whether windows that nothing else explains fall into line.
@@ -202,7 +220,7 @@ class Selector:
         return [n for slug, names in found.free.items() if slug != without for n in names]
 
     def _step(self, found: Selection, floor: Floor) -> Fitted | None:
-        effects = catalogue(found.best.axis, tuple(found.causes))
+        effects = catalogue(found.best.axis, (*found.causes, *self.refuted))
         runners = self.race.among(found.best, self._names(found), effects)
         judged = [r for r in runners if r.scores.size]
         if not found.causes:
@@ -210,17 +228,21 @@ class Selector:
                 found.first[r.slug] = float(r.scores[self.race.judge].mean())
         if not judged:
             return None
-        winner, rivals = self._choose(judged, found.best, floor, len(found.causes))
-        if winner is None:
-            return None
-        # The same without the cause, from where the winner got to: the fit without
-        # it may only have ended early.
-        less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
-        if less.loss < found.best.loss:
-            found.best = less
-            winner, rivals = self._choose(judged, less, floor, len(found.causes))
+        count = len(found.causes)
+        for _ in range(_PROPOSED):
+            winner, rivals = self._choose(judged, found.best, floor, count)
             if winner is None:
                 return None
+            # The same without the cause, from where the winner got to: the fit
+            # without it may only have ended early.
+            less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
+            if less.loss < found.best.loss:
+                found.best = less
+            if all(self.earns(r, winner, floor, count + 1) for r in (found.best, less)):
+                break
+            judged.remove(winner)
+        else:
+            return None
         found.causes.append(winner.slug)
         found.free[winner.slug] = self._own(winner)
         found.alternatives[winner.slug] = tuple(r.slug for r in rivals if r.slug)
@@ -240,10 +262,8 @@ class Selector:
         if self.ties(current.scores, best.scores, floor) or not self.better(
             current.scores, best.scores, floor
         ):
-            # As good without any of them: only if the base had to bend for it.
             plain = self._plainest(level, causes + 1)
-            worse = not self.ties(plain.scores, current.scores, floor)
-            if worse or self.cost(plain, causes + 1) >= self.cost(current, causes):
+            if not self.earns(current, plain, floor, causes + 1):
                 return None, []
         winner = self._plainest(level, causes + 1)
         most = self.cost(winner, causes + 1) + _PLAIN
@@ -282,12 +302,7 @@ class Selector:
                 less = self.race.alone(
                     self.without(found.best.axis, slug), self._names(found, slug)
                 )
-                kept = self.better(less.scores, found.best.scores, floor)
-                if not kept and self.ties(found.best.scores, less.scores, floor):
-                    # No better, but no worse either: kept if the base must bend for it.
-                    count = len(found.causes)
-                    kept = self.cost(found.best, count) < self.cost(less, count - 1)
-                if not kept:
+                if not self.earns(less, found.best, floor, len(found.causes)):
                     found.causes.remove(slug)
                     for table in (found.free, found.alternatives, found.rivals):
                         table.pop(slug, None)
@@ -351,6 +366,22 @@ class Selector:
             if not self.better(less.scores, best.scores, floor):
                 best, kept = less, left
         return best, kept
+
+    def refutes(self, found: Selection, best: Fitted, kept: Sequence[str], floor: Floor) -> bool:
+        """Whether a cause falls once no more base parameters than needed are free.
+
+        What falls is remembered, and not proposed again.
+        """
+        fallen = set()
+        for slug in found.causes:
+            self.tell(f"{slug} confirmed")
+            less = self.race.alone(
+                self.without(best.axis, slug), self._names(found, slug), base=kept
+            )
+            if not self.earns(less, best, floor, len(found.causes)):
+                fallen.add(slug)
+        self.refuted |= fallen
+        return bool(fallen)
 
     def change(self, fitted: Fitted, name: str) -> float:
         """Relative change of a base parameter from its believed value."""

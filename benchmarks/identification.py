@@ -1,6 +1,6 @@
 """What identification reaches: on the bench, on EMPS, on a servo pendulum.
 
-    python benchmarks/identification.py [emps | bam | bench | coverage] [--repeats 200]
+    python benchmarks/identification.py [emps | bam | bench | coverage | stribeck] [--repeats 200]
 
 Prints tables; every figure comes from the run.  Records are read from
 ../shared/data and left out with a word where they are not at hand.
@@ -67,6 +67,41 @@ def coverage(repeats: int) -> None:
     print(f"90 % intervals over {repeats} repeats ({time.perf_counter() - start:.0f} s)")
     for name, hits in rows.items():
         print(f"  {name:32s} {100 * np.mean(hits):5.1f} %")
+
+
+def coverage_stribeck(repeats: int) -> None:
+    """The same with the Stribeck peak free, on records of 20 s with crawls."""
+    names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
+    hits: dict[str, list[bool]] = {name: [] for name in names}
+    start = time.perf_counter()
+    for seed in range(repeats):
+        case = truth.make_null(seed)
+        a = case.actual
+        if not a["stribeck"] or case.unit != "m":
+            continue
+        rng = np.random.default_rng(seed)
+        noisy = case.x + 80e-6 * rng.standard_normal(case.x.size)
+        axis = dfc.FrictionAxis(
+            mass=1.1 * a["mass"],
+            viscous=a["viscous"],
+            coulomb=a["coulomb"],
+            stribeck=dfc.Stribeck(**a["stribeck"]),
+            stick_speed=a["stick_speed"],
+            travel=a["travel"],
+        )
+        ends = fit(axis, Record(case.t, case.u, noisy, quantum=0.0), names, starts=1).interval()
+        true = {
+            "stribeck.excess": a["stribeck"]["excess"],
+            "stribeck.speed": a["stribeck"]["speed"],
+        }
+        for name in names:
+            low, high = ends[name]
+            hits[name].append(bool(low <= true.get(name, a.get(name)) <= high))
+    count = len(hits["mass"])
+    print(f"90 % intervals, Stribeck peak free, {count} axes of {repeats} seeds have one "
+          f"({time.perf_counter() - start:.0f} s)")  # fmt: skip
+    for name, values in hits.items():
+        print(f"  {name:32s} {100 * np.mean(values):5.1f} %")
 
 
 def bench() -> None:
@@ -250,9 +285,13 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore", FitWarning)  # they are in the summaries
     for what in options.what:
-        {"emps": emps, "bam": bam, "bench": bench, "coverage": lambda: coverage(options.repeats)}[
-            what
-        ]()
+        {
+            "emps": emps,
+            "bam": bam,
+            "bench": bench,
+            "coverage": lambda: coverage(options.repeats),
+            "stribeck": lambda: coverage_stribeck(2 * options.repeats),
+        }[what]()
 
 
 if __name__ == "__main__":

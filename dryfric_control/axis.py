@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control import kernels
 from dryfric_control.effects import Backlash, Compliance, Effect, Presliding, law_address
-from dryfric_control.friction import CoulombMap, Stribeck, finite, positive
+from dryfric_control.friction import CoulombMap, Stribeck, finite, instance, places, positive
 from dryfric_control.responses import Events, SimulationResponse
 
 if TYPE_CHECKING:
@@ -27,6 +27,11 @@ INNER = {
 }
 SWITCHING = {"filippov": kernels.FILIPPOV, "paper": kernels.PAPER}
 MODES = (0, 1, -1)
+
+
+#: Fastest change of speed that one sample may hold, in time constants: the steps
+#: inside it resolve that change, and beyond this a sample takes milliseconds.
+MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
 
 
 class Arrays(NamedTuple):
@@ -139,11 +144,14 @@ class FrictionAxis:
         if self.travel is not None:
             put("travel", _travel(self.travel))
         self.coulomb.check(self.travel)
-        if self.switching not in SWITCHING:
+        if not isinstance(self.switching, str) or self.switching not in SWITCHING:
             raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
         effects = (self.effects,) if isinstance(self.effects, Effect) else self.effects
-        if not isinstance(effects, Iterable):
-            raise ValueError(f"effects must be a sequence of effects, got {effects!r}")
+        if isinstance(effects, str) or not isinstance(effects, Iterable):
+            raise ValueError(
+                "effects must be a sequence of effects such as dfc.Spring(stiffness=200.0), "
+                f"got {effects!r}"
+            )
         put("effects", tuple(effects))
         for effect in self.effects:
             if not isinstance(effect, Effect):
@@ -157,6 +165,14 @@ class FrictionAxis:
                 raise ValueError(
                     f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
                 )
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be text, got {self.name!r}")
+        units = self.units
+        if isinstance(units, str) or [type(unit) for unit in units] != [str, str]:
+            raise ValueError(
+                f'units must be those of position and force, such as ("m", "N"), got {units!r}'
+            )
+        put("units", tuple(units))
 
     def replace(self, **changes: Any) -> FrictionAxis:
         """Axis with some of its fields changed.
@@ -237,7 +253,7 @@ class FrictionAxis:
             Magnitude [N].
         """
         axis = self.effective()
-        place = np.asarray(x, dtype=float)
+        place = places("x", x)
         if axis.travel is not None:
             place = np.clip(place, *axis.travel)
         excess = axis.stribeck.excess if axis.stribeck else 0.0
@@ -252,7 +268,7 @@ class FrictionAxis:
         hold: str = "zero",
         law: Law | None = None,
     ) -> SimulationResponse:
-        """Run the axis on a sampled input, switches located in the samples.
+        """Run the axis on a sampled input, switches located inside.
 
         Parameters
         ----------
@@ -298,21 +314,20 @@ class FrictionAxis:
             raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
         outputs = np.empty((4, force.size))
         if law is not None:
-            for effect in self.effects:
-                if effect.action in ("contact", "transmission"):
-                    raise ValueError(
-                        f"law={law.__class__.__name__}(...) has no place for the effect "
-                        f"{effect.slug!r}: leave out the one or the other"
-                    )
+            from dryfric_control.laws import Law
+
+            instance("law", law, Law, "such as dfc.LuGre(stiffness=1e5, damping=100.0)")
             outputs[:] = law.run(self, force, dt, x0, v0, hold)
             located = _sampled_switches(outputs[3], dt)
         else:
+            check_pace(self, dt)
             arrays = self.arrays(dt)
             memory = np.zeros(arrays.memory)
             memory[:2] = x0, v0
             located = kernels.run(
                 arrays.numbers, arrays.integers, memory, force, dt, hold == "first", 0.0, outputs
             )
+        check_finite(outputs)
         # In place: a long record has no room for a second copy.
         time = np.arange(force.size, dtype=float)
         time *= dt
@@ -529,11 +544,37 @@ class AxisStepper:
 
     Made by `FrictionAxis.stepper`.  Attributes x, v, F, mode and time hold the
     state after the last step; F and mode are those under the last input.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+    x0, v0 : float, optional
+        Position [m] and speed [m/s] at the start.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0)
+    >>> stepper = axis.stepper(dt=1e-3)
+    >>> for _ in range(1000):
+    ...     stepper.step(10.0)
+    >>> stepper.mode, round(stepper.v, 9)
+    (1, 1.0)
     """
 
     def __init__(self, axis: FrictionAxis, dt: float, x0: float = 0.0, v0: float = 0.0) -> None:
+        instance("axis", axis, FrictionAxis)
         self.axis = axis
         self.dt = positive("dt", dt, unit="s")
+        check_pace(axis, self.dt)
         self._arrays = axis.arrays(self.dt)
         self._memory = np.zeros(self._arrays.memory)
         self._memory[:2] = finite("x0", x0), finite("v0", v0)
@@ -582,6 +623,62 @@ class AxisStepper:
         )
 
 
+def check_pace(axis: FrictionAxis, dt: float) -> None:
+    """Refuse an axis whose speed changes too fast to be followed.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+
+    Raises
+    ------
+    ValueError
+        If viscous friction or the Stribeck peak acts within so small a part of
+        a sample that following it would take for ever: a wrong unit.
+    """
+    axis = axis.effective()
+    rate = axis.viscous / axis.mass
+    if rate * dt > MOST_VISCOUS:
+        raise ValueError(
+            f"viscous / mass = {rate:.3g} 1/s makes {rate * dt:.3g} time constants in one sample "
+            f"of dt = {dt:g} s: check the units of viscous and mass"
+        )
+    if axis.stribeck is not None:
+        middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+        peak = axis.stribeck.excess * float(max(axis.coulomb(middle, 1), axis.coulomb(middle, -1)))
+        rate = peak / (axis.mass * axis.stribeck.speed)
+        if rate * dt > MOST_STRIBECK:
+            raise ValueError(
+                f"stribeck.speed = {axis.stribeck.speed:g} is crossed {rate * dt:.3g} times in one "
+                f"sample of dt = {dt:g} s: check the units of stribeck.speed and mass"
+            )
+
+
+def check_finite(outputs: NDArray[np.float64]) -> None:
+    """Refuse to return a motion that has left the range of numbers.
+
+    Parameters
+    ----------
+    outputs : ndarray, shape (4 or more, n)
+        Rows x, v, F, mode first.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite; the message names the first sample.
+    """
+    # What is not finite once stays so: the last sample tells.
+    if not np.isfinite(outputs[:3, -1]).all():
+        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
+        raise ValueError(
+            f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
+            "the input, and of mass, viscous and coulomb, and that a loop is stable"
+        )
+
+
 def mode_label(index: int) -> str:
     """Name of a mode that can be part of a signal or system name."""
     return {0: "stuck", 1: "plus", -1: "minus"}[index]
@@ -595,12 +692,7 @@ def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float6
     ValueError
         If `values` is anything else; the message names the argument.
     """
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"{name} must be an array of numbers, got {type(values).__name__}"
-        ) from None
+    array = np.array(places(name, values))
     if array.ndim != 1 or array.size == 0:
         raise ValueError(
             f"{name} must have shape ({shape},) with at least one sample, got shape {array.shape}"
@@ -626,7 +718,7 @@ def _travel(travel: Any) -> tuple[float, float]:
 
 
 def _check_mode(index: int) -> None:
-    if index not in MODES or isinstance(index, bool):
+    if isinstance(index, (bool, str)) or not np.isscalar(index) or index not in MODES:
         raise ValueError(f"mode must be 0 (stuck), +1 or -1 (sliding), got {index!r}")
 
 
@@ -661,6 +753,7 @@ def _inner_numbers(axis: FrictionAxis) -> list[float]:
 
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
+    dt = positive("dt", dt, unit="s")
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]

@@ -19,8 +19,8 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from dryfric_control import kernels
-from dryfric_control.axis import FrictionAxis, mode_label
-from dryfric_control.friction import positive
+from dryfric_control.axis import FrictionAxis, check_pace, mode_label
+from dryfric_control.friction import instance, positive
 from dryfric_control.loop_kernels import encode
 from dryfric_control.loops import PositionController
 
@@ -67,7 +67,9 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     >>> float(resp.outputs[3, -1])
     1.0
     """
+    instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
+    check_pace(axis, dt)
     arrays = axis.arrays(dt)
     size = arrays.memory if any(effect.remembers for effect in axis.effects) else 3
 
@@ -101,7 +103,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
 
 def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.NonlinearIOSystem:
-    """The switching rule (paper, Fig. 2) as a sampled state machine.
+    """The switching rule (paper, Figure 2) as a sampled automaton.
 
     Parameters
     ----------
@@ -194,7 +196,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
 def switched_axis(
     axis: FrictionAxis, dt: float, name: str | None = None
 ) -> ct.InterconnectedSystem:
-    """The switched axis put together from its modes and its supervisor.
+    """The switched axis, put together from modes and supervisor.
 
     Parameters
     ----------
@@ -349,7 +351,7 @@ def reference_filter(
     """
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     dt = positive("dt", dt, unit="s")
-    if order not in range(1, 9):
+    if isinstance(order, bool) or order not in range(1, 9):
         raise ValueError(f"order must be a whole number from 1 to 8, got {order!r}")
     if bandwidth >= np.pi / dt:
         raise ValueError(
@@ -412,6 +414,7 @@ def position_controller(
 
 
 def _memoryless(axis: FrictionAxis, what: str) -> None:
+    instance("axis", axis, FrictionAxis)
     for effect in axis.effects:
         if effect.remembers:
             raise ValueError(

@@ -42,6 +42,9 @@ def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
     given = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
     if given.size != rows:
         raise ValueError(f"ax must hold {rows} axes, one for each row, got {given.size}")
+    for one in given:
+        if not hasattr(one, "plot"):
+            raise ValueError(f"ax must hold matplotlib Axes, got {one!r}")
     return given
 
 

@@ -59,7 +59,19 @@ def parameter(
     >>> dfc.parameter("N", "force", bounds=(0.0, 10.0)).metadata["unit"]
     'N'
     """
-    metadata = {"unit": unit, "doc": doc, "bounds": bounds}
+    for name, text in (("unit", unit), ("doc", doc)):
+        if not isinstance(text, str):
+            raise ValueError(f"{name} must be text, got {text!r}")
+    try:
+        low, high = bounds
+        ordered = float(low) < float(high)
+    except (TypeError, ValueError):
+        raise ValueError(f"bounds must be (low, high), got {bounds!r}") from None
+    if not ordered:
+        raise ValueError(f"bounds must run from low to high, got {bounds!r}")
+    if default is not None and not low <= finite("default", default) <= high:
+        raise ValueError(f"default must lie within bounds = {bounds!r}, got {default!r}")
+    metadata = {"unit": unit, "doc": doc, "bounds": (low, high)}
     return field(default=MISSING if default is None else default, metadata=metadata)
 
 
@@ -184,7 +196,9 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     >>> bool(axis.simulate([0.0] * 5, dt=1e-3).y[0, -1] > 0)
     True
     """
-    if not cls.slug or not cls.slug.isidentifier():
+    if not isinstance(cls, type) or not issubclass(cls, Effect):
+        raise ValueError(f"register_effect takes a class that derives from dfc.Effect, got {cls!r}")
+    if not isinstance(cls.slug, str) or not cls.slug.isidentifier():
         raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
     if cls.action not in ACTIONS:
         raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
@@ -229,12 +243,16 @@ def law_address(cls: type[Effect]) -> int:
 @register_effect
 @dataclass(frozen=True)
 class Inertia(Effect):
-    """Mass other than the axis' own.
+    r"""Mass other than the axis' own.
 
     Parameters
     ----------
     factor : float
         Mass that moves over the axis' `mass` [1].
+
+    Notes
+    -----
+    .. math:: m \to \text{factor} \cdot m
 
     Examples
     --------
@@ -256,19 +274,33 @@ class Inertia(Effect):
     experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
 
     def alter(self, axis: FrictionAxis) -> FrictionAxis:
-        """Axis with the other mass."""
+        """Axis with the other mass.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
         return axis.replace(mass=self.factor * axis.mass)
 
 
 @register_effect
 @dataclass(frozen=True)
 class ViscousFriction(Effect):
-    """Viscous coefficient other than the axis' own.
+    r"""Viscous coefficient other than the axis' own.
 
     Parameters
     ----------
     factor : float
         Coefficient over the axis' `viscous` [1].
+
+    Notes
+    -----
+    .. math:: f \to \text{factor} \cdot f
 
     Examples
     --------
@@ -290,19 +322,33 @@ class ViscousFriction(Effect):
     experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
 
     def alter(self, axis: FrictionAxis) -> FrictionAxis:
-        """Axis with the other viscous coefficient."""
+        """Axis with the other viscous coefficient.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
         return axis.replace(viscous=self.factor * axis.viscous)
 
 
 @register_effect
 @dataclass(frozen=True)
 class CoulombFriction(Effect):
-    """Coulomb level other than the axis' own, the same way both directions.
+    r"""Coulomb level other than the axis' own, the same both ways.
 
     Parameters
     ----------
     factor : float
         Level over the axis' `coulomb` [1].
+
+    Notes
+    -----
+    .. math:: F_c \to \text{factor} \cdot F_c
 
     Examples
     --------
@@ -325,14 +371,24 @@ class CoulombFriction(Effect):
     )
 
     def alter(self, axis: FrictionAxis) -> FrictionAxis:
-        """Axis with the other levels."""
+        """Axis with the other levels.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
         return axis.replace(coulomb=axis.coulomb.scaled(self.factor))
 
 
 @register_effect
 @dataclass(frozen=True)
 class StribeckPeak(Effect):
-    """Friction that is higher at the slowest motion.
+    r"""Friction that is higher at the slowest motion.
 
     It takes the place of the axis' own Stribeck peak, if there is one.
 
@@ -342,6 +398,12 @@ class StribeckPeak(Effect):
         Relative excess of the breakaway over the Coulomb level [1].
     speed : float
         Stribeck speed, over which the excess dies [m/s].
+
+    Notes
+    -----
+    .. math:: F = F_c \left(1 + \text{excess} \cdot e^{-(({|v|} - \Sigma)/\text{speed})^2}\right)
+
+    with Sigma the stick speed of the axis.
 
     Examples
     --------
@@ -364,19 +426,46 @@ class StribeckPeak(Effect):
     experiment = "Crawl slower and slower through a soft drive: the axis starts to stick and slip."
 
     def alter(self, axis: FrictionAxis) -> FrictionAxis:
-        """Axis with this peak."""
+        """Axis with this peak.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
         return axis.replace(stribeck=Stribeck(self.excess, self.speed))
 
 
 @register_effect
 @dataclass(frozen=True)
 class BiasForce(Effect):
-    """Constant force on the mass.
+    r"""Constant force on the mass.
 
     Parameters
     ----------
     force : float
         Force [N], positive with x.
+
+    Notes
+    -----
+    .. math:: w \to w + \text{force}
+
+    with w the force on the mass without friction.
+
+    Examples
+    --------
+    Three newtons against a level of one move 2 kg at 1 m/s^2:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.BiasForce(force=3.0),))
+    >>> resp = axis.simulate([0.0] * 1001, dt=1e-3)
+    >>> round(float(resp.y[1, -1]), 9)
+    1.0
     """
 
     force: float = parameter("N", "force, positive with x")
@@ -399,13 +488,29 @@ class BiasForce(Effect):
 @register_effect
 @dataclass(frozen=True)
 class ViscousAsymmetry(Effect):
-    """Viscous friction that differs between the directions.
+    r"""Viscous friction that differs between the directions.
 
     Parameters
     ----------
     viscous : float
         Half the difference of the two coefficients [N s/m]: added for motion
         in positive direction, taken away in negative direction.
+
+    Notes
+    -----
+    .. math:: w \to w - \text{viscous} \cdot {|v|}
+
+    so that the coefficient is f + viscous forwards and f - viscous backwards.
+
+    Examples
+    --------
+    The same force gives another speed each way, (13 - 1)/(10 +- 2):
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.1, viscous=10.0, coulomb=1.0,
+    ...                         effects=(dfc.ViscousAsymmetry(viscous=2.0),))
+    >>> [round(float(axis.simulate([u] * 1000, dt=1e-3).y[1, -1]), 6) for u in (13.0, -13.0)]
+    [1.0, -1.5]
     """
 
     viscous: float = parameter("N s/m", "half the difference, positive less negative")
@@ -426,13 +531,27 @@ class ViscousAsymmetry(Effect):
 @register_effect
 @dataclass(frozen=True)
 class CoulombAsymmetry(Effect):
-    """Coulomb level that differs between the directions.
+    r"""Coulomb level that differs between the directions.
 
     Parameters
     ----------
     force : float
         Half the difference of the two levels [N]: added for motion in
         positive direction, taken away in negative direction.
+
+    Notes
+    -----
+    .. math:: F_c \to F_c + s \cdot \text{force}, \quad s = \pm 1 \text{ the direction}
+
+    Examples
+    --------
+    With levels of 9 N forwards and 7 N backwards, 8 N move it one way only:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.CoulombAsymmetry(force=1.0),))
+    >>> [int(axis.simulate([u] * 10, dt=1e-3).mode[-1]) for u in (8.0, -8.0)]
+    [0, -1]
     """
 
     force: float = parameter("N", "half the difference, positive less negative")
@@ -453,12 +572,26 @@ class CoulombAsymmetry(Effect):
 @register_effect
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
-    """Drag that grows with the square of speed.
+    r"""Drag that grows with the square of speed.
 
     Parameters
     ----------
     drag : float
         Coefficient of ``v |v|`` [N s^2/m^2].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{drag} \cdot v {|v|}
+
+    Examples
+    --------
+    Eight newtons above the Coulomb level hold sqrt(8/2) m/s:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.5, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.QuadraticDrag(drag=2.0),))
+    >>> round(float(axis.simulate([9.0] * 3000, dt=1e-3).y[1, -1]), 6)
+    2.0
     """
 
     drag: float = parameter("N s^2/m^2", "coefficient of v |v|", bounds=(0.0, math.inf))
@@ -477,7 +610,7 @@ class QuadraticDrag(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Spring(Effect):
-    """Linear spring to the frame.
+    r"""Linear spring to the frame.
 
     Parameters
     ----------
@@ -485,6 +618,20 @@ class Spring(Effect):
         Stiffness [N/m].
     rest : float
         Position without spring force [m].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{stiffness} \cdot (x - \text{rest})
+
+    Examples
+    --------
+    At rest friction holds the spring, 200 N/m over 4 mm:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.Spring(stiffness=200.0),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=4e-3).y[2, -1]), 9)
+    -0.8
     """
 
     stiffness: float = parameter("N/m", "stiffness", bounds=(0.0, math.inf))
@@ -507,7 +654,7 @@ class Spring(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Gravity(Effect):
-    """Gravity on a rotary axis.
+    r"""Gravity on a rotary axis.
 
     Parameters
     ----------
@@ -515,6 +662,21 @@ class Gravity(Effect):
         Largest torque m g l [N m].
     phase : float
         Position at which the arm hangs [rad].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{amplitude} \cdot \sin(x - \text{phase})
+
+    Examples
+    --------
+    A level arm rests on friction, which carries its weight:
+
+    >>> import math
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.1, viscous=0.1, coulomb=1.0,
+    ...                         effects=(dfc.Gravity(amplitude=0.5),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=math.pi / 2).y[2, -1]), 9)
+    -0.5
     """
 
     amplitude: float = parameter("N m", "largest torque m g l", bounds=(0.0, math.inf))
@@ -535,7 +697,7 @@ class Gravity(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Cogging(Effect):
-    """Force that repeats with position.
+    r"""Force that repeats with position.
 
     Parameters
     ----------
@@ -545,6 +707,20 @@ class Cogging(Effect):
         Period [m].
     phase : float
         Phase at x = 0 [rad].
+
+    Notes
+    -----
+    .. math:: w \to w + \text{amplitude} \cdot \sin(2\pi x / \text{period} + \text{phase})
+
+    Examples
+    --------
+    A quarter of a period from zero it pushes with its amplitude:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.Cogging(amplitude=3.0, period=0.01),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=2.5e-3).y[2, -1]), 9)
+    3.0
     """
 
     amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
@@ -566,12 +742,27 @@ class Cogging(Effect):
 @register_effect
 @dataclass(frozen=True)
 class InputDelay(Effect):
-    """Drive force that acts some time after the command.
+    r"""Drive force that acts some time after the command.
 
     Parameters
     ----------
     delay : float
         Delay [s], any length, not only whole samples.
+
+    Notes
+    -----
+    .. math:: u(t) \to u(t - \text{delay})
+
+    Examples
+    --------
+    It starts when the force arrives, here between two samples:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.InputDelay(delay=4.5e-3),))
+    >>> resp = axis.simulate([10.0] * 20, dt=1e-3)
+    >>> round(float(resp.events.time[0]), 9)
+    0.0045
     """
 
     delay: float = parameter("s", "delay", bounds=(0.0, math.inf))
@@ -587,12 +778,27 @@ class InputDelay(Effect):
 @register_effect
 @dataclass(frozen=True)
 class ActuatorLag(Effect):
-    """Drive force that follows the command with a first-order lag.
+    r"""Drive force that follows the command with a first-order lag.
 
     Parameters
     ----------
     time_constant : float
         Time constant [s].
+
+    Notes
+    -----
+    .. math:: u \to y, \quad \text{time constant} \cdot \dot y = u - y
+
+    Examples
+    --------
+    It starts when the force has grown to the level, after tau ln 2:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.ActuatorLag(time_constant=0.01),))
+    >>> resp = axis.simulate([16.0] * 20, dt=1e-3)
+    >>> round(float(resp.events.time[0]), 6)
+    0.006931
     """
 
     time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf))
@@ -608,12 +814,26 @@ class ActuatorLag(Effect):
 @register_effect
 @dataclass(frozen=True)
 class InputGain(Effect):
-    """Drive force that is a multiple of the commanded one.
+    r"""Drive force that is a multiple of the commanded one.
 
     Parameters
     ----------
     gain : float
         Force acting over force commanded [1].
+
+    Notes
+    -----
+    .. math:: u \to \text{gain} \cdot u
+
+    Examples
+    --------
+    A command of 5 N acts with 10 N against a level of 8 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.InputGain(gain=2.0),))
+    >>> round(float(axis.simulate([5.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
     """
 
     gain: float = parameter("1", "force acting over force commanded", bounds=(0.0, math.inf))
@@ -632,13 +852,27 @@ class InputGain(Effect):
 @register_effect
 @dataclass(frozen=True)
 class DeadZone(Effect):
-    """Command below which the drive gives no force.
+    r"""Command below which the drive gives no force.
 
     Parameters
     ----------
     width : float
         Half width of the dead zone [N]; above it the force is the command
         less this width.
+
+    Notes
+    -----
+    .. math:: u \to u - \min(\max(u, -\text{width}), \text{width})
+
+    Examples
+    --------
+    Of 12 N it takes away 2 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.DeadZone(width=2.0),))
+    >>> round(float(axis.simulate([12.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
     """
 
     width: float = parameter("N", "half width", bounds=(0.0, math.inf))
@@ -663,12 +897,26 @@ class DeadZone(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Saturation(Effect):
-    """Largest force that the drive gives.
+    r"""Largest force that the drive gives.
 
     Parameters
     ----------
     limit : float
         Largest magnitude of the force [N].
+
+    Notes
+    -----
+    .. math:: u \to \min(\max(u, -\text{limit}), \text{limit})
+
+    Examples
+    --------
+    However large the command, 10 N act:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.Saturation(limit=10.0),))
+    >>> round(float(axis.simulate([500.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
     """
 
     limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf))
@@ -687,7 +935,7 @@ class Saturation(Effect):
 @register_effect
 @dataclass(frozen=True)
 class PositionDependence(Effect):
-    """Coulomb level that changes along the travel.
+    r"""Coulomb level that changes along the travel.
 
     Parameters
     ----------
@@ -697,6 +945,22 @@ class PositionDependence(Effect):
         Coefficient of the square [1/m^2].
     centre : float
         Position at which the level is the axis' own [m].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{slope} \cdot q + \text{curvature} \cdot q^2\right)
+
+    with q = x - centre.
+
+    Examples
+    --------
+    A drive of 8.5 N moves it where the level is 8 N, not where it is 8.8 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.PositionDependence(slope=1.0),))
+    >>> [int(axis.simulate([8.5] * 10, dt=1e-3, x0=x).mode[-1]) for x in (0.0, 0.1)]
+    [1, 0]
     """
 
     slope: float = parameter("1/m", "relative change per length")
@@ -718,12 +982,29 @@ class PositionDependence(Effect):
 @register_effect
 @dataclass(frozen=True)
 class LoadDependence(Effect):
-    """Friction that grows with the transmitted force.
+    r"""Friction that grows with the transmitted force.
 
     Parameters
     ----------
     coefficient : float
         Added friction over net force [1].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c + \text{coefficient} \cdot {|w|}
+
+    The Stribeck peak does not raise this part: it is the friction of another
+    contact.
+
+    Examples
+    --------
+    Half of the 20 N that it transmits is lost, and 8 N of its own:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.LoadDependence(coefficient=0.5),))
+    >>> round(float(axis.simulate([20.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
     """
 
     coefficient: float = parameter("1", "added friction over net force", bounds=(0.0, 1.0))
@@ -747,12 +1028,26 @@ class LoadDependence(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Drift(Effect):
-    """Friction level that changes over the record.
+    r"""Friction level that changes over the record.
 
     Parameters
     ----------
     rate : float
         Relative change of the Coulomb level per time [1/s].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{rate} \cdot t\right)
+
+    Examples
+    --------
+    Friction that falls by a tenth a second lets go of 7.6 N after 0.5 s:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.Drift(rate=-0.1),))
+    >>> round(float(axis.simulate([7.6] * 1000, dt=1e-3).events.time[0]), 6)
+    0.5
     """
 
     rate: float = parameter("1/s", "relative change of the level per time")
@@ -771,7 +1066,7 @@ class Drift(Effect):
 @register_effect
 @dataclass(frozen=True)
 class DwellTime(Effect):
-    """Breakaway level that grows with the time at rest.
+    r"""Breakaway level that grows with the time at rest.
 
     Parameters
     ----------
@@ -779,6 +1074,25 @@ class DwellTime(Effect):
         Breakaway force gained after a long rest [N].
     time_constant : float
         Time constant of the gain [s].
+
+    Notes
+    -----
+    .. math:: F_b \to F_b + \text{rise} \cdot \left(1 - e^{-t_r/\text{time constant}}\right)
+
+    with F_b the breakaway level and t_r the time at rest; the Stribeck peak does
+    not raise this part.
+
+    Examples
+    --------
+    Under a slow ramp of force it breaks away half a newton later:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0,
+    ...                         effects=(dfc.DwellTime(rise=0.5, time_constant=0.05),))
+    >>> ramp = np.arange(2000) * 1e-3
+    >>> round(float(axis.simulate(ramp, dt=1e-3, hold="first").events.time[0]), 6)
+    1.5
     """
 
     rise: float = parameter("N", "breakaway gained after a long rest", bounds=(0.0, math.inf))
@@ -802,7 +1116,7 @@ class DwellTime(Effect):
 @register_effect
 @dataclass(frozen=True)
 class TimePeriodic(Effect):
-    """Force that repeats with time.
+    r"""Force that repeats with time.
 
     Parameters
     ----------
@@ -812,6 +1126,22 @@ class TimePeriodic(Effect):
         Frequency [Hz].
     phase : float
         Phase at t = 0 [rad].
+
+    Notes
+    -----
+    .. math::
+
+        w \to w + \text{amplitude} \cdot \sin(2\pi \cdot \text{frequency} \cdot t + \text{phase})
+
+    Examples
+    --------
+    It overcomes half its amplitude after a twelfth of a period:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.TimePeriodic(amplitude=16.0, frequency=0.25),))
+    >>> round(float(axis.simulate([0.0] * 1000, dt=1e-3).events.time[0]), 6)
+    0.333333
     """
 
     amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
@@ -835,7 +1165,7 @@ class TimePeriodic(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Presliding(Effect):
-    """Friction that is elastic before it slides.
+    r"""Friction that is elastic before it slides.
 
     Parameters
     ----------
@@ -844,6 +1174,8 @@ class Presliding(Effect):
 
     Notes
     -----
+    .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
+
     Prandtl's element: F = k z with z' = v and k = Fc/distance, up to the
     friction level, at which it slides; when the motion turns back the contact
     unloads elastically from where it is.  Fc is one constant level, the mean
@@ -886,7 +1218,7 @@ class Presliding(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """Free play between motor and load.
+    r"""Free play between motor and load.
 
     Parameters
     ----------
@@ -897,6 +1229,8 @@ class Backlash(Effect):
 
     Notes
     -----
+    .. math:: {|x - x_l|} \le \tfrac{1}{2}\, \text{gap}, \quad x_l \text{ the load}
+
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects.  In contact
     the two move as one until the contact would have to pull; they meet again
@@ -939,7 +1273,7 @@ class Backlash(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Compliance(Effect):
-    """Elastic transmission between motor and load.
+    r"""Elastic transmission between motor and load.
 
     Parameters
     ----------
@@ -952,6 +1286,8 @@ class Compliance(Effect):
 
     Notes
     -----
+    .. math:: F_t = \text{stiffness} \cdot (x - x_l) + \text{damping} \cdot (v - v_l)
+
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects; the force
     between them is stiffness (x - xl) + damping (v - vl).  Position and speed

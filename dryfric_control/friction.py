@@ -32,10 +32,12 @@ def finite(name: str, value: object, *, unit: str = "") -> float:
         If `value` is not a finite real number.
     """
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"{name} must be a number{unit and f' in {unit}'}, got {value!r}"
+            f"{name} must be a number{unit and f' in {unit}'}, got {_short(value)}"
         ) from None
     if not math.isfinite(number) or isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} must be a finite number{unit and f' in {unit}'}, got {value!r}")
@@ -54,12 +56,71 @@ def positive(name: str, value: object, *, unit: str = "", zero: bool = False) ->
     if number < 0.0 or (number == 0.0 and not zero):
         bound = "zero or more" if zero else "more than zero"
         raise ValueError(f"{name} must be {bound}{unit and f' [{unit}]'}, got {value!r}")
+    if not zero and math.isinf(1.0 / number):
+        raise ValueError(f"{name} = {number:g} is too small to compute with: check its unit")
     return number
+
+
+def whole(name: str, value: object, least: int = 1) -> int:
+    """Whole number that is not below a least one.
+
+    Raises
+    ------
+    ValueError
+        If `value` is not such a number.
+    """
+    number = value if isinstance(value, (int, float, np.number)) else math.nan
+    if isinstance(value, bool) or not number >= least or not float(number).is_integer():
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {_short(value)}")
+    return int(number)
+
+
+def instance(name: str, value: object, kind: type, mend: str = "") -> None:
+    """Refuse an argument of another kind.
+
+    Raises
+    ------
+    ValueError
+        If `value` is not a `kind`; `mend` says where to get one.
+    """
+    if not isinstance(value, kind):
+        raise ValueError(
+            f"{name} must be a {kind.__name__}{mend and f' ({mend})'}, got {_short(value)}"
+        )
+
+
+def _short(value: object) -> str:
+    """What the user gave: a short value itself, else its type."""
+    text = repr(value) if isinstance(value, (bool, int, float, str, type(None))) else ""
+    return text if 0 < len(text) <= 60 else f"a value of type {type(value).__name__}"
+
+
+def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Array of floats of any shape, from numbers alone.
+
+    Raises
+    ------
+    ValueError
+        If `values` holds anything else; the message names the argument.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of unequal length
+        array = np.asarray(None)
+    if array.dtype.kind == "c":
+        raise ValueError(
+            f"{name} must be an array of numbers, got complex ones: take the real part"
+        )
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be an array of numbers, got {_short(values)}")
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} holds masked values: fill or remove them first")
+    return np.asarray(array, dtype=float)
 
 
 def _coefficients(name: str, values: float | Iterable[float]) -> tuple[float, ...]:
     if isinstance(values, (int, float, np.number)):
-        values = (float(values),)
+        values = (finite(name, values),)
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(
             f"{name} must be a number or the coefficients c0, c1, ... of a polynomial in "
@@ -113,7 +174,22 @@ class CoulombMap:
 
     @classmethod
     def of(cls, coulomb: CoulombMap | float | Iterable[float]) -> CoulombMap:
-        """Map from a number, a pair (plus, minus), or a map itself."""
+        """Map from a number, a pair (plus, minus), or a map itself.
+
+        Parameters
+        ----------
+        coulomb : CoulombMap, float or pair
+            What to take as levels.
+
+        Returns
+        -------
+        CoulombMap
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+        """
         if isinstance(coulomb, CoulombMap):
             return coulomb
         if isinstance(coulomb, (int, float, np.number)) and not isinstance(coulomb, bool):
@@ -145,10 +221,10 @@ class CoulombMap:
         ndarray, shape (n,)
             Magnitude of the Coulomb friction.
         """
-        if direction not in (1, -1):
+        if isinstance(direction, bool) or direction not in (1, -1):
             raise ValueError(f"direction must be +1 or -1, got {direction!r}")
         coefficients = self.plus if direction > 0 else self.minus
-        return np.polynomial.polynomial.polyval(np.asarray(x, dtype=float), coefficients)
+        return np.asarray(np.polynomial.polynomial.polyval(places("x", x), coefficients), float)
 
     def scaled(self, plus: float, minus: float | None = None) -> CoulombMap:
         """Map with each direction multiplied by a factor.
@@ -164,11 +240,17 @@ class CoulombMap:
         -------
         CoulombMap
         """
-        other = plus if minus is None else minus
+        plus = finite("plus", plus)
+        other = plus if minus is None else finite("minus", minus)
         return CoulombMap(tuple(plus * c for c in self.plus), tuple(other * c for c in self.minus))
 
     def check(self, travel: tuple[float, float] | None) -> None:
         """Refuse levels that are not positive over the travel.
+
+        Parameters
+        ----------
+        travel : tuple of float, or None
+            Lowest and highest position [m].
 
         Raises
         ------

@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.friction import positive
+from dryfric_control.axis import FrictionAxis, samples
+from dryfric_control.friction import finite, instance, positive
 from dryfric_control.kernels import DELAY, LAG
 from dryfric_control.law_events import run_switched
 from dryfric_control.law_stiff import BRISTLE, TANH, run_smooth
-
-if TYPE_CHECKING:
-    from dryfric_control.axis import FrictionAxis
 
 __all__ = ["Dahl", "Karnopp", "Law", "LuGre", "Sign", "Tanh"]
 
@@ -44,10 +41,23 @@ class Law(ABC):
 
     Notes
     -----
-    Each law takes the axis's level Fc(x) (1 + sigma exp(-((|v| - Sigma)/vs)^2)), other
-    friction effects included, and differs in what happens near v = 0. A law knows
+    Each law takes the axis's level ``Fc(x) (1 + sigma exp(-((|v| - Sigma)/vs)^2))``,
+    other friction effects included, and differs in what happens near v = 0. A law knows
     nothing of the time at rest except `Karnopp`, whose breakaway may grow with it.
     Effects that delay or filter the drive are refused.
+
+    Examples
+    --------
+    The same axis under another law, compiled as well:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=4.0)
+    >>> law = dfc.Tanh(speed=1e-3)
+    >>> isinstance(law, dfc.Law)
+    True
+    >>> resp = axis.simulate([8.0] * 1001, dt=1e-3, law=law)
+    >>> round(float(resp.y[1, -1]), 2)
+    2.0
     """
 
     tolerance: float = 1e-8
@@ -102,19 +112,22 @@ class Law(ABC):
         """
         if hold not in ("zero", "first"):
             raise ValueError(f"hold must be 'zero' or 'first', got {hold!r}")
+        instance("axis", axis, FrictionAxis)
+        force = samples("u", u)
+        dt, x0, v0 = positive("dt", dt, unit="s"), finite("x0", x0), finite("v0", v0)
+        for effect in axis.effects:
+            if effect.action in ("contact", "transmission"):
+                raise ValueError(
+                    f"law={type(self).__name__}(...) has no place for the effect "
+                    f"{effect.slug!r}: leave out the one or the other"
+                )
         numbers, integers, _ = axis.arrays(dt)
         if numbers[DELAY] > 0.0 or numbers[LAG] > 0.0:
             raise ValueError(
                 f"{type(self).__name__} does not carry input_delay and actuator_lag: remove them "
                 "from axis.effects, or delay and filter u yourself"
             )
-        signal = (
-            np.ascontiguousarray(u, dtype=float),
-            float(dt),
-            hold == "first",
-            float(x0),
-            float(v0),
-        )
+        signal = (force, dt, hold == "first", x0, v0)
         out = np.empty((4, len(signal[0])))
         failed = self._solve(numbers, integers, signal, out)
         if failed:
@@ -133,6 +146,11 @@ class Sign(Law):
     of m v' = w - Fc sign(v): the mass rests while they hold the load w. This is the
     limit of the tanh law for a vanishing width, without its creep and without the
     chatter of a sampled sign function.
+
+    Parameters
+    ----------
+    tolerance : float, optional
+        Error allowed in one substep, see `Law`.
 
     Examples
     --------
@@ -159,6 +177,8 @@ class Tanh(Law):
 
     Parameters
     ----------
+    tolerance : float, optional
+        Error allowed in one substep, see `Law`.
     speed : float
         Width of the transition [m/s]. Keep it well below the Stribeck speed: a wider
         transition hides the peak.
@@ -192,6 +212,8 @@ class Karnopp(Law):
 
     Parameters
     ----------
+    tolerance : float, optional
+        Error allowed in one substep, see `Law`.
     band : float
         Half width of the band [m/s].
 
@@ -220,13 +242,15 @@ class Karnopp(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class Dahl(Law):
-    """Dahl's elastic friction: F = sigma0 z, z' = v - sigma0 |v| z / Fc.
+    """Dahl's elastic friction, with exponent 1.
 
-    With exponent 1. Dahl's own level is constant; a Stribeck peak, if the axis has one,
-    enters through Fc.
+    ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``.  Dahl's own level is constant; a
+    Stribeck peak, if the axis has one, enters through Fc.
 
     Parameters
     ----------
+    tolerance : float, optional
+        Error allowed in one substep, see `Law`.
     stiffness : float
         sigma0, slope of friction over position at a reversal [N/m].
 
@@ -256,13 +280,15 @@ class Dahl(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class LuGre(Law):
-    """LuGre: F = sigma0 z + sigma1 z', z' = v - sigma0 |v| z / g(x, v).
+    """LuGre: bristles with a stiffness and a damping.
 
-    g is the axis's level with its Stribeck peak; the viscous part sigma2 v is the
-    axis's own.
+    ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's
+    level with its Stribeck peak; the viscous part sigma2 v is the axis's own.
 
     Parameters
     ----------
+    tolerance : float, optional
+        Error allowed in one substep, see `Law`.
     stiffness : float
         Bristle stiffness sigma0 [N/m].
     damping : float

@@ -10,8 +10,8 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.axis import FrictionAxis, samples
-from dryfric_control.friction import finite, positive
+from dryfric_control.axis import FrictionAxis, check_finite, check_pace, samples
+from dryfric_control.friction import finite, instance, positive
 from dryfric_control.loop_kernels import (
     LONGEST_SPAN,
     READINGS,
@@ -26,7 +26,7 @@ from dryfric_control.responses import Events, SimulationResponse
 
 @dataclass(frozen=True)
 class PositionController:
-    """Sampled PID position controller with saturation and anti-windup.
+    """Sampled PID position controller, limited, with anti-windup.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ class PositionController:
         finite("kd", self.kd)
         positive("dt", self.dt, unit="s")
         positive("filter_time", self.filter_time, unit="s", zero=True)
-        if not self.limit > 0.0:
-            raise ValueError(f"limit must be more than zero [N], got {self.limit!r}")
-        if self.span not in range(1, LONGEST_SPAN + 1):
+        if self.limit != math.inf:
+            positive("limit", self.limit, unit="N")
+        if isinstance(self.span, bool) or self.span not in range(1, LONGEST_SPAN + 1):
             raise ValueError(
                 f"span must be a whole number from 1 to {LONGEST_SPAN}, got {self.span!r}"
             )
@@ -124,6 +124,7 @@ class PositionController:
         two poles at exp(-w dt), the third at exp(-w3 dt) with
         w3 = max(w, f/m - 2 w), the slowest that needs no negative speed gain.
         """
+        instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
         dt = positive("dt", dt, unit="s")
         if bandwidth * dt > 0.2:
@@ -158,7 +159,20 @@ class PositionController:
         return np.array([self.kp, self.ki, self.kd, self.limit, keep, self.span, self.dt])
 
     def memory(self, reading: float = 0.0, speed: float = 0.0) -> NDArray[np.float64]:
-        """Memory of a controller that has seen a steady motion, shape (10,)."""
+        """Memory of a controller that has seen a steady motion.
+
+        Parameters
+        ----------
+        reading : float, optional
+            Position reading [m].
+        speed : float, optional
+            Speed [m/s].
+
+        Returns
+        -------
+        ndarray, shape (10,)
+        """
+        reading, speed = finite("reading", reading), finite("speed", speed)
         memory = np.zeros(READINGS + LONGEST_SPAN)
         memory[SPEED] = speed
         memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
@@ -207,7 +221,9 @@ def simulate_loop(
     v0: float = 0.0,
     disturbance: ArrayLike | None = None,
 ) -> SimulationResponse:
-    """Run the sampled closed loop, plant, encoder and controller compiled.
+    """Run the sampled closed loop, all of it compiled.
+
+    Plant, encoder and controller run in one compiled loop.
 
     Parameters
     ----------
@@ -251,6 +267,8 @@ def simulate_loop(
     >>> resp.output_labels
     ['x', 'v', 'F', 'mode', 'u', 'y']
     """
+    instance("axis", axis, FrictionAxis)
+    instance("controller", controller, PositionController)
     r = samples("reference", reference)
     quantum = positive("quantum", quantum, unit="m", zero=True)
     x0, v0 = finite("x0", x0), finite("v0", v0)
@@ -260,6 +278,7 @@ def simulate_loop(
             f"disturbance has {force.size} samples and reference {r.size}: give one for each"
         )
     dt = controller.dt
+    check_pace(axis, dt)
     arrays = axis.arrays(dt)
     memory = np.zeros(arrays.memory)
     memory[:2] = x0, v0
@@ -276,6 +295,7 @@ def simulate_loop(
         dt,
         out,
     )
+    check_finite(out)
     return SimulationResponse(
         np.arange(r.size) * dt,
         out,

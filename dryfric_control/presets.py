@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, Stribeck, positive
+from dryfric_control.friction import CoulombMap, Stribeck, instance, positive
 from dryfric_control.loops import PositionController
 from dryfric_control.observer.closed_loop import (
     ObservedLoop,
@@ -111,7 +111,7 @@ def clutch_observer_axis() -> FrictionAxis:
 
 
 def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
-    """Observer of the clutch actuator, designed on the mismatched axis.
+    """Observer of the clutch actuator, designed on a wrong axis.
 
     Parameters
     ----------
@@ -231,6 +231,7 @@ def clutch_experiment(
     1000.0
     """
     design = clutch_observer() if design is None else design
+    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     _, reference = crawl_and_steps(design.dt, duration)
     return simulate_observed_loop(
         clutch_actuator(),
@@ -251,7 +252,7 @@ def clutch_monte_carlo(
     duration: float = 12.0,
     **options: Any,
 ) -> MonteCarlo:
-    """That closed loop with plants off at random from what is believed.
+    """That closed loop with plants off at random from the believed.
 
     Parameters
     ----------
@@ -262,7 +263,7 @@ def clutch_monte_carlo(
     duration : float, optional
         Length of each run [s].
     **options
-        For `monte_carlo`: estimators, seed, n_jobs, progress.
+        For `monte_carlo`: estimators, seed, store, jobs, progress.
 
     Returns
     -------
@@ -275,6 +276,7 @@ def clutch_monte_carlo(
     (2, 5)
     """
     design = clutch_observer() if design is None else design
+    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     _, reference = crawl_and_steps(design.dt, duration)
     return monte_carlo(
         design,

@@ -175,6 +175,8 @@ def assign_columns(
             f'{{"t": "time", "u": "force", "x": "position"}}; got {columns!r}'
         )
     names = [split_header(h)[0] for h in headings]
+    if not headings:
+        raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
     chosen: dict[str, int] = {}
     for role, wanted in columns.items():
         if role not in ROLES:
@@ -294,9 +296,14 @@ def to_si(
     """
     if isinstance(gain, bool) or not isinstance(gain, (int, float, np.number)):
         raise ValueError(f"gain must be a number, got {gain!r}")
-    gain = float(gain)
+    try:
+        gain = float(gain)
+    except OverflowError:
+        gain = math.inf
     if not math.isfinite(gain) or gain == 0:
         raise ValueError(f"gain must be finite and not zero, got {gain}")
+    if declared is not None and not isinstance(declared, Mapping):
+        raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {declared!r}')
     declared = dict(declared or {})
     for key in declared:
         if key not in ("t", "u", "x"):

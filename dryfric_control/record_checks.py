@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,22 @@ _MAX_MAGNITUDE = 1e100  # squares stay finite
 
 
 class RecordWarning(UserWarning):
-    """Data that can be used but look wrong."""
+    """Data that can be used but look wrong.
+
+    Examples
+    --------
+    Time in milliseconds, taken for seconds:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = np.arange(2000.0)
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     record = dfc.Record(t, np.cos(3e-3 * t), np.sin(3e-3 * t))
+    >>> caught[0].category is dfc.RecordWarning
+    True
+    """
 
 
 # -------------------------------------------------------------------- checks
@@ -42,6 +57,17 @@ def positive_number(name: str, value: Any, zero_allowed: bool = False) -> float:
     if not math.isfinite(number) or number < 0 or (number == 0 and not zero_allowed):
         raise ValueError(f"{name} must be finite and positive, got {number:g}")
     return number
+
+
+def checked_notes(notes: Any) -> tuple[str, ...]:
+    """Notes as a tuple of texts."""
+    if isinstance(notes, str) or not isinstance(notes, Iterable):
+        raise ValueError(f'notes must be a sequence of text such as ["filtered"], got {notes!r}')
+    notes = tuple(notes)
+    for note in notes:
+        if not isinstance(note, str):
+            raise ValueError(f"notes must hold text, got {note!r}")
+    return notes
 
 
 def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:

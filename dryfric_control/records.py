@@ -37,6 +37,7 @@ from .record_checks import (
     FloatArray,
     RecordWarning,
     check_motion,
+    checked_notes,
     checked_units,
     estimated_quantum,
     increasing_steps,
@@ -158,9 +159,9 @@ class Record:
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
             quantum = positive_number("quantum", quantum, zero_allowed=True)
+        notes = checked_notes(notes)
         tv, uv, xv, rv = vectors(t, u, x, reference)
         dt = uniform_step(tv)
-        notes = tuple(notes)
         if unwrap is not None:
             xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
             notes += (f"x unwrapped with period {unwrap:g}",)
@@ -317,6 +318,9 @@ class Record:
         -------
         Record
         """
+        for limit, value in (("t0", t0), ("t1", t1)):
+            if value is not None and not isinstance(value, (int, float, np.number)):
+                raise ValueError(f"{limit} must be a number in s, got {value!r}")
         a, b = -math.inf if t0 is None else t0, math.inf if t1 is None else t1
         start, stop = np.searchsorted(self.t, [a, b])
         if not a < b or stop - start < 2:
@@ -497,7 +501,7 @@ class Record:
         if options.get("quantum") is None:
             options["quantum"] = estimated_quantum(xv) or 0.0
         note = f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
-        options["notes"] = (*options.get("notes", ()), note)
+        options["notes"] = (*checked_notes(options.get("notes", ())), note)
         return cls(*resample(tv, uv, xv, rv, step, hold, interpolation), **options)
 
     @classmethod
@@ -729,7 +733,9 @@ class Record:
         else:
             axes = np.asarray(ax, dtype=object).ravel()
             if axes.size != 2 or not all(hasattr(a, "plot") for a in axes):
-                raise ValueError("ax must be two Axes, for the position and for the input")
+                raise ValueError(
+                    f"ax must be two Axes, for the position and for the input, got {ax!r}"
+                )
         top, bottom = axes
         lines = np.empty((2, 1), dtype=object)
         lines[0, 0] = top.plot(self.t, self.x, ".", color="0.6", ms=3, label="measured")
@@ -863,6 +869,27 @@ def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str,
     The torque is kt/R u - kt^2/R v. Where ``torque_enable`` is false there is neither, not even
     the second term: leave these samples out of a fit, or treat them as a passive pendulum.
     Time stamps 3.5 to 7 ms apart are resampled, see `Record.from_irregular`.
+
+    Examples
+    --------
+    A log as the project writes it, here one that is made up:
+
+    >>> import json, math, pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> entries = [
+    ...     {"timestamp": 5e-3 * k, "position": math.sin(0.02 * k), "speed": 0.0,
+    ...      "goal_position": 0.0, "load": 177 + k % 2, "input_volts": 5.0, "temp": 30.0,
+    ...      "torque_enable": True}
+    ...     for k in range(400)
+    ... ]
+    >>> head = {"mass": 0.1, "length": 0.15, "kp": 100, "vin": 5.0, "motor": "xl330",
+    ...         "trajectory": "sin"}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.json")
+    ...     _ = path.write_text(json.dumps(head | {"entries": entries}))
+    ...     log = dfc.read_bam(path, dt=5e-3)
+    >>> log["kp"], len(log["record"]), float(log["record"].u[0])
+    (100, 400, 1.0)
     """
     head, log = read_bam_entries(path)
     enabled = log["torque_enable"] != 0

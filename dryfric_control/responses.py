@@ -41,7 +41,17 @@ class Events:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64]) -> Events:
-        """Switches from rows of time, mode before, mode after."""
+        """Switches from rows of time, mode before, mode after.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n, 3)
+            Time [s], mode before, mode after.
+
+        Returns
+        -------
+        Events
+        """
         return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
 
     def __len__(self) -> int:
@@ -63,6 +73,9 @@ class Events:
         -------
         ndarray, shape (n,)
         """
+        for name, mode in (("before", before), ("after", after)):
+            if mode not in MODE_NAMES:
+                raise ValueError(f"{name} must be 0 (stuck), +1 or -1 (sliding), got {mode!r}")
         return self.time[(self.before == before) & (self.after == after)]
 
     def __repr__(self) -> str:
@@ -78,7 +91,31 @@ class SimulationResponse(ct.TimeResponseData):
     """Time response of an axis, with its located switches.
 
     A `control.TimeResponseData` with outputs x, v, F and mode, states x and v,
-    input u, and the attribute `events`.
+    input u, and the attribute `events`.  Made by `FrictionAxis.simulate` and
+    `simulate_loop`.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Time [s].
+    outputs : ndarray, shape (noutputs, n)
+        Rows x, v, F and mode first.
+    inputs : ndarray, shape (ninputs, n)
+        Input at the samples.
+    events : Events
+        Located switches.
+    units : tuple of str, optional
+        Units of position and force.
+    **labels
+        For `control.TimeResponseData`: labels of outputs and inputs, title.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
+    >>> resp = axis.simulate([3.0] * 1001, dt=1e-3)
+    >>> resp.output_labels, round(float(resp.outputs[1, -1]), 9)
+    (['x', 'v', 'F', 'mode'], 1.0)
     """
 
     events: Events

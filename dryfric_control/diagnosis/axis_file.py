@@ -14,7 +14,7 @@ from typing import Any
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.effects import REGISTRY, Effect
 from dryfric_control.files import replacing
-from dryfric_control.friction import CoulombMap, Stribeck
+from dryfric_control.friction import CoulombMap, Stribeck, instance
 
 _KEYS = tuple(item.name for item in fields(FrictionAxis))
 _NEEDED = ("mass", "viscous", "coulomb")
@@ -65,7 +65,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     raw = Path(path).read_bytes()
     try:
         return _axis(tomllib.loads(raw.decode("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
@@ -92,6 +92,7 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
     ...     read_axis(path) == axis
     True
     """
+    instance("axis", axis, FrictionAxis)
     with replacing(path) as part:
         part.write_text(axis_text(axis), encoding="utf-8")
 

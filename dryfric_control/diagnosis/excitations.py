@@ -54,7 +54,11 @@ class Limits:
     speed: float
 
     def __post_init__(self) -> None:
-        low, high = (finite("limits.travel", value) for value in self.travel)
+        try:
+            low, high = self.travel
+        except (TypeError, ValueError):
+            raise ValueError(f"limits.travel must be (low, high), got {self.travel!r}") from None
+        low, high = finite("limits.travel", low), finite("limits.travel", high)
         if not low < high:
             raise ValueError(f"limits.travel must run from low to high, got {self.travel!r}")
         object.__setattr__(self, "travel", (low, high))

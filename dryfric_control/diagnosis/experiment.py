@@ -66,6 +66,25 @@ class Experiment:
         Position [m] and drive force [N] that each hypothesis predicts.
     units : tuple of str
         Units of position and force.
+
+    Examples
+    --------
+    Drag against a wrong viscous coefficient: what to do on the bench:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
+    >>> drag = base.replace(effects=(dfc.QuadraticDrag(drag=5.0),))
+    >>> fast = base.replace(viscous=16.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
+    >>> x = 1e-6 * np.round(1e6 * drag.simulate(u, dt=1e-3).y[0])
+    >>> plan = dfc.next_experiment(drag, [fast], dfc.Record(t, u, x),
+    ...                            names=["quadratic_drag", "viscous"])
+    >>> plan.cause, list(plan.score)
+    ('quadratic_drag', ['viscous'])
+    >>> plan.t.shape == plan.reference.shape
+    True
     """
 
     name: str
@@ -189,7 +208,7 @@ def next_experiment(
     names: Sequence[str] | None = None,
     limits: Limits | None = None,
 ) -> Experiment | None:
-    """Experiment that best parts a cause from what explains a record as well.
+    """Experiment that best parts a cause from its alternatives.
 
     Parameters
     ----------
@@ -252,6 +271,8 @@ def next_experiment(
     (('spring',), True)
     """
     rivals = _checked(axis, rivals, record, limits)
+    if names is not None and (isinstance(names, str) or not isinstance(names, Sequence)):
+        raise ValueError(f"names must be a sequence of names, got {names!r}")
     if not rivals:
         if names is not None and len(names) > 1:
             raise ValueError(f"names holds {len(names)} names, but there are no rivals")
@@ -406,6 +427,8 @@ def _named(
     """Names given, or the effects and base parameters by which the axes differ."""
     count = 1 + len(rivals)
     if names is not None:
+        if not all(isinstance(name, str) for name in names):
+            raise ValueError(f"names must hold names in text, got {names!r}")
         if len(names) != count or len(set(names)) != count:
             raise ValueError(
                 f"names must hold {count} different names, of the cause and of each rival, "

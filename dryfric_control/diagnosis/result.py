@@ -53,6 +53,18 @@ class Cause:
         What it is physically.
     experiment : str
         What would expose it alone.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> cause = dfc.Cause(
+    ...     effect="bias_force", title="bias force", parameters={"force": 2.0},
+    ...     standard_errors={"force": 0.1}, units={"force": "N"}, held_out_gain=1.5,
+    ...     interval=(1.2, 1.8), alternatives=("coulomb_asymmetry",),
+    ...     explanation=dfc.BiasForce.explanation, experiment=dfc.BiasForce.experiment,
+    ... )
+    >>> print(cause.summary())
+    bias force (bias_force): force = 2 +- 0.1 N; this record cannot tell it from coulomb_asymmetry
     """
 
     effect: str
@@ -169,7 +181,7 @@ class Unexplained:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """From data to cause: what is wrong, why, and what mending it brings.
+    """From data to cause: what is wrong, why, what mending brings.
 
     Made by `diagnose`.
 
@@ -202,6 +214,23 @@ class Diagnosis:
         What each window was used for: 0 fit, 1 judge, 2 measure.
     hold : str
         How the input runs between samples, "zero" or "first".
+
+    Examples
+    --------
+    A torque constant 20 % off, seen from the record alone:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> machine = believed.replace(effects=(dfc.InputGain(gain=1.2),))
+    >>> t = 1e-3 * np.arange(6000)
+    >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    >>> d = dfc.diagnose(believed, dfc.Record(t, u, x))
+    >>> d.verdict, d.causes[0].effect, d.gain.ratio > 10.0
+    ('explained', 'input_gain', True)
+    >>> d.extended.effects[0].slug
+    'input_gain'
     """
 
     axis: FrictionAxis
@@ -260,7 +289,17 @@ class Diagnosis:
         }
 
     def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """The same as text, written to a file if a path is given."""
+        """The same as text, written to a file if a path is given.
+
+        Parameters
+        ----------
+        path : path-like, optional
+            File to write, replaced as a whole or not at all.
+
+        Returns
+        -------
+        str
+        """
         text = json.dumps(self.to_dict(), indent=2)
         if path is not None:
             with replacing(path) as part:
@@ -268,13 +307,29 @@ class Diagnosis:
         return text
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
-        """Draw the report on one page."""
+        """Draw the report on one page.
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            Where to draw.  Default: a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
         from dryfric_control.diagnosis.figures import plot_diagnosis
 
         return plot_diagnosis(self, ax)
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
-        """Write a self-contained report that opens without a network."""
+        """Write a self-contained report that opens without a network.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
         from dryfric_control.diagnosis.report import html_page
 
         with replacing(path) as part:

@@ -12,7 +12,7 @@ from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap
+from dryfric_control.friction import CoulombMap, instance
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.identification.levels import (
     HIGHEST,
@@ -270,8 +270,9 @@ def identify_coulomb(
         raise ValueError(
             f"degree must be a whole number from 0 to {HIGHEST}, or None, got {degree!r}"
         )
-    if not isinstance(record, Record):
-        raise ValueError(f"record must be a Record, got {type(record).__name__}")
+    instance("record", record, Record)
+    if axis is not None:
+        instance("axis", axis, FrictionAxis)
     pieces = average(record)
     for s, name in ((1, "positive"), (-1, "negative")):
         count = int(np.sum(pieces.direction == s))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from dryfric_control.axis import FrictionAxis
+from dryfric_control.friction import finite, instance, positive, whole
 from dryfric_control.identification.determined import cannot_tell
 from dryfric_control.identification.parameters import Parameter, Scales, choose, values_of
 from dryfric_control.identification.replay import Replay, replay
@@ -91,6 +92,7 @@ class Fit:
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
+        _check_level(level)
         searched, z, _, normals, labels, covariance = self._terms
         freedom = degrees_of_freedom(normals, labels, _prior(searched))
         reach = half_width(level, freedom) * np.sqrt(np.diag(covariance))
@@ -118,6 +120,9 @@ class Fit:
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
+        _check_level(level)
+        whole("repeats", repeats)
+        whole("seed", seed, least=0)
         searched, z, gradients, normals, labels, _ = self._terms
         steps = bootstrap(gradients, normals, labels, _prior(searched), repeats, seed)
         freedom = degrees_of_freedom(normals, labels, _prior(searched))
@@ -304,11 +309,18 @@ def fit(
     >>> round(found.axis.mass, 2), round(found.axis.viscous, 1)
     (2.0, 15.0)
     """
-    if not isinstance(axis, FrictionAxis):
-        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
-    records = (record,) if isinstance(record, Record) else tuple(record)
+    instance("axis", axis, FrictionAxis)
+    if isinstance(record, Record) or not isinstance(record, Sequence):
+        record = (record,)
+    records = tuple(record)
     if not records:
         raise ValueError("record is empty: give at least one Record")
+    if starts is not None:
+        whole("starts", starts)
+    if block is not None:
+        positive("block", block, unit="s")
+    whole("seed", seed, least=0)
+    whole("jobs", jobs)
     parts = [cut(r, window, hold) for r in records]
     return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
 
@@ -333,8 +345,6 @@ def fit_windows(
     )
     if starts is None:
         starts = _STARTS if any(n in _RUGGED for n in problem.names) else 2
-    if starts < 1:
-        raise ValueError(f"starts must be at least 1, got {starts!r}")
     points = _starting_points(problem, first, records, starts, seed)
 
     def search(point: FloatArray) -> tuple[FloatArray, list[float]]:
@@ -365,6 +375,11 @@ def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) ->
     z = np.array([p.search(v) for p, v in zip(parameters, values, strict=True)])
     problem.narrow(z)
     return _result(problem, z, z, None, 0.25)
+
+
+def _check_level(level: float) -> None:
+    if not 0.0 < finite("level", level) < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level!r}")
 
 
 def typical(records: Sequence[Record]) -> Scales:

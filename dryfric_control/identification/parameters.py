@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, fields
 
 import numpy as np
@@ -138,6 +138,8 @@ def choose(
     """
     if isinstance(free, str):
         free = (free,)
+    if not isinstance(free, Iterable):
+        raise ValueError(f"free must hold names such as 'mass', got {free!r}")
     names: list[str] = []
     for name in free:
         if not isinstance(name, str):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
+from dryfric_control.friction import finite, instance
 from dryfric_control.identification.windows import Windows, cut
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.records import Record
@@ -176,6 +177,8 @@ def replay(
     >>> bool(replay(axis, record).median < 10e-6)
     True
     """
+    instance("axis", axis, FrictionAxis)
+    shift = finite("shift", shift, unit="s")
     windows = cut(record, window, hold)
     positions = windows.run(axis, shift)
     quantum = record.quantum or np.sqrt(12.0) * max(record.noise, 1e-9 * record.range)
@@ -295,6 +298,9 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     >>> replay_loop(axis, record, loop).position_rms < 1e-6
     True
     """
+    instance("axis", axis, FrictionAxis)
+    instance("record", record, Record)
+    instance("controller", controller, PositionController)
     if record.reference is None:
         raise ValueError("record has no reference: a closed loop cannot be replayed without")
     if abs(controller.dt - record.dt) > 1e-6 * record.dt:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.files import replacing
-from dryfric_control.friction import positive
+from dryfric_control.friction import finite, instance, positive
 from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.readers import MAX_ROWS
+from dryfric_control.record_checks import MIN_SAMPLES
 from dryfric_control.records import Record
 from dryfric_control.responses import SimulationResponse
 
@@ -170,17 +172,29 @@ def slow_ramp_experiment(
     >>> len(ramp.record), round(float(ramp.record.x.max()), 2)
     (20000, 0.3)
     """
+    instance("axis", axis, FrictionAxis)
     duration = positive("duration", duration, unit="s")
     dt = positive("dt", dt, unit="s")
+    if not MIN_SAMPLES <= duration / dt <= MAX_ROWS:
+        raise ValueError(
+            f"duration = {duration:g} s is {duration / dt:.3g} samples of dt = {dt:g} s: choose "
+            f"between {MIN_SAMPLES} and {MAX_ROWS} samples"
+        )
+    quantum = positive("quantum", quantum, unit="m", zero=True)
     span = axis.travel if travel is None else travel
     if span is None:
         raise ValueError("travel is not known: give travel=(low, high), or an axis that has one")
-    low, high = span
+    try:
+        low, high = span
+    except (TypeError, ValueError):
+        raise ValueError(f"travel must be (low, high), got {span!r}") from None
+    low, high = finite("travel[0]", low), finite("travel[1]", high)
     if not low < high:
         raise ValueError(f"travel must run from low to high, got {span!r}")
     if controller is None:
         controller = PositionController.from_bandwidth(axis, bandwidth, dt)
-    elif abs(controller.dt - dt) > 1e-9 * dt:
+    instance("controller", controller, PositionController)
+    if abs(controller.dt - dt) > 1e-9 * dt:
         raise ValueError(f"controller.dt is {controller.dt:g} s and dt {dt:g} s: they must agree")
     t = np.arange(round(duration / dt)) * dt
     reference = np.interp(t, [0.0, 0.5 * duration, duration], [low, high, low])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, Stribeck
+from dryfric_control.friction import CoulombMap, Stribeck, instance, whole
 from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
 from dryfric_control.identification.parameters import Scales, choose, values_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
@@ -184,10 +184,14 @@ def identify_stribeck(
     >>> round(found.stribeck.excess, 2), round(found.stribeck.speed, 3)
     (0.3, 0.01)
     """
-    if not isinstance(axis, FrictionAxis):
-        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
-    if not isinstance(record, Record):
-        raise ValueError(f"record must be a Record, got {type(record).__name__}")
+    instance("axis", axis, FrictionAxis)
+    instance("record", record, Record)
+    if not isinstance(free, Sequence):
+        raise ValueError(f"free must hold names such as 'mass', got {free!r}")
+    if controller is not None:
+        instance("controller", controller, PositionController)
+    whole("starts", starts)
+    whole("jobs", jobs)
     sticks = stick_phases(record)
     if sticks.end.size < _FEWEST:
         raise ValueError(
@@ -198,8 +202,6 @@ def identify_stribeck(
     inner = middles[(middles >= 5) & (middles <= len(record) - 5)]
     edges = np.unique([0, *inner, len(record)])
     windows = cut(record, edges=edges)
-    if starts < 1:
-        raise ValueError(f"starts must be at least 1, got {starts!r}")
 
     def miss(one: FrictionAxis) -> tuple[float, float]:
         """How far the ripple of an axis is off, where that is equal its free runs."""

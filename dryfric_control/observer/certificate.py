@@ -30,7 +30,25 @@ HEADROOM = 1e-6
 
 
 class CertificateError(ValueError):
-    """A design does not keep what it promises."""
+    """A design does not keep what it promises.
+
+    Raised by `design_pi_observer`, which never returns such a design, and by
+    `load_design` for a file that was changed.
+
+    Examples
+    --------
+    A promise that the gains do not keep is refused:
+
+    >>> from dataclasses import replace
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6)
+    >>> try:
+    ...     replace(design, gamma=0.5 * design.gamma).check()
+    ... except dfc.CertificateError as problem:
+    ...     print(str(problem)[:24])
+    the gain condition fails
+    """
 
 
 @dataclass(frozen=True)
@@ -270,7 +288,8 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
     CertificateError
         If one does not.
     """
-    worst = max(blocks, key=lambda block: block.eigenvalue)
+    # what is not a number is no proof: the worst of all, wherever it stands in the list
+    worst = max(blocks, key=lambda b: np.inf if np.isnan(b.eigenvalue) else b.eigenvalue)
     if not worst.eigenvalue < -LEAST_MARGIN:
         relax = (
             "relax decay towards 1"

@@ -11,9 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.axis import FrictionAxis, samples
 from dryfric_control.blocks import axis_block, encoder, reference_filter
+from dryfric_control.friction import finite, instance
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, observe, pi_observer
+from dryfric_control.observer.runtime import (
+    OUTPUTS,
+    ObserverResponse,
+    first_memory,
+    observe,
+    pi_observer,
+    tables,
+)
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
 from dryfric_control.responses import SimulationResponse
 
@@ -207,7 +215,10 @@ def simulate_observed_loop(
     >>> run.score.speed < 0.03
     True
     """
-    _same_dt(controller, design)
+    check_loop(controller, design)
+    instance("axis", axis, FrictionAxis)
+    tables(design, switching, quantum)
+    first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
     r = samples("reference", reference)
     if bandwidth is not None:
         r = filter_reference(r, bandwidth, design.dt)
@@ -273,7 +284,7 @@ def observed_loop(
     >>> float(run.outputs[loop.find_output("xhat"), 0])
     1000.0
     """
-    _same_dt(controller, design)
+    check_loop(controller, design)
     dt = design.dt
     parts = [
         reference_filter(bandwidth, dt),
@@ -305,7 +316,16 @@ def observed_loop(
     )
 
 
-def _same_dt(controller: PositionController, design: ObserverDesign) -> None:
+def check_loop(controller: PositionController, design: ObserverDesign) -> None:
+    """Refuse what is no controller or no design, or two that do not fit.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of another kind, or the sampling times differ.
+    """
+    instance("controller", controller, PositionController)
+    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     if controller.dt != design.dt:
         raise ValueError(
             f"controller.dt = {controller.dt:g} s and design.dt = {design.dt:g} s differ: "

@@ -11,7 +11,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.friction import CoulombMap
+from dryfric_control.friction import CoulombMap, whole
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
     ErrorModel,
@@ -40,7 +40,9 @@ DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
 
 @dataclass(frozen=True)
 class ObserverDesign:
-    """A switched PI observer: gains, specifications and its certificate.
+    """A switched PI observer: gains, specifications, certificate.
+
+    Made by `design_pi_observer`.
 
     Attributes
     ----------
@@ -84,6 +86,16 @@ class ObserverDesign:
         Lyapunov matrices that prove gain and decay, scaled.
     certificate : Certificate
         The recomputed check.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6)
+    >>> sorted(design.gains), design.gains[0].shape
+    ([-1, 0, 1], (3,))
+    >>> design.lower_bound <= design.gamma
+    True
     """
 
     axis: FrictionAxis
@@ -153,7 +165,13 @@ class ObserverDesign:
         )
 
     def resting_nodes(self) -> NDArray[np.int64]:
-        """Memory state of each mode once it has lasted; place ``mode + 1``."""
+        """Memory state of each mode once it has lasted.
+
+        Returns
+        -------
+        ndarray of int, shape (3,)
+            Place ``mode + 1``.
+        """
         resting = self.graph.resting()
         return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
 
@@ -426,22 +444,24 @@ def design_pi_observer(
     >>> print(f"{design.gamma:.4f}")
     0.0160
     """
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if window is None:
         window = DEFAULT_WINDOW[method]
-    if isinstance(window, bool) or int(window) != window or not 1 <= window <= 64:
+    if isinstance(window, bool) or window not in range(1, 65):
         raise ValueError(f"window must be a whole number of samples from 1 to 64, got {window!r}")
     if method in ("paper", "slack") and window != 1:
         raise ValueError(
             f"window = {window} has no meaning for method {method!r}: use 'path' or 'dwell'"
         )
-    if refine < 0 or (refine and method == "paper"):
-        raise ValueError(f"refine must be 0 for 'paper' and not negative, got {refine!r}")
+    if whole("refine", refine, least=0) and method == "paper":
+        raise ValueError(f"refine must be 0 for 'paper', which has no rounds, got {refine!r}")
     own = own_axis(axis, coulomb, stick_speed)
     check_sampling(own, dt, discretization)
+    if not isinstance(integral_modes, Iterable):
+        raise ValueError(f"integral_modes must hold modes such as (1, -1), got {integral_modes!r}")
     modes = tuple(integral_modes)
     for mode in modes:
         _check_mode(mode)

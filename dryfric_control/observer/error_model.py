@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.friction import positive
+
 Array = NDArray[np.float64]
 
 STICK, SLIDE = 0, 1
@@ -147,8 +149,7 @@ def check_sampling(axis: Any, dt: float, discretization: str) -> None:
         raise ValueError(
             f"discretization must be one of {', '.join(DISCRETIZATIONS)}, got {discretization!r}"
         )
-    if not (math.isfinite(dt) and dt > 0.0):
-        raise ValueError(f"dt must be a positive time [s], got {dt!r}")
+    positive("dt", dt, unit="s")
     if discretization == "euler":
         for name, rate in (
             ("stick_rate", axis.stick_rate),

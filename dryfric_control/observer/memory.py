@@ -67,6 +67,8 @@ def allowed_pairs(
     if pairs is None:
         keys = set(classes.values())
         return {(a, b) for a in keys for b in keys}
+    if not isinstance(pairs, Iterable):
+        raise ValueError(f"pairs must hold changes of mode like (0, 1), got {pairs!r}")
     result = {(key, key) for key in classes.values()}
     for pair in pairs:
         try:

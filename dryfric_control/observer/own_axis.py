@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
 
-from dryfric_control.friction import CoulombMap, positive
-
-if TYPE_CHECKING:
-    from dryfric_control.axis import FrictionAxis
+from dryfric_control.axis import FrictionAxis
+from dryfric_control.friction import CoulombMap, instance, positive
 
 #: What acts through states that the observer does not have.
 LEFT_OUT = ("contact", "transmission")
@@ -54,6 +51,7 @@ def own_axis(
     >>> own.mass, [effect.slug for effect in own.effects]
     (3.0, ['bias_force'])
     """
+    instance("axis", axis, FrictionAxis)
     acting = axis.effective()
     if stick_speed is None:
         stick_speed = acting.stick_speed / 2.0

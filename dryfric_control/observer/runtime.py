@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.axis import samples
 from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
-from dryfric_control.friction import finite, positive
+from dryfric_control.friction import finite, instance, positive
 from dryfric_control.observer import kernel
 from dryfric_control.observer.design import ObserverDesign
 
@@ -75,7 +75,8 @@ def tables(
     ValueError
         If `switching` is unknown or `encoder_quantum` is negative.
     """
-    if switching not in SWITCHING:
+    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
+    if not isinstance(switching, str) or switching not in SWITCHING:
         raise ValueError(f"switching must be one of {', '.join(SWITCHING)}, got {switching!r}")
     if encoder_quantum is None:
         quantum = design.encoder_quantum
@@ -130,17 +131,21 @@ class ObserverResponse(ct.TimeResponseData):
     def __init__(
         self, time: Array, outputs: Array, u: Array, y: Array, units: tuple[str, str], title: str
     ) -> None:
+        # The base class copies what it is given; a long record must not exist
+        # twice, so it is built on one sample and the arrays are put in after.
+        states, inputs = outputs[[0, 1, 3]], np.vstack([u, y])
         super().__init__(
-            time,
-            outputs,
-            outputs[[0, 1, 3]],
-            np.vstack([u, y]),
+            time[:1],
+            outputs[:, :1],
+            states[:, :1],
+            inputs[:, :1],
             output_labels=list(OUTPUTS),
             state_labels=["xhat", "vhat", "what"],
             input_labels=["u", "y"],
             issiso=False,
             title=title,
         )
+        self.t, self.y, self.x, self.u = time, outputs, states, inputs
         self.units = units
 
     @property
@@ -245,9 +250,10 @@ def observe(
         raise ValueError(
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
+    arrays = tables(design, switching, encoder_quantum)
     memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
     out = np.empty((drive.size, kernel.OUTPUTS))
-    kernel.run(*tables(design, switching, encoder_quantum), memory, drive, reading, out)
+    kernel.run(*arrays, memory, drive, reading, out)
     return ObserverResponse(
         np.asarray(np.arange(drive.size) * design.dt, dtype=float),
         np.ascontiguousarray(out.T),

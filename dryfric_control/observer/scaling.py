@@ -74,7 +74,9 @@ def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
     speed = force * weights.kick / np.sqrt(weights.bandwidth)
     state = np.array([speed * weights.dt / weights.bandwidth, speed, force])
     state[0] = max(state[0], weights.noise)
-    limit = max(best_gain(models, (key,)) for key in models)
     size = max(float(np.linalg.norm(model.Z * state)) for model in models.values())
+    # in these units the bisection takes the same steps whatever the user counts in
+    sized = {key: model.scaled(state, 1.0 / size) for key, model in models.items()}
+    limit = max(best_gain(sized, (key,)) for key in sized)
     # with nothing but a friction error in z, and no drift, the limit is zero
-    return Scales(state, 1.0 / limit if limit > 1e-6 * size else 1.0 / size)
+    return Scales(state, 1.0 / (limit * size) if limit > 1e-6 else 1.0 / size)

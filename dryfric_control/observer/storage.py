@@ -5,23 +5,25 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from dryfric_control.axis import FrictionAxis
+from dryfric_control.axis import MODES, FrictionAxis
 from dryfric_control.effects import REGISTRY
 from dryfric_control.files import replacing
-from dryfric_control.friction import CoulombMap, finite
-from dryfric_control.observer.certificate import Certificate
-from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.observer.error_model import check_sampling
+from dryfric_control.friction import CoulombMap, positive, whole
+from dryfric_control.observer.certificate import Certificate, CertificateError
+from dryfric_control.observer.design import METHODS, ObserverDesign
+from dryfric_control.observer.error_model import DISCRETIZATIONS, check_sampling, mode_classes
 from dryfric_control.observer.memory import ModeGraph
 
 FORMAT, VERSION = "dryfric-control observer design", 1
 _ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
 _NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
-_WORDS = ("method", "discretization")
+_MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
+_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS}
 
 
 def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
@@ -94,7 +96,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     try:
         with open(path, encoding="utf-8") as file:
             data = json.load(file)
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ValueError(f"{path} is no observer design: it lacks format = {FORMAT!r}")
@@ -105,11 +107,13 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
         )
     try:
         design = _rebuild(data)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        return dataclasses.replace(design, certificate=design.check())
+    except CertificateError as error:
+        raise CertificateError(f"{path} was changed: {error}; design again") from None
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ValueError(
             f"{path} is damaged: {type(error).__name__}: {error}; save the design again"
         ) from None
-    return dataclasses.replace(design, certificate=design.check())
 
 
 def _rebuild(data: dict[str, Any]) -> ObserverDesign:
@@ -130,20 +134,39 @@ def _rebuild(data: dict[str, Any]) -> ObserverDesign:
     for name, shape in shapes.items():
         if arrays[name].shape != shape or not np.all(np.isfinite(arrays[name])):
             raise ValueError(f"{name} must hold numbers in shape {shape}")
-    plain: dict[str, Any] = {name: finite(name, data[name]) for name in _NUMBERS}
-    plain |= {name: str(data[name]) for name in _WORDS}
+    if not np.all(arrays["state_scale"] > 0.0):
+        raise ValueError(f"state_scale must be positive, got {data['state_scale']!r}")
+    plain: dict[str, Any] = {
+        name: positive(name, data[name], zero=name in _MAY_BE_ZERO) for name in _NUMBERS
+    }
+    plain |= {name: _one_of(name, data[name], known) for name, known in _WORDS.items()}
+    if not plain["decay"] <= 1.0:
+        raise ValueError(f"decay must be at most 1, got {plain['decay']!r}")
+    uncertainty = {
+        mode: positive(f"uncertainty[{mode}]", data["uncertainty"][str(mode)], zero=True)
+        for mode in MODES
+    }
+    integral = tuple(_one_of("integral_modes", mode, MODES) for mode in data["integral_modes"])
+    if set(graph["labels"]) != set(mode_classes(uncertainty).values()):
+        raise ValueError(f"graph.labels do not fit the classes of the modes: {graph['labels']!r}")
     check_sampling(FrictionAxis(**axis), plain["dt"], plain["discretization"])
-    q_x, q_v, q_w = (float(q) for q in data["performance"])
+    q_x, q_v, q_w = (positive("performance", q, zero=True) for q in data["performance"])
     return ObserverDesign(
         axis=FrictionAxis(**axis),
         graph=ModeGraph(
             tuple(int(k) for k in graph["labels"]), edges, tuple(str(n) for n in graph["names"])
         ),
-        uncertainty={int(mode): float(value) for mode, value in data["uncertainty"].items()},
+        uncertainty=uncertainty,
         performance=(q_x, q_v, q_w),
-        integral_modes=tuple(int(mode) for mode in data["integral_modes"]),
+        integral_modes=integral,
         certificate=Certificate(0.0, 0.0, (), 0.0, (), 1.0, {}, 0.0, ()),
         **arrays,
-        window=int(data["window"]),
+        window=whole("window", data["window"]),
         **plain,
     )
+
+
+def _one_of(name: str, value: Any, known: Sequence[Any]) -> Any:
+    if value not in known or isinstance(value, bool):
+        raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, got {value!r}")
+    return value

@@ -165,6 +165,10 @@ def default_weights(
     if performance is None:
         q_x, q_v, q_w = PERFORMANCE
         performance = (q_x * bandwidth / dt, q_v, q_w * kick / bandwidth)
+    if not isinstance(performance, Iterable):
+        raise ValueError(
+            f"performance must hold three weights (q_x, q_v, q_w), got {performance!r}"
+        )
     weights = tuple(positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(performance))
     if len(weights) != 3 or not any(weights):
         raise ValueError(

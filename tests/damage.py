@@ -1,0 +1,240 @@
+"""Files that are damaged in every way, and what a reader may do with them.
+
+A reader may take a damaged file, if what it returns is sound, or refuse it
+with a ValueError that says something.  Anything else is a find.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+import dryfric_control as dfc
+
+# A file of a few kilobytes is read in milliseconds.  A call that takes longer than this
+# hangs for the user, on a machine with other work too.
+SLOWEST = 20.0
+
+N = 60
+T = 1e-3 * np.arange(N)
+U = np.round(8.0 * np.cos(30.0 * T) + 3.0 * np.cos(110.0 * T), 6)
+X = 1e-6 * np.round(2e4 * np.sin(25.0 * T))
+REFERENCE = np.round(0.02 * np.sin(25.0 * T + 0.05), 6)
+
+
+# ------------------------------------------------------------- sound files
+
+
+def _csv(rows: np.ndarray, heading: str, mark: str = ",") -> bytes:
+    lines = [mark.join(f"{value:.9g}" for value in row) for row in rows]
+    return "\n".join([heading, *lines, ""]).encode()
+
+
+def _written(folder: Path, name: str, write: Callable[[Path], object]) -> bytes:
+    path = folder / name
+    write(path)
+    return path.read_bytes()
+
+
+def _bam() -> bytes:
+    entries = [
+        {"timestamp": 4e-3 * k, "position": float(np.sin(0.1 * k)), "speed": 0.0,
+         "goal_position": 0.5, "load": 100 + k, "input_volts": 7.5, "temp": 28.0,
+         "torque_enable": True}
+        for k in range(30)
+    ]  # fmt: skip
+    head = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "a", "trajectory": "b"}
+    return json.dumps(head | {"entries": entries}).encode()
+
+
+def sound_files(folder: Path) -> dict[str, list[bytes]]:
+    """Files that can be read, by the name of their reader."""
+    rows = np.column_stack([T, U, X, REFERENCE])
+    record = dfc.Record(T, U, X, REFERENCE, units={"x": "m", "u": "N"}, name="run", quantum=1e-6)
+    named = {"t": T, "u": U, "x": X}
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0]),
+        stribeck=dfc.Stribeck(excess=0.3, speed=0.01), travel=(0.0, 0.3),
+        effects=(dfc.Spring(stiffness=40.0), dfc.InputDelay(delay=2e-3)), name="z axis",
+    )  # fmt: skip
+    plain = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(dfc.BiasForce(1.0),))
+    design = dfc.design_pi_observer(plain, dt=1e-3, encoder_quantum=1e-6)
+
+    def mat(path: Path, content: dict[str, Any], compressed: bool) -> None:
+        savemat(path, content, do_compression=compressed)
+
+    return {
+        "csv": [
+            _csv(rows, "time [ms],force [N],pos [mm],ref [mm]"),
+            _csv(rows, "t;u;x;reference", ";").replace(b".", b",").replace(b",,", b",0"),
+            b"# a comment\n" + _csv(rows[:, :3], "t\tu\tx", "\t"),
+            _written(folder, "own.csv", record.to_csv),
+        ],
+        "mat": [
+            _written(folder, "a.mat", lambda p: mat(p, named, False)),
+            _written(folder, "b.mat", lambda p: mat(p, named | {"s": {"a": [1, 2]}}, True)),
+            _written(
+                folder, "c.mat",
+                lambda p: mat(p, {"t": T, "qm": X, "qg": REFERENCE, "vir": U, "gtau": 35.0}, False),
+            ),
+        ],
+        "axis": [
+            _written(folder, "a.toml", lambda p: dfc.write_axis(axis, p)),
+            _written(folder, "b.toml", lambda p: dfc.write_axis(plain, p)),
+        ],
+        "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
+        "bam": [_bam()],
+    }  # fmt: skip
+
+
+# ----------------------------------------------------------------- damage
+
+_WORDS = re.compile(rb"[A-Za-z_]+|[-+0-9.eE]+|[^\sA-Za-z0-9]")
+_TOKENS = [
+    *(b"nan", b"inf", b"-inf", b"NaN", b"Infinity", b"1e999", b"-1e308", b"1e-320", b"-0.0"),
+    *(b"", b"0", b"-1", b"1.5", b"9" * 30, b"9" * 5000, b"1" * 400 + b".0", b"0x1f", b"1_000"),
+    *(b"null", b"true", b"false", b"{}", b"[]", b"[[]]", b'""', b'"x"', b"{", b"}", b"[" * 2000),
+    *(b"\xff\xfe", b"\x00", b"\xef\xbb\xbf", b"\r", b"\n", b"#", b'"', b"'", b",", b";", b"="),
+    *(b"mass", b"effects", b"entries", b"stribeck", b"backlash", b"version", b"__class__"),
+    *("µ".encode(), "\u202e".encode(), "\ud800".encode("utf-8", "surrogatepass")),
+    *(b"2026-11-21T10:00:00Z", b"12:00:00", b"1 2 3", b"1,2", b"%s", b"../..", b"\x1b[31m"),
+]
+
+_PLACE = st.integers(0, 2**20)
+_CHANGES = st.one_of(
+    st.tuples(st.just("word"), _PLACE, st.sampled_from(_TOKENS)),
+    st.tuples(st.just("swap"), _PLACE, _PLACE),
+    st.tuples(st.just("write"), _PLACE, st.binary(min_size=1, max_size=8)),
+    st.tuples(st.just("insert"), _PLACE, st.binary(min_size=1, max_size=8)),
+    st.tuples(st.just("token"), _PLACE, st.sampled_from(_TOKENS)),
+    st.tuples(st.just("flip"), _PLACE, st.integers(0, 7)),
+    st.tuples(st.just("remove"), _PLACE, st.integers(1, 200)),
+    st.tuples(st.just("repeat"), _PLACE, st.integers(1, 200)),
+    st.tuples(st.just("line"), _PLACE, _PLACE),
+    st.tuples(st.just("cut"), _PLACE, st.just(0)),
+)
+#: One to four changes of a file.
+damages = st.lists(_CHANGES, min_size=1, max_size=4)
+
+
+def damaged(content: bytes, changes: list[tuple[str, int, Any]]) -> bytes:
+    """A file after some changes."""
+    for kind, number, what in changes:
+        place = number % (len(content) + 1)
+        end = place
+        put = b""
+        if kind in ("word", "swap"):
+            words = list(_WORDS.finditer(content))
+            if not words:
+                continue
+            word = words[number % len(words)]
+            place, end = word.span()
+            put = what if kind == "word" else words[what % len(words)][0]
+        elif kind == "write":
+            end, put = place + len(what), what
+        elif kind in ("insert", "token"):
+            put = what
+        elif kind == "flip":
+            end = place + 1
+            put = bytes(byte ^ (1 << what) for byte in content[place:end])
+        elif kind == "remove":
+            end = place + what
+        elif kind == "repeat":
+            put = content[place : place + what]
+        elif kind == "line":
+            lines = content.split(b"\n")
+            a, b = number % len(lines), what % len(lines)
+            lines[a], lines[b] = lines[b], lines[a]
+            content = b"\n".join(lines)
+            continue
+        else:
+            end = len(content)
+        content = content[:place] + put + content[end:]
+    return content
+
+
+# ---------------------------------------------------------------- verdict
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How a kind of file is read, and what makes the result sound."""
+
+    suffix: str
+    read: Callable[[Path], Any]
+    sound: Callable[[Any], bool]
+
+
+def _record_sound(record: dfc.Record) -> bool:
+    channels = [record.t, record.u, record.x]
+    channels += [] if record.reference is None else [record.reference]
+    return (
+        all(np.isfinite(c).all() and c.shape == record.t.shape for c in channels)
+        and math.isfinite(record.dt)
+        and record.dt > 0.0
+        and bool(np.all(np.diff(record.t) > 0.0))
+        and len(record.summary()) > 0
+    )
+
+
+def _log_sound(log: dict[str, Any]) -> bool:
+    return _record_sound(log["record"]) and all(
+        log[key].shape == log["record"].t.shape for key in ("volts", "temperature")
+    )
+
+
+def _axis_sound(axis: dfc.FrictionAxis) -> bool:
+    numbers = axis.arrays(1e-3).numbers
+    return (
+        axis.mass > 0.0
+        and bool(np.isfinite(np.delete(numbers, [6, 7])).all())  # 6, 7: no limit of travel
+        and len(axis.describe()) > 0
+    )
+
+
+def _design_sound(design: dfc.ObserverDesign) -> bool:
+    # The certificate has just been recomputed: it must hold and enclose its gain.
+    return design.lower_bound <= design.gamma * (1 + 1e-9) and bool(
+        np.isfinite(design.node_gains).all() and len(design.summary()) > 0
+    )
+
+
+READERS = {
+    "csv": Reader(".csv", dfc.read_record, _record_sound),
+    "mat": Reader(".mat", dfc.read_record, _record_sound),
+    "axis": Reader(".toml", dfc.read_axis, _axis_sound),
+    "design": Reader(".json", dfc.load_design, _design_sound),
+    "bam": Reader(".json", dfc.read_bam, _log_sound),
+}
+
+
+def verdict(kind: str, content: bytes, folder: Path) -> str:
+    """ "taken", "refused", or in words what the reader did wrong."""
+    reader = READERS[kind]
+    path = folder / f"file{reader.suffix}"
+    path.write_bytes(content)
+    begin = time.process_time()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", dfc.RecordWarning)
+            warnings.simplefilter("error", RuntimeWarning)
+            found = reader.read(path)
+            answer = "taken" if reader.sound(found) else "took what is not sound"
+    except ValueError as problem:
+        # Its own words, with something of the user's in them, not those of a library in passing.
+        answer = "refused" if len(str(problem)) > 15 else f"says only {str(problem)!r}"
+    except Exception as problem:
+        answer = f"raised {type(problem).__name__}: {str(problem)[:120]}"
+    took = time.process_time() - begin
+    return f"took {took:.0f} s" if took > SLOWEST else answer

@@ -400,10 +400,11 @@ def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     follows from it over the first difference, A phi, or over the place force.
     Where such a force passes zero the error is in the place moved to, and phi^2
     is d^2 times the first difference over the way.  Without forces that vary
-    along the way only the first remains: a linear drive is integrated exactly.
+    along the way only the first remains: a linear drive is integrated exactly,
+    and one that fades by Simpson's rule.
     """
     i = plant.integers
-    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or drive.fade != 0.0
+    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
     turn, lean = abs(k3 - k2), abs(k2 - k1)
     bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
     way = abs(moved)
@@ -412,7 +413,11 @@ def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
         ratio = turn / (lean + 1e-3 * turn)
         stiff = turn * min(1.0, 0.14 * ratio * ratio)
     if not along:
-        return d * stiff
+        if drive.fade == 0.0 or bend == 0.0:
+            return d * stiff
+        # exp(-phi): the second difference over the first is phi/4.
+        ratio = bend / (rise + bend)
+        return d * (stiff + 0.53 / 24.0 * bend * ratio * ratio)
     if (
         stiff == 0.0
         and d * d * d * rise * rise <= 40.0 * allowed * way

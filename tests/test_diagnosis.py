@@ -277,8 +277,8 @@ class Magnet(dfc.Effect):
     law = staticmethod(magnet_law)
 
 
-def magnet_record(strength):
-    """Closed loop over a mass with dry friction and the magnet, 20 steps a sample.
+def made_record(push):
+    """Closed loop over a mass with dry friction and a force push(x, v), 20 steps a sample.
 
     Semi-implicit Euler, the speed clipped at zero while friction can hold.
     """
@@ -296,7 +296,7 @@ def magnet_record(strength):
         before = error
         for _ in range(inner):
             x += 0.5 * h * v
-            drive = u[k] + strength / (0.1 + x) ** 2 - viscous * v
+            drive = u[k] + push(x, v) - viscous * v
             free = v + h * drive / mass
             v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
             x += 0.5 * h * v
@@ -305,7 +305,7 @@ def magnet_record(strength):
 
 def test_an_effect_of_the_user_is_found_like_any_other():
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
-    measured = magnet_record(0.03)
+    measured = made_record(lambda x, v: 0.03 / (0.1 + x) ** 2)
     with registered(Magnet):
         found = diagnose(axis, measured, jobs=1)
     assert causes(found) == ["magnet"], str(found)
@@ -313,6 +313,57 @@ def test_an_effect_of_the_user_is_found_like_any_other():
     assert found.causes[0].parameters["strength"] == pytest.approx(0.03, rel=0.01)
     assert found.causes[0].units == {"strength": "N m^2"}
     assert "magnet" not in REGISTRY
+
+
+def brake_law(t, x, v, u, level, direction, rest, p):
+    return -2.0 * p[0] * (v / p[1]) / (1.0 + (v / p[1]) ** 2)
+
+
+@dataclass(frozen=True)
+class Brake(dfc.Effect):
+    """An eddy-current brake: the drag rises with speed and falls again."""
+
+    force: float = dfc.parameter("N", "largest drag", bounds=(0.0, np.inf))
+    speed: float = dfc.parameter("m/s", "speed at which it is reached", bounds=(1e-3, np.inf))
+
+    slug = "brake"
+    title = "eddy-current brake"
+    action = "force"
+    explanation = "A magnet induces currents in a conductor that it passes."
+    experiment = "Run at several constant speeds."
+    law = staticmethod(brake_law)
+
+
+def test_an_effect_that_is_not_linear_in_its_parameters_is_found_from_any_start():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    measured = made_record(lambda x, v: -6.0 * (v / 0.12) / (1.0 + (v / 0.12) ** 2))
+    with registered(Brake):
+        found = diagnose(axis, measured, jobs=1)
+    assert causes(found) == ["brake"], str(found)
+    assert found.causes[0].parameters["force"] == pytest.approx(3.0, rel=0.02)
+    assert found.causes[0].parameters["speed"] == pytest.approx(0.12, rel=0.02)
+
+
+# -- effects in the believed axis ------------------------------------------------------
+
+
+def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
+    case = case_of("spring", 0, "short")
+    true = case.truth["spring"]
+    half = dfc.Spring(stiffness=0.5 * true["stiffness"], rest=true["centre"])
+    found = diagnose(believed(case).replace(effects=(half,)), record(case), jobs=1)
+    assert causes(found) == ["spring"], str(found)
+    assert found.causes[0].parameters["stiffness"] == pytest.approx(true["stiffness"], rel=0.05)
+    assert "lready in the believed axis" in found.causes[0].explanation
+    assert len(found.extended.effects) == 1
+
+
+def test_a_believed_peak_that_is_not_there_is_taken_away():
+    case = case_of("spring", 3, "short")
+    peak = dfc.Stribeck(excess=0.3, speed=0.02)
+    found = diagnose(believed(case).replace(stribeck=peak), record(case), jobs=1)
+    assert sorted(causes(found)) == ["spring", "stribeck"], str(found)
+    assert found.extended.stribeck.excess < 0.02
 
 
 # -- what must not matter -----------------------------------------------------------

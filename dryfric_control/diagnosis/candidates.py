@@ -38,28 +38,43 @@ class Start:
 
 
 def catalogue(axis: FrictionAxis, found: tuple[str, ...] = ()) -> tuple[type[Effect], ...]:
-    """Effects that may be tried on an axis: registered, and not yet in it."""
-    present = {e.slug for e in axis.effects} | set(found)
+    """Effects that may be tried on an axis: all that is registered and not found yet.
+
+    One that the axis already has may be there with the wrong numbers.
+    """
+    present = {e.slug for e in axis.effects}
     actions = {e.action for e in axis.effects}
-    tried = []
-    for slug, effect in REGISTRY.items():
-        if slug in present or slug in BASE:
-            continue
-        if slug == "stribeck" and axis.stribeck is not None:  # a peak has no second one
-            continue
-        if (
-            effect.action in ("delay", "lag", "contact", "transmission")
-            and effect.action in actions
-        ):
-            continue
-        tried.append(effect)
-    return tuple(tried)
+    return tuple(
+        effect
+        for slug, effect in REGISTRY.items()
+        if slug not in BASE
+        and slug not in found
+        and (slug in present or effect.action not in actions.intersection(_SINGLE))
+    )
+
+
+def holds(axis: FrictionAxis, slug: str) -> bool:
+    """Whether an axis has an effect, a Stribeck peak as its own field."""
+    if slug == "stribeck":
+        return axis.stribeck is not None
+    return any(e.slug == slug for e in axis.effects)
+
+
+def other_numbers(axis: FrictionAxis, effect: type[Effect]) -> list[dict[str, float]]:
+    """First guesses of the parameters of an effect that an axis has already."""
+    if effect.slug == "stribeck":
+        now = {"excess": axis.stribeck.excess, "speed": axis.stribeck.speed}  # type: ignore[union-attr]
+    else:
+        mine = next(e for e in axis.effects if e.slug == effect.slug)
+        now = {name: float(getattr(mine, name)) for name in effect.parameters()}
+    first = next(iter(now))
+    return [now, now | {first: 0.2 * now[first]}, now | {first: 2.0 * now[first]}]
 
 
 def with_effect(
     axis: FrictionAxis, effect: type[Effect], values: dict[str, float], base: dict[str, float]
 ) -> Start:
-    """Axis with one effect more, a Stribeck peak as its own field.
+    """Axis with one effect more or another in its place, a Stribeck peak as its own field.
 
     A guess outside the bounds of its parameter is moved to the nearer one.
     """
@@ -73,4 +88,5 @@ def with_effect(
         )
     held = HELD.get(effect.slug, ())
     free = tuple(f"{effect.slug}.{p}" for p in values if p not in held)
-    return Start(axis.replace(effects=(*axis.effects, effect(**values))), free, base)
+    others = tuple(e for e in axis.effects if e.slug != effect.slug)
+    return Start(axis.replace(effects=(*others, effect(**values))), free, base)

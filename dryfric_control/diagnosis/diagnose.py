@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.diagnosis.candidates import BASE
+from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.floor import REPLAYS, noise_floor
@@ -16,7 +16,7 @@ from dryfric_control.diagnosis.result import Cause, Diagnosis, Gain, Unexplained
 from dryfric_control.diagnosis.search import Bench
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.effects import REGISTRY
-from dryfric_control.friction import positive
+from dryfric_control.friction import instance, positive, whole
 from dryfric_control.identification.fit import typical
 from dryfric_control.identification.windows import Windows, cut
 from dryfric_control.records import Record
@@ -63,7 +63,7 @@ def diagnose(
     jobs: int = 2,
     progress: bool = False,
 ) -> Diagnosis:
-    """Find what a simulation gets wrong about a record, and name the cause.
+    """Find what a simulation gets wrong, and name the cause.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def diagnose(
     >>> round(d.causes[0].parameters["stiffness"], 1)
     40.0
     """
-    if not isinstance(axis, FrictionAxis):
-        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
+    instance("axis", axis, FrictionAxis)
+    whole("jobs", jobs)
     window = positive("window", window, unit="s")
     axis = axis.effective()
     windows = cut(record, window, hold)
@@ -250,6 +250,9 @@ def _cause(  # type: ignore[no-untyped-def]
     less: Fitted, best: Fitted, alternatives: tuple[str, ...],
 ) -> Cause:  # fmt: skip
     effect = REGISTRY[slug]
+    explanation = effect.explanation
+    if holds(selector.axis, slug):
+        explanation = f"Already in the believed axis, with other numbers. {explanation}"
     mean, error = selector.gain(less.scores, best.scores)
     return Cause(
         effect=slug,
@@ -260,7 +263,7 @@ def _cause(  # type: ignore[no-untyped-def]
         held_out_gain=mean,
         interval=(mean - 1.645 * error, mean + 1.645 * error),
         alternatives=alternatives,
-        explanation=effect.explanation,
+        explanation=explanation,
         experiment=effect.experiment,
     )
 

@@ -23,8 +23,8 @@ _BEYOND = 1.0
 # Mean scores further apart than this many standard errors are no accident, if
 # they are further apart than the estimate of the noise itself may be off.
 _FAR, _LEAST = 4.0, 0.15
-# Scores this close to their replays leave nothing to look for.
-_NONE = 0.05
+#: Scores this close to their replays leave nothing to look for.
+NONE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Floor:
     def nothing(self, scores: FloatArray, active: BoolArray) -> bool:
         """Whether the scores are so close to chance that nothing can be gained."""
         out = self.outliers(scores, active)
-        return not out.any() and self.excess(scores, active)[0] < _NONE
+        return not out.any() and self.excess(scores, active)[0] < NONE
 
     def excess(self, scores: FloatArray, active: BoolArray) -> tuple[float, float]:
         """Mean score above the replays' mean, and its standard error."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, fields
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
 from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.candidates import holds, other_numbers, with_effect
 from dryfric_control.effects import Effect
 from dryfric_control.identification.motion import directions
 from dryfric_control.identification.parameters import values_of
@@ -30,6 +32,8 @@ _LONGEST = 81
 _FINE = 4
 # Periods: the shortest over the smoothing's own reach, the most of them.
 _MOST_PERIODS = 400
+# Guesses of an effect that has none of its own.
+_MOST_GUESSES = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +197,11 @@ def _periods(v: View, along: FloatArray) -> list[tuple[float, FloatArray, FloatA
     highest = min(_MOST_PERIODS, along.size // 4)
     grid = np.arange(2 * _FINE, highest * _FINE) / (_FINE * reach)
     power = np.empty(grid.size)
-    for i, f in enumerate(grid):
-        phase = 2.0 * np.pi * f * along
-        power[i] = abs(np.dot(np.exp(-1j * phase), target))
+    turned = np.exp(-2j * np.pi * grid[0] * along) * target
+    turn = np.exp(-2j * np.pi / (_FINE * reach) * along)
+    for i in range(grid.size):
+        power[i] = abs(turned.sum())
+        turned *= turn
     peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] >= power[2:])) + 1
     found = []
     for i in peaks[np.argsort(-power[peaks])][:2]:
@@ -301,7 +307,7 @@ def _dead_zones(v: View) -> Iterator[tuple[Values, Values]]:
 
 def _saturations(v: View) -> Iterator[tuple[Values, Values]]:
     peak = float(np.abs(v.drive).max())
-    for share in (0.97, 0.85, 0.7, 0.5, 0.35):
+    for share in (0.97, 0.85, 0.7, 0.5, 0.35, 0.2, 0.12):
         lost = v.u - np.clip(v.u, -share * peak, share * peak)
         yield {"limit": share * peak}, _base(v, _regress_fixed(v, -lost))
 
@@ -390,26 +396,68 @@ GUESSES: dict[str, Callable[[View], Iterator[tuple[Values, Values]]]] = {
 def guesses(effect: type[Effect], v: View) -> list[tuple[Values, Values]]:
     """First guesses for one effect: its values, and base values beside it.
 
-    An effect without guesses of its own gets some from its bounds: each
-    parameter at a tenth of the typical size that its unit tells, on both sides.
+    An effect without guesses of its own gets some from its bounds: parts of the
+    typical size that the unit of each parameter tells, in every combination; an
+    amount that the effect is proportional to comes from regression.
+    One that the axis has already starts from the numbers it has there.
     """
+    if holds(v.axis, effect.slug):
+        return [(values, {}) for values in other_numbers(v.axis, effect)]
     own = GUESSES.get(effect.slug)
     if own is not None:
         return list(own(v))
+    return list(_tried(effect, v))
+
+
+def _tried(effect: type[Effect], v: View) -> Iterator[tuple[Values, Values]]:
+    """Guesses over a grid; what the law is proportional to, and the base, by regression."""
+    fast = max(float(np.quantile(np.abs(v.v), 0.9)) if v.v.size else 0.0, 1e-12)
     sizes = {
-        "N": v.level, "N m": v.level, "m": v.span, "rad": 1.0, "1": 1.0, "s": 10.0 * v.dt,
-        "N/m": v.level / v.span, "N s/m": v.level / max(float(np.std(v.v)), 1e-12),
+        "N": v.level, "N m": v.level, "m": v.span, "rad": 1.0, "1": 1.0, "s": 1.0,
+        "m/s": fast, "rad/s": fast, "Hz": 10.0, "N/m": v.level / v.span,
+        "N m/rad": v.level / v.span, "N s/m": v.level / fast, "N m s/rad": v.level / fast,
     }  # fmt: skip
-    found: list[tuple[Values, Values]] = []
-    for sign in (1.0, -1.0):
-        values = {}
-        for item in fields(effect):
-            low, high = item.metadata["bounds"]
-            if item.default is not MISSING:
-                neutral = float(item.default)
-            else:
-                neutral = float(np.clip(0.0, low, high))
-            step = 0.1 * sizes.get(item.metadata["unit"], 1.0) * sign
-            values[item.name] = float(np.clip(neutral + step, low, high))
-        found.append((values, {}))
-    return found
+    grid: dict[str, list[float]] = {}
+    for item in fields(effect):
+        low, high = item.metadata["bounds"]
+        if item.default is not MISSING:
+            neutral = float(item.default)
+        else:
+            neutral = float(np.clip(0.0, low, high))
+        size = sizes.get(item.metadata["unit"], 1.0)
+        # What may have either sign is an amount, the rest may be a place or a pace.
+        parts = (0.3, -0.3) if low < neutral else (0.03, 0.1, 0.3, 1.0)
+        grid[item.name] = [float(np.clip(neutral + part * size, low, high)) for part in parts]
+    middle = {name: values[len(values) // 2] for name, values in grid.items()}
+    column = _column(effect, v, middle)
+    amount = None
+    for name, value in middle.items():
+        twice = _column(effect, v, middle | {name: 2.0 * value})
+        if amount is None and np.any(column) and np.allclose(twice, 2.0 * column, rtol=1e-6):
+            amount = name
+            grid[name] = [value]
+    for values in itertools.islice(itertools.product(*grid.values()), _MOST_GUESSES):
+        guess = dict(zip(grid, values, strict=True))
+        column = _column(effect, v, guess)
+        if not np.any(column) or not np.all(np.isfinite(column)):
+            yield guess, {}
+        elif amount is None:
+            yield guess, _base(v, _regress_fixed(v, column))
+        else:
+            c, change = _regress(v, [column])
+            yield guess | {amount: float(c[0]) * guess[amount]}, _base(v, change)
+            yield guess, {}
+
+
+def _column(effect: type[Effect], v: View, values: Values) -> FloatArray:
+    """Force that an effect adds to the sliding samples; zeros where it has no such values."""
+    try:
+        axis = with_effect(v.axis, effect, dict(values), {}).axis
+    except ValueError:
+        return np.zeros(v.x.size)
+    model = []
+    for one in (axis, v.axis):
+        arrays = one.arrays(1.0)
+        model.append(np.empty(v.x.size))
+        accelerations(arrays.numbers, arrays.integers, v.t, v.x, v.v, v.u, v.direction, model[-1])
+    return np.asarray(v.axis.mass * (model[0] - model[1]))

@@ -31,6 +31,15 @@ _CLOSE = 1.1
 _SETTLED = 0.4
 # Points of the random search where the loss is rugged.
 _TRIES = 120
+# Steps of a first fit; where the base alone reaches the floor, only what a fit
+# asks of it decides, which takes a fit to its end.
+_TURNS = {False: 2, True: 6}
+# Fall of the loss, in units of chi^2, that is next to none.
+_LOWER = 2.0
+# Search coordinates closer than this lead to the same end.
+_SAME = 2e-3
+# Of many first guesses, so many are left after single runs.
+_MANY = 4
 # Mean score below which single windows are worth a search for better starts.
 _THOROUGH = 1.5
 
@@ -49,8 +58,9 @@ class Fitted:
     axis : FrictionAxis
         The fitted axis.
     loss : float
-        On the windows of the fit, prior included, at the noise floor.
-    starts : ndarray, shape (2, nwindows)
+        On the windows of the fit, prior included, at the noise floor; before
+        it is judged, on those that its fit looked at.
+    starts : ndarray, shape (3, nwindows)
         Start states found.
     scores : ndarray, shape (nwindows,)
         Score of every window, from the fit that did not see it.
@@ -96,6 +106,7 @@ class Race:
         self.jobs = jobs
         names = list(BASE.values())
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
+        self._known: dict[tuple, Fitted] = {}
 
     def hypothesis(
         self, axis: FrictionAxis, free: Sequence[str], base: Sequence[str] | None = None
@@ -127,6 +138,21 @@ class Race:
         `search`: look farther where break-aways make the loss rugged.
         """
         fit = self.fit if active is None else active
+        of = None if base is None else tuple(base)
+        key = (axis, tuple(free), slug, of, fit.tobytes(), search)
+        if key not in self._known:  # the same question comes up on several ways
+            self._known[key] = self._alone(axis, free, slug, base, fit, search)
+        return self._known[key]
+
+    def _alone(
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str],
+        slug: str,
+        base: Sequence[str] | None,
+        fit: BoolArray,
+        search: bool,
+    ) -> Fitted:
         h = self.hypothesis(axis, free, base)
         z = h.search(dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True)))
         scales = h.scales(z, fit)
@@ -137,13 +163,14 @@ class Race:
         return self.judged(Fitted(slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
 
     def judged(self, one: Fitted) -> Fitted:
-        """The same, with the scores of all windows."""
+        """The same, with the scores of all windows and the loss of all that fit."""
         known = self.fit | self.judge
         at = self.bench.evaluate(one.axis, known, None, one.starts)
         if self.bench.scores(at.costs)[known].mean() < _THOROUGH:
             at = self.bench.evaluate(one.axis, known, None, at.starts, thorough=True)
+        loss = self.bench.loss(at.costs, self.fit) + one.hypothesis.prior(one.z)[0]
         return Fitted(
-            one.slug, one.hypothesis, one.z, one.axis, one.loss, at.starts,
+            one.slug, one.hypothesis, one.z, one.axis, loss, at.starts,
             self.bench.scores(at.costs),
         )  # fmt: skip
 
@@ -167,38 +194,52 @@ class Race:
         # Elastic contacts and transmissions are slow to run: they are tried where
         # nothing simpler reaches the floor.
         slow = [e for e in effects if e.action in ("contact", "transmission")]
-        # Where the base alone reaches the floor, only what a fit asks of it decides,
-        # which takes a fit to its end.
-        turns = 6 if self._settled(base.loss, self.fit) else 2
+        settled = self._settled(base.loss, self.fit)
+        at = self.bench.evaluate(base.axis, self.sieve, None, base.starts, 1)
+        without = self.bench.loss(at.costs, self.sieve) + base.hypothesis.prior(base.z)[0]
         runners: list[Fitted] = []
+        done: dict[int, Fitted] = {}
         for group in ([e for e in effects if e not in slow], slow):
-            if runners and self._settled(min(r.loss for r in runners), self.sieve):
+            if any(self._settled(r.loss, self.fit) for r in done.values()):
                 break
-            tried = self._run(self._first, ((base, e, views, free, turns) for e in group))
-            runners += [r for runs in tried for r in runs]
-        runners.sort(key=lambda r: r.loss)
+            tried = self._run(self._first, ((base, e, views, free, settled) for e in group))
+            started = sorted((r for runs in tried for r in runs), key=lambda r: r.loss)
+            if settled:
+                # A fit that ends no lower than the one without has nothing to say.
+                started = [r for r in started if r.loss < without - _LOWER]
+            least = min(r.loss for r in [*started, *runners]) if started else 0.0
+            far = [i > 1 and r.loss > _NEAR * least for i, r in enumerate(started)]
+            ahead = [r for r, late in zip(started, far, strict=True) if not late]
+            runners += self._run(self._on, ((r, _TURNS[settled] + 2) for r in ahead))
+            runners += [r for r, late in zip(started, far, strict=True) if late]
+            runners.sort(key=lambda r: r.loss)
+            keep = [r for r in self._near(runners) if id(r) not in done]
+            ends = self._run(self._second, ((r, settled) for r in keep))
+            done |= {id(r): end for r, end in zip(keep, ends, strict=True)}
+        first: dict[str, Fitted] = {}
+        for r in sorted(done.values(), key=lambda r: r.loss):
+            first.setdefault(r.slug, r)
+        left = {r.slug: r for r in reversed(runners) if r.slug not in first}
+        return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
+
+    def _near(self, runners: list[Fitted]) -> list[Fitted]:
+        """Those of sorted runners that are worth a fit to its end."""
         if not runners:
             return []
         best = runners[0].loss
-        near = _NEAR * best
         most = len(runners) if self._settled(best, self.sieve) else _KEPT
-        keep = [r for i, r in enumerate(runners) if i < most and (i < 2 or r.loss < near)]
-        left = self._run(self.judged, ((r,) for r in runners if r not in keep))
-        done = sorted(self._run(self._second, ((r,) for r in keep)), key=lambda r: r.loss)
-        first: dict[str, Fitted] = {}
-        for r in done + left:
-            first.setdefault(r.slug, r)
-        return list(first.values())
+        return [r for i, r in enumerate(runners[:most]) if i < 2 or r.loss < _NEAR * best]
 
     def _settled(self, loss: float, active: BoolArray) -> bool:
         """Whether a loss over windows is next to the floor."""
         n = self.bench.samples[active] * ROBUST**2
         return loss < _SETTLED * float(n.sum())
 
-    def _first(self, base, effect, views, free, turns):  # type: ignore[no-untyped-def]
-        """Best of the first guesses after a short fit, of every origin as good."""
-        tried = []
+    def _first(self, base, effect, views, free, settled):  # type: ignore[no-untyped-def]
+        """Best of the first guesses after a first fit, of every origin as good."""
+        options = []
         for number, (seen, known) in enumerate(views):
+            some = []
             for values, regressed in guesses(effect, seen):
                 origin = known | regressed
                 try:
@@ -206,32 +247,64 @@ class Race:
                     h = self.hypothesis(start.axis, [*free, *start.free])
                     here = dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True))
                     z = h.search(here | {n: v for n, v in origin.items() if n in h.names})
-                    some = self.fit if h.rugged.size else self.sieve
-                    at = self.bench.evaluate(h.axis_at(z), some, rounds=1)
+                    axis = h.axis_at(z)
                 except ValueError:
                     continue
-                tried.append((self.bench.loss(at.costs, some) + h.prior(z)[0], number, h, z))
+                # Where the base reaches the floor, it counts who lets it be.
+                origin_of = (number, bool(regressed) and settled)
+                some.append((origin_of, h, z, axis))
+            if len(some) > _MANY:
+                runs = [self.bench.evaluate(o[3], self.fit, None, base.starts, -1) for o in some]
+                losses = [self.bench.loss(at.costs, self.fit) for at in runs]
+                some = [some[i] for i in np.argsort(losses, kind="stable")[:_MANY]]
+            options += some
+        # Where the base is next to the floor its start states are the true ones.
+        starts = base.starts if settled else None
+        tried = []
+        for number, h, z, axis in options:
+            some = self.fit if h.rugged.size else self.sieve
+            at = self.bench.evaluate(axis, some, None, starts, 1)
+            tried.append((self.bench.loss(at.costs, some) + h.prior(z)[0], number, h, z))
         if not tried:
             return []
         tried.sort(key=lambda item: item[0])
         # The best of every origin, and whoever is as good as the best of all.
         firsts = {number: i for i, (_, number, _, _) in reversed(list(enumerate(tried)))}
-        some = set(firsts.values())
+        chosen = set(firsts.values())
         if len(tried) > 1 and tried[1][0] < _CLOSE * tried[0][0]:
-            some.add(1)
+            chosen.add(1)
         runs = []
-        for _, _, h, z in [tried[i] for i in sorted(some)]:
+        for _, _, h, z in [tried[i] for i in sorted(chosen)]:
             scales = h.scales(z, self.sieve)
-            z, at, loss = h.minimise(z, self.sieve, scales, turns)
-            runs.append(Fitted(effect.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
+            z, at, _ = h.minimise(z, self.sieve, scales[:1], _TURNS[settled], starts)
+            axis = h.axis_at(z)
+            at = self.bench.evaluate(axis, self.sieve, None, at.starts, 1)
+            loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
+            runs.append(Fitted(effect.slug, h, z, axis, loss, at.starts, np.empty(0)))
         # Fits that tie may differ in what they ask of the base parameters.
-        best = min(r.loss for r in runs)
-        return [r for r in runs if r.loss < _CLOSE * best]
+        runs.sort(key=lambda r: r.loss)
+        apart: list[Fitted] = []
+        for r in runs:
+            same = any(np.allclose(r.z, other.z, rtol=_SAME, atol=_SAME) for other in apart)
+            if r.loss < _CLOSE * runs[0].loss and not same:
+                apart.append(r)
+        return apart
 
-    def _second(self, one: Fitted) -> Fitted:
+    def _on(self, one: Fitted, turns: int) -> Fitted:
+        """The same a little further, down to the floor."""
+        h = one.hypothesis
+        scales = h.scales(one.z, self.sieve)
+        z, at, loss = h.minimise(one.z, self.sieve, scales, turns, one.starts)
+        if loss > one.loss:
+            return one
+        return Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0))
+
+    def _second(self, one: Fitted, settled: bool) -> Fitted:
+        """The same to the end of its fit, on all windows that fit."""
         h = one.hypothesis
         scales = h.scales(one.z, self.fit)
-        z, at, loss = h.minimise(one.z, self.fit, scales[-3:], 4)
+        starts = one.starts if settled else None
+        z, at, loss = h.minimise(one.z, self.fit, scales[-3:], 4, starts)
         if h.rugged.size and not self._settled(loss, self.fit):
             z, at = h.scatter(z, self.fit, at.starts, _TRIES)
         z, at, loss = h.minimise(z, self.fit, scales[-1:], 10, at.starts, 2)

@@ -18,15 +18,22 @@ _PARTS = (1.0, 0.25)
 _FALL = 0.02
 # Step of the slopes over the start's error.
 _SLOPE = 0.1
+# Places within a play that are tried for a window that no other start explains:
+# the first so many over the whole play, the others ever closer to the best.
+_PLACES, _CLOSER = 9, 12
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner):
-    """Memory at the first sample of a window; without inner states, an axis at rest."""
+    """Memory at the first sample of a window; without inner states, an axis at rest.
+
+    The last place of `inner` is the time at rest, which the run before knows
+    better than the readings do: it stopped at an instant, they stand still.
+    """
     state = kernels.pointer(memory)
     memory[:] = 0.0
     memory[kernels.X], memory[kernels.V] = x0, v0
-    memory[kernels.REST] = rest
+    memory[kernels.REST] = inner[kernels.N_INNER] if inner[kernels.N_INNER] > 0.0 < rest else rest
     for j in range(plant.integers[kernels.N_HISTORY]):
         memory[kernels.HISTORY + 2 * j] = _held(plant, state, u, a - 1 - j, 0)
         memory[kernels.HISTORY + 2 * j + 1] = _held(plant, state, u, a - 1 - j, 1 if first else 0)
@@ -41,6 +48,21 @@ def begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner):
     memory[kernels.MODE] = mode
     if mode != 0:
         memory[kernels.REST] = 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _end(memory, after):
+    """What a run hands on: its inner states and for how long it has been at rest."""
+    _keep(memory, after)
+    at_rest = memory[kernels.MODE] == 0.0
+    after[kernels.N_INNER] = memory[kernels.REST] if at_rest else 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _placed(plant, place, inner):
+    """Inner states with the load at a place of the play, -1 to 1, as fast as the motor."""
+    inner[0], inner[1] = 0.0, place * plant.numbers[kernels.HALF_GAP]
+    inner[2], inner[3] = 0.0, 0.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -76,27 +98,33 @@ def _cost(x, out, a, b, dx, dv, scale, x_error, v_error):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _settle(
-    plant, memory, events, count, u, x, t0, dt, first, a, b, x0, v0, rest, inner, scale, xe, ve,
-    rounds, dx, dv, out, tried, by_x, by_v, after,
+    plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0, v0, rest, inner, scale,
+    xe, ve, rounds, dx, dv, out, tried, by_x, by_v, after,
 ):  # fmt: skip
     """Search the start state of one window from the corrections dx, dv.
 
     Leaves the run in out[a:b], its slopes in by_x and by_v and the internal
-    memory at its end in `after`; returns the corrections and the cost.
+    memory at its end in `after`; returns the corrections and the cost.  With
+    rounds < 0 there is one run from the corrections given, and no slopes.
     """
     _free_run(
         plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx, v0 + dv, rest, inner, out
     )
-    _keep(memory, after)
+    _end(memory, after)
     cost = _cost(x, out, a, b, dx, dv, scale, xe, ve)
+    if rounds < 0:
+        return dx, dv, cost
     hx, hv = _SLOPE * xe, _SLOPE * ve
     for turn in range(rounds + 1):
-        _free_run(
-            plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx + hx, v0 + dv, rest,
-            inner, tried,
-        )  # fmt: skip
-        for k in range(a, b):
-            by_x[k] = (tried[k] - out[k]) / hx
+        if uniform:
+            by_x[a:b] = 1.0
+        else:
+            _free_run(
+                plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx + hx, v0 + dv, rest,
+                inner, tried,
+            )  # fmt: skip
+            for k in range(a, b):
+                by_x[k] = (tried[k] - out[k]) / hx
         _free_run(
             plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx, v0 + dv + hv, rest,
             inner, tried,
@@ -138,7 +166,7 @@ def _settle(
                     dx, dv, cost = tx, tv, new
                     for k in range(a, b):
                         out[k] = tried[k]
-                    _keep(memory, after)
+                    _end(memory, after)
                     break
             if fell < 0.5 * promised:
                 break
@@ -155,25 +183,28 @@ def _needed(active, w, linked):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def project(
-    numbers, integers, size, linked, u, x, t0, dt, first, edges, x0, v0, x_error, v_error, rest,
-    active, scale, rounds, offsets, starts, errors, by_x, by_v, costs,
+    numbers, integers, size, linked, uniform, u, x, t0, dt, first, edges, x0, v0, x_error,
+    v_error, rest, active, scale, rounds, offsets, starts, errors, by_x, by_v, costs,
 ):  # fmt: skip
     """Errors of the active windows from their most likely start states.
 
-    `starts` (rows dx, dv) holds where the search of each window's start begins
-    and is changed in place; `errors`, `by_x`, `by_v` get the errors of
+    `starts` (rows dx, dv, place) holds where the search of each window's start
+    begins and is changed in place; `errors`, `by_x`, `by_v` get the errors of
     position and their slopes with the start state, `costs` the sum of squares
     over scale^2 and what the corrections cost.  A window far above the scale
     is searched again from speeds that differ by `offsets` of their error:
     a break-away makes the cost rugged.  `linked`: windows hand on their
-    internal memory, so that the one before an active window runs as well.
+    internal memory, so that the one before an active window runs as well;
+    `place` is where in its play a load starts instead (-1 to 1), NaN where it
+    goes on from the window before.  `uniform`: the axis is the same at every
+    position, so that a run from elsewhere need not be made.
     """
     plant = kernels.point(numbers, integers)
     memory = np.zeros(size)
     events = np.empty(kernels.ROOM)
     count = np.zeros(1, np.int64)
     n_inner = kernels.N_INNER
-    inner, after, other = np.full(n_inner, np.nan), np.empty(n_inner), np.empty(n_inner)
+    inner, after, other = np.full(n_inner + 1, np.nan), np.empty(n_inner + 1), np.empty(n_inner + 1)
     n = x.shape[0]
     out, tried, better = np.empty(n), np.empty(n), np.empty(n)
     for w in range(edges.shape[0] - 1):
@@ -184,10 +215,12 @@ def project(
         if np.isnan(inner[0]):
             # What a first window starts with does not depend on its corrections.
             begin_window(plant, memory, u, t0, dt, first, a, x0[w], v0[w], rest[w], inner)
+        if not np.isnan(starts[2, w]):
+            _placed(plant, starts[2, w], inner)
         # Of a window not asked for, only what it hands on matters.
         turns = rounds if active[w] else min(rounds, 1)
         dx, dv, cost = _settle(
-            plant, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w], rest[w],
+            plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w], rest[w],
             inner, scale, x_error[w], v_error[w], turns, starts[0, w], starts[1, w], out, tried,
             by_x, by_v, after,
         )  # fmt: skip
@@ -195,14 +228,40 @@ def project(
             if cost < 2.0 * (b - a) or not active[w]:
                 break
             tx, tv, new = _settle(
-                plant, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w], rest[w],
-                inner, scale, x_error[w], v_error[w], rounds, 0.0, offset * v_error[w], better,
-                tried, by_x, by_v, other,
+                plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w],
+                rest[w], inner, scale, x_error[w], v_error[w], rounds, 0.0, offset * v_error[w],
+                better, tried, by_x, by_v, other,
             )  # fmt: skip
             if new < cost:
                 dx, dv, cost = tx, tv, new
                 out[a:b] = better[a:b]
                 after[:] = other
+        play = plant.integers[kernels.STRUCTURE] & kernels.PLAY != 0
+        if play and offsets.shape[0] > 0 and active[w] and cost > 2.0 * (b - a):
+            # Nobody measures where in its play the load is.
+            best, width = starts[2, w], 2.0 / (_PLACES - 1)
+            for turn in range(_PLACES + _CLOSER):
+                if turn < _PLACES:
+                    place = -1.0 + width * turn
+                elif np.isnan(best):
+                    break
+                else:
+                    # Either side of the best, then half as far.
+                    if (turn - _PLACES) % 2 == 0:
+                        width *= 0.5
+                    place = best + (width if turn % 2 == 0 else -width)
+                    place = min(max(place, -1.0), 1.0)
+                _placed(plant, place, inner)
+                tx, tv, new = _settle(
+                    plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w],
+                    rest[w], inner, scale, x_error[w], v_error[w], rounds, 0.0, 0.0, better,
+                    tried, by_x, by_v, other,
+                )  # fmt: skip
+                if new < cost:
+                    dx, dv, cost, best = tx, tv, new, place
+                    out[a:b] = better[a:b]
+                    after[:] = other
+            starts[2, w] = best
         starts[0, w], starts[1, w] = dx, dv
         costs[w] = cost if active[w] else 0.0
         for k in range(a, b):
@@ -220,7 +279,7 @@ def moved(
     memory = np.zeros(size)
     events = np.empty(kernels.ROOM)
     count = np.zeros(1, np.int64)
-    inner = np.full(kernels.N_INNER, np.nan)
+    inner = np.full(kernels.N_INNER + 1, np.nan)
     out = np.empty(x.shape[0])
     for w in range(edges.shape[0] - 1):
         a, b = edges[w], edges[w + 1]
@@ -229,11 +288,13 @@ def moved(
             continue
         if np.isnan(inner[0]):
             begin_window(plant, memory, u, t0, dt, first, a, x0[w], v0[w], rest[w], inner)
+        if not np.isnan(starts[2, w]):
+            _placed(plant, starts[2, w], inner)
         _free_run(
             plant, memory, events, count, u, t0, dt, first, a, b, x0[w] + starts[0, w],
             v0[w] + starts[1, w], rest[w], inner, out,
         )  # fmt: skip
-        _keep(memory, inner)
+        _end(memory, inner)
         if active[w]:
             for k in range(a, b):
                 slope[k] = (out[k] - x[k] - errors[k]) / width

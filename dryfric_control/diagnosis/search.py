@@ -28,6 +28,13 @@ BASE_SPREAD, BASE_COST = 0.02, 3.0
 _STEPS = (2e-5, 2e-3)
 # What acts by break-away alone needs a step that moves one over a sample.
 _BY_BREAK_AWAY = ("stribeck.", "dwell_time.", "stick_speed")
+# Effects that know no place: a run from another position is the same run there.
+_EVERYWHERE = frozenset((
+    "inertia", "viscous", "coulomb", "stribeck", "bias_force", "viscous_asymmetry",
+    "coulomb_asymmetry", "quadratic_drag", "input_delay", "actuator_lag", "input_gain", "dead_zone",
+    "saturation", "load_dependence", "drift", "dwell_time", "time_periodic", "presliding",
+    "backlash", "compliance",
+))  # fmt: skip
 # Other speeds at a start, in multiples of its error.
 _OFFSETS = np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 # A drive later than this is no drive for a position loop [s].
@@ -38,6 +45,8 @@ _FARTHEST = 100.0
 _SHARES = (0.05, 0.95)
 # Spread of a random search of rugged coordinates of order 1.
 _RADIUS = 0.3
+# Its first points, which show where in the record it matters.
+_LEARNT = 10
 # Steps refused in a row that end a search.
 _REFUSED = 4
 # Longest step of a search coordinate of order 1.
@@ -53,8 +62,9 @@ class Evaluation:
     ----------
     errors, by_x, by_v : ndarray, shape (n,)
         Model less measured position, and its slopes with the start state.
-    starts : ndarray, shape (2, nwindows)
-        Corrections of the start states.
+    starts : ndarray, shape (3, nwindows)
+        Corrections of the start states; place of a load in its play (-1 to 1)
+        where it does not go on from the window before, else NaN.
     costs : ndarray, shape (nwindows,)
         Sum of squares over scale^2, and what the corrections cost.
     """
@@ -119,12 +129,16 @@ class Bench:
         w, record = self.windows, self.windows.record
         arrays = axis.arrays(record.dt)
         n, nw = int(w.edges[-1]), len(w)
-        starts = np.zeros((2, nw)) if starts is None else starts.copy()
+        if starts is None:
+            starts = np.zeros((3, nw))
+            starts[2] = np.nan
+        else:
+            starts = starts.copy()
         result = Evaluation(np.zeros(n), np.zeros(n), np.zeros(n), starts, np.zeros(nw))
         project(
-            arrays.numbers, arrays.integers, arrays.memory, linked(axis), record.u, record.x,
-            float(record.t[0]), record.dt, w.hold == "first", w.edges, w.x0, w.v0, w.x0_error,
-            w.v0_error, w.rest, active, self.floor if scale is None else scale, rounds,
+            arrays.numbers, arrays.integers, arrays.memory, linked(axis), uniform(axis), record.u,
+            record.x, float(record.t[0]), record.dt, w.hold == "first", w.edges, w.x0, w.v0,
+            w.x0_error, w.v0_error, w.rest, active, self.floor if scale is None else scale, rounds,
             _OFFSETS if thorough else _OFFSETS[:0],
             result.starts, result.errors, result.by_x, result.by_v, result.costs,
         )  # fmt: skip
@@ -156,9 +170,17 @@ class Bench:
         return self.windows.mean_squares(errors)
 
 
+def uniform(axis: FrictionAxis) -> bool:
+    """Whether an axis is the same at every position."""
+    constant = len(axis.coulomb.plus) == 1 and len(axis.coulomb.minus) == 1
+    return constant and all(e.slug in _EVERYWHERE for e in axis.effects)
+
+
 def linked(axis: FrictionAxis) -> bool:
     """Whether windows hand on an internal memory that nobody measures."""
-    return any(e.action in ("contact", "transmission") for e in axis.effects)
+    return any(
+        e.action in ("contact", "transmission") or e.slug == "dwell_time" for e in axis.effects
+    )
 
 
 class Hypothesis:
@@ -303,7 +325,8 @@ class Hypothesis:
                 reach = np.maximum(_REACH, np.abs(z))
                 new = np.clip(np.clip(new, z - reach, z + reach), self.low, self.high)
                 # The start states move along, as far as the slopes tell.
-                starts = at.starts + back[:, :, 0].T + (back[:, :, 1:] @ (new - z)).T
+                starts = at.starts.copy()
+                starts[:2] += back[:, :, 0].T + (back[:, :, 1:] @ (new - z)).T
                 w = bench.windows
                 starts[0] = np.clip(starts[0], -_FARTHEST * w.x0_error, _FARTHEST * w.x0_error)
                 starts[1] = np.clip(starts[1], -_FARTHEST * w.v0_error, _FARTHEST * w.v0_error)
@@ -340,18 +363,25 @@ class Hypothesis:
         best = self.bench.evaluate(self.axis_at(z), active, None, starts, 1)
         loss = self.bench.loss(best.costs, active)
         radius = _RADIUS
-        for _ in range(tries):
+        # Windows in which nothing of this changes anything need not run again.
+        some, touched = active, np.zeros_like(active)
+        for turn in range(tries):
             there = z.copy()
             there[where] += radius * rng.standard_normal(where.size)
             there = np.clip(there, self.low, self.high)
-            at = self.bench.evaluate(self.axis_at(there), active, None, starts, 1)
-            new = self.bench.loss(at.costs, active)
+            at = self.bench.evaluate(self.axis_at(there), some, None, starts, 1)
+            new = self.bench.loss(at.costs, some)
+            if turn < _LEARNT:
+                touched |= at.costs != best.costs
             if new < loss:
                 z, best, loss = there, at, new
                 radius = min(1.5 * radius, _RADIUS)
             else:
                 radius = max(0.94 * radius, 1e-3)
-        return z, best
+            if turn == _LEARNT - 1 and np.any(touched):
+                some = active & touched
+                loss = self.bench.loss(best.costs, some)
+        return z, self.bench.evaluate(self.axis_at(z), active, None, starts, 1)
 
     def terms(
         self, z: FloatArray, active: BoolArray, scale: float, at: Evaluation

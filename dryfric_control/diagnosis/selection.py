@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue
-from dryfric_control.diagnosis.floor import REPLAYS, Floor, noise_floor
+from dryfric_control.diagnosis.floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, ROBUST, Evaluation
 from dryfric_control.effects import REGISTRY, Effect
@@ -33,6 +33,8 @@ _PROPOSED = 4
 # Hypotheses whose likelihood and assumptions differ by less than this, in units
 # of chi^2, are equally good.
 _PLAIN = 4.0
+# A window is in line for comparing likelihoods up to this much above its replays.
+_LINED = 0.1
 # What a wrong base parameter costs at most, less than any other cause.
 _BASE_MOST = 0.8 * CAUSE_COST
 
@@ -142,13 +144,16 @@ class Selector:
     def earns(self, without: Fitted, fitted: Fitted, floor: Floor, causes: int) -> bool:
         """Whether a fit with one cause more is worth it.
 
-        It tells more; or else the fit without it leaves nothing to tell, but
-        only because base parameters bend for it, which is the bolder claim.
+        It tells more; or else one of the two leaves nothing to tell, but the
+        fit without it bends base parameters, which is the bolder claim.
+        Either way it must fit the better, on the data that it was fitted to.
         """
+        if fitted.loss >= without.loss:
+            return False
         if self.better(without.scores, fitted.scores, floor):
             return True
         return (
-            floor.reached(without.scores, self.known)
+            any(floor.reached(r.scores, self.known) for r in (without, fitted))
             and self.ties(fitted.scores, without.scores, floor)
             and self.cost(fitted, causes) < self.cost(without, causes - 1)
         )
@@ -172,6 +177,19 @@ class Selector:
     def excess(self, scores: FloatArray, floor: Floor) -> float:
         """Mean held-out score above the floor."""
         return float((scores - floor.expected)[self.race.judge].mean())
+
+    def nothing_left(self, scores: FloatArray, floor: Floor) -> bool:
+        """Whether no further cause could earn its name.
+
+        One window out of line among those that judge names none, see `better`,
+        nor do two in all, see `rids`.
+        """
+        out = floor.outliers(scores, self.known)
+        return bool(
+            out.sum() < 3
+            and (out & self.race.judge).sum() < 2
+            and floor.excess(scores, self.known & ~out)[0] < NONE
+        )
 
     def ties(self, one: FloatArray, best: FloatArray, floor: Floor) -> bool:
         """Whether held-out scores are as good as the best."""
@@ -202,7 +220,7 @@ class Selector:
         found = Selection(best)
         found.first[""] = float(best.scores[self.race.judge].mean())
         while len(found.causes) < _MOST_CAUSES:
-            settled = floor.nothing(best.scores, self.known)
+            settled = self.nothing_left(best.scores, floor)
             if settled and (found.causes or self.cost(best, 0) < CAUSE_COST):
                 break
             self.tell(f"cause {len(found.causes) + 1}")
@@ -262,10 +280,10 @@ class Selector:
         if self.ties(current.scores, best.scores, floor) or not self.better(
             current.scores, best.scores, floor
         ):
-            plain = self._plainest(level, causes + 1)
+            plain = self._plainest(level, causes + 1, floor)
             if not self.earns(current, plain, floor, causes + 1):
                 return None, []
-        winner = self._plainest(level, causes + 1)
+        winner = self._plainest(level, causes + 1, floor)
         most = self.cost(winner, causes + 1) + _PLAIN
         rivals = [
             r
@@ -280,15 +298,31 @@ class Selector:
         ]
         return winner, rivals
 
-    def _plainest(self, level: list[Fitted], causes: int) -> Fitted:
+    def _plainest(self, level: list[Fitted], causes: int, floor: Floor) -> Fitted:
         """The likeliest of fits that tie; of those as likely, the plainest."""
-        weight = (self.bench.samples * ROBUST**2)[self.race.judge]
-
-        def total(r: Fitted) -> float:
-            return float(weight @ r.scores[self.race.judge]) + self.cost(r, causes)
-
-        least = min(total(r) for r in level)
-        likely = [r for r in level if total(r) < least + _PLAIN]
+        judge = self.race.judge
+        weight = self.bench.samples * ROBUST**2
+        costs = {id(r): self.cost(r, causes) for r in level}
+        best = min(level, key=lambda r: float(weight[judge] @ r.scores[judge]) + costs[id(r)])
+        level = [r for r in level if costs[id(r)] < costs[id(best)] + _PLAIN]
+        if len(level) == 1:
+            return best
+        # Held-out data has not told them apart; all that may be looked at might.
+        scores = []
+        for r in level:
+            base = [n for n in r.hypothesis.names if n in self.race.believed]
+            own = [n for n in r.hypothesis.names if n not in base]
+            scores.append(self.race.alone(r.axis, own, r.slug, base, active=self.known).scores)
+        # A break-away that one fit hits by luck must not decide: only windows
+        # count that are in line in all of them.
+        lined = self.known & np.all(np.array(scores) < floor.worst + _LINED, axis=0)
+        if lined.sum() < 2:
+            lined = self.known
+        totals = [
+            float(weight[lined] @ told[lined]) + costs[id(r)]
+            for r, told in zip(level, scores, strict=True)
+        ]
+        likely = [r for r, t in zip(level, totals, strict=True) if t < min(totals) + _PLAIN]
         places = {slug: i for i, slug in enumerate(PLAINNESS)}
         return min(likely, key=lambda r: places.get(r.slug, len(places)))
 
@@ -335,7 +369,7 @@ class Selector:
             judge = self.race.judge
             best = min(runs.values(), key=lambda r: r.scores[judge].mean())
             level = [r for r in runs.values() if self.ties(r.scores, best.scores, floor)]
-            winner = self._plainest(level, count)
+            winner = self._plainest(level, count, floor)
             chosen = next(s for s, r in runs.items() if r is winner)
             found.causes[i] = chosen
             for table in (found.free, found.alternatives, found.rivals):
@@ -349,10 +383,11 @@ class Selector:
         return floor
 
     def without(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
-        """The axis less one effect."""
+        """The axis less one effect, or with it as believed."""
         if slug == "stribeck":
             return axis.replace(stribeck=self.axis.stribeck)
-        return axis.replace(effects=tuple(e for e in axis.effects if e.slug != slug))
+        believed = tuple(e for e in self.axis.effects if e.slug == slug)
+        return axis.replace(effects=(*(e for e in axis.effects if e.slug != slug), *believed))
 
     def base(self, found: Selection, floor: Floor) -> tuple[Fitted, list[str]]:
         """Fit without the base corrections that nothing speaks for, and the others."""
@@ -406,7 +441,8 @@ def in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis
     if slug == "stribeck":
         return axis.replace(stribeck=rival.stribeck, **base)
     effect = effect_of(rival, slug)
-    return axis.replace(effects=(*axis.effects, *([effect] if effect else [])), **base)
+    others = tuple(e for e in axis.effects if e.slug != slug)
+    return axis.replace(effects=(*others, *([effect] if effect else [])), **base)
 
 
 def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:

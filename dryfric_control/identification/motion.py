@@ -11,8 +11,13 @@ from dryfric_control.records import Record
 # between two codes, or white noise at some five standard deviations of a
 # difference of two readings.
 _CODES, _DEVIATIONS = 1.5, 8.0
-# Longest half width over which a motion is looked for [s].
-_LONGEST = 0.05
+#: Longest half width over which a motion is looked for [s].
+LONGEST = 0.05
+
+
+def least_motion(record: Record) -> float:
+    """Smallest way that quantum and noise of a record do not explain."""
+    return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise)
 
 
 def directions(record: Record) -> NDArray[np.int8]:
@@ -46,9 +51,9 @@ def directions(record: Record) -> NDArray[np.int8]:
     (0, 1, 0)
     """
     x = record.x
-    least = max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise)
+    least = least_motion(record)
     result = np.zeros(x.size, np.int8)
-    longest = min(max(5, round(_LONGEST / record.dt)), (x.size - 1) // 2)
+    longest = min(max(5, round(LONGEST / record.dt)), (x.size - 1) // 2)
     h = 1
     while True:
         back = x[h:-h] - x[: -2 * h]

@@ -71,7 +71,8 @@ def free_runs(
     `inner` has a row for each window: the inner states with which it starts.
     With `carry` (all windows active) row w is filled from the end of run
     w - 1, the first from an axis at rest; without, the rows are used as they
-    are.  An axis without inner states leaves them alone.
+    are.  An axis without inner states leaves them alone.  A run that ends at
+    rest hands on for how long, which it knows better than the readings do.
     """
     plant = kernels.point(numbers, integers)
     memory = np.zeros(size)
@@ -79,13 +80,15 @@ def free_runs(
     events = np.empty(kernels.ROOM)
     count = np.zeros(1, np.int64)
     switches, counted = kernels.pointer(events), kernels.pointer(count)
+    rested = 0.0
     for w in range(edges.shape[0] - 1):
         if not active[w]:
+            rested = 0.0
             continue
         a, b = edges[w], edges[w + 1]
         memory[:] = 0.0
         memory[kernels.X], memory[kernels.V] = x0[w], v0[w]
-        memory[kernels.REST] = rest[w]
+        memory[kernels.REST] = rested if rested > 0.0 < rest[w] else rest[w]
         for j in range(integers[kernels.N_HISTORY]):
             memory[kernels.HISTORY + 2 * j] = _held(plant, state, u, a - 1 - j, 0)
             memory[kernels.HISTORY + 2 * j + 1] = _held(
@@ -108,6 +111,7 @@ def free_runs(
             end = u[k + 1] if first else u[k]
             kernels.sample(plant, t0 + k * dt, dt, u[k], end, state, switches, counted)
             out[k + 1] = memory[kernels.X]
+        rested = memory[kernels.REST] + dt if memory[kernels.MODE] == 0.0 else 0.0
         if carry and integers[kernels.STRUCTURE] != 0 and w + 2 < edges.shape[0]:
             # The next window starts one sample later.
             count[0] = 0

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import positive
-from dryfric_control.identification.motion import rest_times
+from dryfric_control.friction import instance, positive
+from dryfric_control.identification.motion import LONGEST, least_motion, rest_times
 from dryfric_control.identification.run_kernels import free_runs
 from dryfric_control.kernels import N_INNER, STRUCTURE
 from dryfric_control.records import Record
@@ -206,11 +206,7 @@ def cut(
     >>> len(windows), round(float(windows.v0[1]), 3)     # 3 cos(0.75)
     (4, 2.195)
     """
-    if not isinstance(record, Record):
-        raise ValueError(
-            f"record must be a Record, got {type(record).__name__}: use dfc.read_record(...) "
-            "or dfc.Record(t=..., u=..., x=...)"
-        )
+    instance("record", record, Record, "from dfc.read_record(...) or dfc.Record(t, u, x)")
     window = positive("window", window, unit="s")
     if hold not in ("zero", "first"):
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
@@ -236,13 +232,17 @@ def cut(
         # Where a shorter smoothing says something else, motion was smeared.
         other = savgol_filter(record.x, shorter, 3, order, record.dt)
         errors.append(np.hypot(spread, (values - other)[starts]))
+    rest = rest_times(record)[starts]
+    # An axis that has not moved for so long has no speed but what escapes the
+    # readings; the slope of their noise would set it sliding.
+    still = rest >= LONGEST
     return Windows(
         record,
         np.asarray(edges, dtype=np.int64),
         smooth.x[starts],
-        smooth.v[starts],
+        np.where(still, 0.0, smooth.v[starts]),
         errors[0],
-        errors[1],
-        rest_times(record)[starts],
+        np.where(still, np.minimum(errors[1], least_motion(record) / (2.0 * LONGEST)), errors[1]),
+        rest,
         hold,
     )

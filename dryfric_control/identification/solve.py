@@ -17,10 +17,14 @@ from dryfric_control.identification.windows import Windows
 FloatArray = NDArray[np.float64]
 
 # Change of a search coordinate by which slopes are taken: a few of its standard
-# errors within these bounds.  Break-away under a held input moves from sample to
-# sample: for what acts by break-away alone a smaller change would see nothing.
+# errors within these bounds; more would be a chord over what the fit resolves.
 _SHORT_STEP, _STEP = 5e-5, 2e-3
+# Break-away under a held input moves from sample to sample: what acts by it takes
+# at least this change, a smaller one would see nothing.
 _BY_BREAK_AWAY = ("stribeck.excess", "stribeck.speed", "stick_speed")
+_BREAK_AWAY_STEP = 5e-4
+# Slopes to both sides whose sizes differ by this hold such a jump on one side.
+_JUMP = 3.0
 # The scale of the errors is what this part of the windows stays below, and the
 # pull of a window on the parameters fades from a multiple of it: the few windows
 # with a mistimed break-away count less, but no whole direction is given up.
@@ -29,13 +33,21 @@ _TYPICAL, _ROBUST = 0.8, 2.0
 _ROUNDING = 1e-9
 # Steps towards the most likely start states, worth another where a window's cost
 # fell by this; their slopes are taken over a part of the start's error.
-_START_STEPS, _START_FALL, _START_SLOPE = 10, 0.02, 0.1
+_START_STEPS, _START_FALL, _START_SLOPE = 10, 0.02, 0.01
+# A start is looked for at these corrections of the speed, in standard deviations,
+# and over these parts of the window; during a descent only where the cost exceeds
+# that of noise by so many sqrt(samples), some three of its standard deviations.
+_SIDES = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
+_HORIZONS = (0.25, 0.5, 1.0)
+_LOST = 4.0
 _STAGES, _ITERATIONS = 6, 25
 # Change of the search coordinates, which are of order 1, that is only rounding.
 _CLOSE = 1e-8
 # Relative fall of the loss below which a step is not worth another: with 1e4
 # samples a tenth of a standard error.
 _FLAT = 1e-6
+# Fall of the loss for which a search goes on from start states found anew.
+_WORTH = 1.0
 
 
 class Model(NamedTuple):
@@ -111,25 +123,99 @@ class Problem:
         shift = given.pop(SHIFT, 0.0)
         return Model(with_values(self.axis, list(given), list(given.values())), shift)
 
-    def parts(self, z: FloatArray) -> list[Part]:
-        """Errors at a point, one entry for each record."""
-        model = self.model_at(z)
-        return [self._part(model, i) for i in range(len(self.windows))]
+    def parts(self, z: FloatArray, near: Sequence[Part] | None = None) -> list[Part]:
+        """Errors at a point, one entry for each record.
 
-    def _part(self, model: Model, i: int) -> Part:
+        Parameters
+        ----------
+        z : ndarray, shape (nparameters,)
+        near : sequence of Part, optional
+            `parts` at a point nearby, whose start states are tried too.
+        """
+        model = self.model_at(z)
+        return [
+            self._part(model, i, None if near is None else near[i].starts)
+            for i in range(len(self.windows))
+        ]
+
+    def _part(self, model: Model, i: int, near: FloatArray | None) -> Part:
         w = self.windows[i]
-        x = w.record.x
-        starts, steps = np.zeros((2, len(w))), np.empty((2, len(w)))
-        errors = w.run(*model) - x
-        costs = self._costs(i, errors, starts)
-        by_x, by_v = np.empty_like(errors), np.empty_like(errors)
-        active = np.ones(len(w), bool)
+        whole, lost = np.ones(int(w.edges[-1])), np.ones(len(w), bool)
+        starts = np.zeros((2, len(w)))
+        if near is not None:
+            closer = self._at(model, i, near)[1] < self._at(model, i, starts)[1]
+            starts = np.where(closer, near, starts)
+        found = self._descend(model, i, starts, lost, whole)
+        if near is not None:
+            lost = found.costs > w.samples + _LOST * np.sqrt(w.samples)
+        if lost.any():
+            other = self._search(model, i, lost)
+            better = lost & (other.costs < found.costs)
+            chosen = w.spread(better)
+            for name in ("errors", "by_x", "by_v"):
+                getattr(found, name)[chosen] = getattr(other, name)[chosen]
+            found.starts[:, better] = other.starts[:, better]
+            found.costs[better] = other.costs[better]
+        return found
+
+    def _search(self, model: Model, i: int, active: NDArray[np.bool_]) -> Part:
+        """Start states looked for at several speeds, over longer and longer runs.
+
+        A run that starts inside the Stribeck peak magnifies its first error by
+        orders of magnitude, one that starts at rest may miss a creeping motion
+        for good: over a whole window a descent from the smoothed state ends in
+        a minimum next to it, with an error far above the noise.
+        """
+        w = self.windows[i]
+        starts, least = np.zeros((2, len(w))), np.full(len(w), np.inf)
+        position = np.arange(int(w.edges[-1])) - w.spread(w.edges[:-1])
+        seen = [(position < part * w.spread(w.samples)).astype(float) for part in _HORIZONS]
+        for side in _SIDES:
+            tried = np.array([np.zeros(len(w)), side * w.v0_error])
+            costs = self._at(model, i, tried, seen[0], active)[1]
+            better = active & (costs < least)
+            starts[:, better], least[better] = tried[:, better], costs[better]
+        for one in seen:
+            found = self._descend(model, i, starts, active, one)
+            starts = found.starts
+        return found
+
+    def _at(
+        self,
+        model: Model,
+        i: int,
+        starts: FloatArray,
+        seen: FloatArray | None = None,
+        active: NDArray[np.bool_] | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Errors of the samples seen, and costs of the windows, from given starts."""
+        w = self.windows[i]
+        errors = w.run(model.axis, model.shift, starts[0], starts[1], active) - w.record.x
+        if seen is not None:
+            errors *= seen
+        squares = w.samples * w.mean_squares(errors) / self.scales[i] ** 2
+        prior = (starts[0] / w.x0_error) ** 2 + (starts[1] / w.v0_error) ** 2
+        return errors, np.asarray(squares + prior)
+
+    def _descend(
+        self,
+        model: Model,
+        i: int,
+        starts: FloatArray,
+        active: NDArray[np.bool_],
+        seen: FloatArray,
+    ) -> Part:
+        """Most likely start states of the active windows, near given ones."""
+        w = self.windows[i]
+        starts, steps, active = starts.copy(), np.empty((2, len(w))), active.copy()
+        errors, costs = self._at(model, i, starts, seen, active)
+        by_x, by_v = np.zeros_like(errors), np.zeros_like(errors)
         for _ in range(_START_STEPS):
             chosen = w.spread(active)
             for by, row, size in ((by_x, 0, w.x0_error), (by_v, 1, w.v0_error)):
                 moved = starts.copy()
                 moved[row] += _START_SLOPE * size
-                change = w.run(model.axis, model.shift, moved[0], moved[1], active) - x - errors
+                change = self._at(model, i, moved, seen, active)[0] - errors
                 by[chosen] = (change / w.spread(_START_SLOPE * size))[chosen]
             start_steps(
                 w.edges, errors, by_x, by_v, starts, self.scales[i], w.x0_error, w.v0_error, steps
@@ -139,8 +225,7 @@ class Problem:
             active[:] = False
             for part in (1.0, 0.25):
                 tried = starts + part * steps * searching
-                new = w.run(model.axis, model.shift, tried[0], tried[1], searching) - x
-                new_costs = self._costs(i, new, tried)
+                new, new_costs = self._at(model, i, tried, seen, searching)
                 better = searching & (new_costs < costs)
                 active |= better & (new_costs < costs - _START_FALL)
                 chosen = w.spread(better)
@@ -152,12 +237,6 @@ class Problem:
             if not active.any():
                 break
         return Part(errors, by_x, by_v, starts, costs)
-
-    def _costs(self, i: int, errors: FloatArray, starts: FloatArray) -> FloatArray:
-        w = self.windows[i]
-        squares = w.samples * w.mean_squares(errors) / self.scales[i] ** 2
-        prior = (starts[0] / w.x0_error) ** 2 + (starts[1] / w.v0_error) ** 2
-        return np.asarray(squares + prior)
 
     def loss(self, parts: Sequence[Part]) -> float:
         """Sum over the windows of n c^2 log(1 + cost/(n c^2))."""
@@ -202,14 +281,18 @@ class Problem:
         gradients : ndarray, shape (nwindows, nparameters)
         normals : ndarray, shape (nwindows, nparameters, nparameters)
         """
-        ends = [self._ends(z, j) for j in range(z.size)]
+        here, ends = self.model_at(z), [self._ends(z, j) for j in range(z.size)]
         gradients, normals = [], []
         for i, (w, part) in enumerate(zip(self.windows, parts, strict=True)):
+            base = w.run(*here, *part.starts)
             slopes = np.empty((z.size, int(w.edges[-1])))
-            for j, (below, above, width) in enumerate(ends):
-                slopes[j] = w.run(*above, *part.starts)
-                slopes[j] -= w.run(*below, *part.starts)
-                slopes[j] /= width
+            for j, both in enumerate(ends):
+                sides = [
+                    (w.run(*model, *part.starts) - base) / step
+                    for model, step in both
+                    if step != 0.0
+                ]
+                slopes[j] = _slope(w, sides)
             g, h = np.empty((len(w), z.size)), np.empty((len(w), z.size, z.size))
             normal_terms(
                 w.edges, part.errors, slopes, part.by_x, part.by_v, part.starts,
@@ -223,20 +306,36 @@ class Problem:
     def refine(self, normal: FloatArray) -> None:
         """Fit the steps of the slopes to how well the coordinates are known."""
         known = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        steps = np.clip(5.0 * known, _SHORT_STEP, _STEP)
-        self.steps = np.where(np.isin(self.names, _BY_BREAK_AWAY), _STEP, steps)
+        least = np.where(np.isin(self.names, _BY_BREAK_AWAY), _BREAK_AWAY_STEP, _SHORT_STEP)
+        self.steps = np.clip(5.0 * known, least, _STEP)
 
-    def _ends(self, z: FloatArray, j: int) -> tuple[Model, Model, float]:
-        """Models a little below and above in one coordinate, and their distance."""
+    def _ends(self, z: FloatArray, j: int) -> list[tuple[Model, float]]:
+        """Models a little below and above in one coordinate, and how far."""
         found = []
         for side in (-1.0, 1.0):
             moved = z.copy()
             moved[j] = min(max(z[j] + side * self.steps[j], self.low[j]), self.high[j])
             try:
-                found.append((self.model_at(moved), moved[j]))
+                found.append((self.model_at(moved), float(moved[j] - z[j])))
             except ValueError:
-                found.append((self.model_at(z), z[j]))
-        return found[0][0], found[1][0], float(found[1][1] - found[0][1])
+                found.append((self.model_at(z), 0.0))
+        return found
+
+
+def _slope(w: Windows, sides: Sequence[FloatArray]) -> FloatArray:
+    """Slopes of the errors from differences to both sides.
+
+    Where they disagree, a break-away has moved by a sample on one side: the
+    other one, smaller, is the slope (the minmod limiter of hyperbolic schemes).
+    """
+    if len(sides) < 2:
+        return sides[0] if sides else np.zeros(int(w.edges[-1]))
+    mean = 0.5 * (sides[0] + sides[1])
+    sizes = [np.sqrt(w.mean_squares(one)) for one in sides]
+    for one, size, other in ((sides[0], *sizes), (sides[1], *sizes[::-1])):
+        chosen = w.spread(_JUMP * size < other)
+        mean[chosen] = one[chosen]
+    return np.asarray(mean)
 
 
 def minimise(problem: Problem, z: FloatArray) -> FloatArray:
@@ -249,16 +348,17 @@ def minimise(problem: Problem, z: FloatArray) -> FloatArray:
     -------
     ndarray, shape (nparameters,)
     """
-    z = np.clip(z, problem.low, problem.high)
+    z, loss = np.clip(z, problem.low, problem.high), np.inf
     for stage in range(_STAGES):
-        if not problem.narrow(z) and stage > 0:
+        changed = problem.narrow(z)
+        parts = problem.parts(z)
+        if stage > 0 and not changed and problem.loss(parts) > loss - _WORTH:
             break
-        z = _levenberg(problem, z)
+        z, loss = _levenberg(problem, z, parts)
     return z
 
 
-def _levenberg(problem: Problem, z: FloatArray) -> FloatArray:
-    parts = problem.parts(z)
+def _levenberg(problem: Problem, z: FloatArray, parts: list[Part]) -> tuple[FloatArray, float]:
     loss = problem.loss(parts)
     damping = 1e-3
     for _ in range(_ITERATIONS):
@@ -270,7 +370,7 @@ def _levenberg(problem: Problem, z: FloatArray) -> FloatArray:
         held |= np.diag(h) <= 0.0
         free = np.flatnonzero(~held)
         if free.size == 0:
-            return z
+            return z, loss
         inner = h[np.ix_(free, free)]
         while True:
             damped = inner + damping * np.diag(np.diag(inner))
@@ -278,7 +378,7 @@ def _levenberg(problem: Problem, z: FloatArray) -> FloatArray:
             new[free] -= np.linalg.lstsq(damped, g[free], rcond=1e-12)[0]
             new = np.clip(new, problem.low, problem.high)
             try:
-                new_parts = problem.parts(new)
+                new_parts = problem.parts(new, parts)
                 new_loss = problem.loss(new_parts)
             except ValueError:
                 new_loss = np.inf
@@ -288,9 +388,9 @@ def _levenberg(problem: Problem, z: FloatArray) -> FloatArray:
                 break
             damping *= 10.0
             if step < _CLOSE or damping > 1e9:
-                return z
+                return z, loss
         fall = loss - new_loss
         z, parts, loss = new, new_parts, new_loss
         if step < _CLOSE or fall < _FLAT * loss:
-            return z
-    return z
+            return z, loss
+    return z, loss

@@ -19,6 +19,8 @@ _FEWEST = 20
 # Part of the strongest direction below which a direction counts as unseen:
 # above the rounding of slopes taken by differences, below any real record.
 _UNSEEN = 1e-6
+# A block that alone shows a direction cannot be left out of it entirely.
+_LEFT_OUT = 1.0 - 1e-6
 
 
 def block_labels(windows: Sequence[Windows], seconds: float | None = None) -> NDArray[np.int64]:
@@ -119,8 +121,7 @@ def jackknife(
     count = g.shape[0]
     if away.shape[0] == total.shape[0] or count < 2:
         return np.full(total.shape, np.inf), away
-    # A block that alone shows a direction cannot be left out of it.
-    left = total - h * (1.0 - 1e-6) + np.diag(prior)
+    left = total - h * _LEFT_OUT + np.diag(prior)
     moved = np.einsum("bij,bj->bi", _inverse(left, away), g)
     moved -= moved.mean(axis=0)
     return np.asarray((count - 1) / count * moved.T @ moved), away
@@ -178,15 +179,29 @@ def degrees_of_freedom(
     Notes
     -----
     A parameter that few blocks tell has a variance that is known as badly as
-    from that many samples.  With w_b the part of block b in the variance,
-    Satterthwaite: (sum w_b)^2 / sum w_b^2 (cluster-robust inference; R. Bell,
-    D. McCaffrey, Survey Methodology 28, 2002).
+    from that many samples.  Where the gradients of the blocks vary as their
+    normal matrices H_b say, block b left out moves a parameter by d_b with
+    covariance
+
+        W_bc = r_b (H_b delta_bc - H_b inv(H) H_c) r_c',  r_b = row of inv(H - H_b),
+
+    and Satterthwaite gives tr(W)^2/tr(W^2) for the sum of d_b^2: a block that
+    nearly alone fixes a parameter is fitted, so that its own residual says
+    little of its error (R. Bell, D. McCaffrey, Survey Methodology 28, 2002).
     """
     h = by_block(normals, labels)
-    inverse = _inverse(h.sum(axis=0) + np.diag(prior), unseen(h.sum(axis=0)))
-    parts = np.einsum("ij,bjk,ki->bi", inverse, h, inverse)
-    squares = np.sum(parts**2, axis=0)
-    found = np.sum(parts, axis=0) ** 2 / np.where(squares > 0.0, squares, 1.0)
+    total = h.sum(axis=0)
+    away = unseen(total)
+    inverse = _inverse(total + np.diag(prior), away)
+    without = _inverse(total - h * _LEFT_OUT + np.diag(prior), away)
+    moves = without @ h
+    own = np.einsum("bij,bji->bi", moves, without)
+    found = np.ones(total.shape[0])
+    for i in range(found.size):
+        spread = np.diag(own[:, i]) - moves[:, i] @ inverse @ moves[:, i].T
+        squares = float(np.sum(spread**2))
+        if squares > 0.0:
+            found[i] = np.trace(spread) ** 2 / squares
     return np.maximum(found, 1.0)
 
 

@@ -160,7 +160,7 @@ def test_random_mismatches_do_not_upset_it(design):
 
 def test_monte_carlo_is_reproducible_in_one_process_or_two(design):
     one = presets.clutch_monte_carlo(design, runs=4, duration=1.5, seed=5, progress=False)
-    two = presets.clutch_monte_carlo(design, runs=4, duration=1.5, seed=5, progress=False, n_jobs=2)
+    two = presets.clutch_monte_carlo(design, runs=4, duration=1.5, seed=5, progress=False, jobs=2)
     other = presets.clutch_monte_carlo(design, runs=4, duration=1.5, seed=6, progress=False)
     for name in one.scores:
         np.testing.assert_array_equal(one.scores[name], two.scores[name])

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
 import control as ct
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import ArrayLike, NDArray
-from tqdm.auto import tqdm
 
+from dryfric_control._version import __version__
 from dryfric_control.axis import FrictionAxis, samples
+from dryfric_control.batch import fingerprint, run_batch
 from dryfric_control.drawing import axes_of, control_plot, legend_above
-from dryfric_control.friction import Stribeck, positive
+from dryfric_control.friction import Stribeck, finite, positive, whole
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.observer.baselines import Estimator
+from dryfric_control.observer.certificate import Certificate
+from dryfric_control.observer.closed_loop import check_loop
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import observe
 from dryfric_control.observer.score import EstimateScore, score_estimate
@@ -238,13 +242,16 @@ def _minor_label(value: float, place: int) -> str:
 
 
 def _scores(
-    plant: FrictionAxis,
+    design: ObserverDesign,
+    stribeck_speed: float,
     controller: PositionController,
     reference: Array,
     quantum: float,
     estimators: Mapping[str, Estimator],
     xhat0: float,
+    mismatch: Mismatch,
 ) -> list[tuple[float, ...]]:
+    plant = mismatch.plant(design, stribeck_speed)
     run = simulate_loop(plant, controller, reference, quantum=quantum)
     u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
     return [
@@ -264,10 +271,13 @@ def monte_carlo(
     xhat0: float = 0.0,
     estimators: Mapping[str, Estimator] | None = None,
     seed: int = 0,
-    n_jobs: int = 1,
+    store: str | os.PathLike[str] | None = None,
+    jobs: int | None = None,
     progress: bool = True,
 ) -> MonteCarlo:
-    """Score estimators on plants that differ at random from the believed one.
+    """Score estimators on plants that differ at random.
+
+    The plants scatter around the one that the observer believes in.
 
     Parameters
     ----------
@@ -289,8 +299,12 @@ def monte_carlo(
         What is compared.  Default: both rules of the switched observer.
     seed : int, optional
         Seed of the mismatches.
-    n_jobs : int, optional
-        Processes; a second one pays only for thousands of runs.
+    store : path-like, optional
+        File that keeps each finished run, see `run_batch`.  It serves any `runs`
+        and `seed`; anything else must be as it was.
+    jobs : int, optional
+        Runs at the same time, -1 for one on each core; a second one pays only for
+        thousands of runs.  Default: what `joblib.parallel_config` says, else one.
     progress : bool, optional
         Whether to show a progress bar.
 
@@ -303,7 +317,8 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of its range, or the store was made by other
+        arguments or another version.
 
     Examples
     --------
@@ -312,30 +327,51 @@ def monte_carlo(
     >>> found.diverged
     {'reading': 0, 'paper': 0}
     """
+    check_loop(controller, design)
     r = samples("reference", reference)
     quantum = positive("quantum", quantum, unit="m", zero=True)
-    if isinstance(runs, bool) or int(runs) != runs or runs < 1:
-        raise ValueError(f"runs must be a whole number of at least 1, got {runs!r}")
-    if controller.dt != design.dt:
+    stribeck_speed = positive("stribeck_speed", stribeck_speed, unit="m/s")
+    runs, seed, xhat0 = whole("runs", runs), whole("seed", seed, 0), finite("xhat0", xhat0)
+    if estimators is not None and not (isinstance(estimators, Mapping) and estimators):
         raise ValueError(
-            f"controller.dt = {controller.dt:g} s and design.dt = {design.dt:g} s differ: "
-            "make both for one sampling time"
+            f"estimators must be a mapping of names to at least one estimator, got {estimators!r}"
         )
+    for name, one in (estimators or {}).items():
+        if not callable(getattr(one, "estimate", None)):
+            raise ValueError(f"estimators[{name!r}] must have a method estimate, got {one!r}")
     if estimators is None:
         estimators = {
             rule: SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper")
         }
     rng = np.random.default_rng(seed)
-    mismatches = tuple(Mismatch.draw(rng) for _ in range(int(runs)))
-    work = Parallel(n_jobs=n_jobs, return_as="generator")(
-        delayed(_scores)(
-            one.plant(design, stribeck_speed), controller, r, quantum, estimators, xhat0
-        )
-        for one in mismatches
+    mismatches = tuple(Mismatch.draw(rng) for _ in range(runs))
+    settings: dict[str, Any] = {}
+    if store is not None:
+        # A certificate follows from the rest of a design, but for its rounding: one that
+        # is loaded recomputes it.
+        told = functools.partial(fingerprint, without=(Certificate,))
+        settings = {
+            "task": "monte_carlo",
+            "version": __version__,
+            "design": told(design),
+            "controller": told(controller),
+            "reference": told(r),
+            "quantum": quantum,
+            "stribeck_speed": stribeck_speed,
+            "xhat0": xhat0,
+            "estimators": {name: told(one) for name, one in estimators.items()},
+        }
+    found = run_batch(
+        functools.partial(
+            _scores, design, stribeck_speed, controller, r, quantum, estimators, xhat0
+        ),
+        {astuple(one): one for one in mismatches},
+        store=store,
+        settings=settings,
+        jobs=jobs,
+        progress=progress,
     )
-    table = np.array(
-        list(tqdm(work, total=len(mismatches), desc="Monte Carlo", disable=not progress))
-    )
+    table = np.array([found[astuple(one)] for one in mismatches])
     return MonteCarlo(
         mismatches,
         {name: table[:, k] for k, name in enumerate(estimators)},

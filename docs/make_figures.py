@@ -61,6 +61,22 @@ def error_dynamics(output: str, through: float, title: str, y: str, unit: str) -
     return bode_and_step(systems, title, y, unit)
 
 
+def tutorial() -> None:
+    """What the code of `tutorial.md` draws."""
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01)
+    )
+    save(dfc.plot_state_machine(axis), IMAGES / "state_machine.png")
+    pushed = axis.simulate(12 * np.sin(3 * np.arange(3000) * 1e-3), dt=1e-3)
+    save(pushed.plot(title="pushed by a sine"), IMAGES / "pushed.png")
+    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = believed.replace(effects=(dfc.Spring(stiffness=40.0, rest=0.05),))
+    t = np.arange(10000) * 1e-3
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    save(dfc.diagnose(believed, dfc.Record(t=t, u=u, x=x)).plot(), IMAGES / "diagnosed.png")
+
+
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(stick_slip(), IMAGES / "stick_slip.png")
@@ -76,6 +92,7 @@ def main() -> None:
     save(friction, IMAGES / "error_friction.png")
     run = presets.clutch_experiment()
     save(run.plot(), IMAGES / "observer_loop.png")
+    tutorial()
 
 
 if __name__ == "__main__":

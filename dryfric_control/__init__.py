@@ -3,6 +3,7 @@
 from dryfric_control import presets
 from dryfric_control._version import __version__
 from dryfric_control.axis import AxisStepper, FrictionAxis
+from dryfric_control.batch import run_batch
 from dryfric_control.blocks import (
     axis_block,
     encoder,
@@ -20,6 +21,7 @@ from dryfric_control.diagnosis import (
     read_axis,
     write_axis,
 )
+from dryfric_control.diagnosis.batch import diagnose_batch
 from dryfric_control.effects import (
     ActuatorLag,
     Backlash,
@@ -77,6 +79,7 @@ from dryfric_control.observer import (
 )
 from dryfric_control.records import Record, RecordWarning, read_bam, read_record
 from dryfric_control.responses import Events, SimulationResponse
+from dryfric_control.state_machine import plot_state_machine
 
 __all__ = [
     "ActuatorLag",
@@ -132,6 +135,7 @@ __all__ = [
     "axis_block",
     "design_pi_observer",
     "diagnose",
+    "diagnose_batch",
     "encoder",
     "fit",
     "identify_coulomb",
@@ -143,6 +147,7 @@ __all__ = [
     "observed_loop",
     "parameter",
     "pi_observer",
+    "plot_state_machine",
     "position_controller",
     "presets",
     "read_axis",
@@ -152,6 +157,7 @@ __all__ = [
     "register_effect",
     "replay",
     "replay_loop",
+    "run_batch",
     "simulate_loop",
     "simulate_observed_loop",
     "slow_ramp_experiment",

@@ -1,0 +1,119 @@
+"""Writes the page `effects.md` from the effect classes before every build."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from numpydoc.docscrape import NumpyDocString
+from sphinx.application import Sphinx
+
+from dryfric_control.effects import ACTIONS, REGISTRY, Effect
+
+PAGE = "effects.md"
+#: What each action means, in the words of the page.
+ACTS_ON = {
+    "input": "takes the place of the drive force",
+    "force": "a force on the mass",
+    "friction": "adds to the friction level",
+    "axis": "another base parameter",
+    "delay": "delays the drive force",
+    "lag": "filters the drive force",
+    "contact": "gives the contact a state of its own",
+    "transmission": "splits the mass into motor and load",
+}
+HEAD = """\
+# The effects
+
+What an axis may have beyond mass, viscous friction, Coulomb level and Stribeck peak. Each effect
+is one class, and this page is made from the classes: the same ones that `simulate` integrates,
+`fit` fits and `diagnose` tries. Add one of your own: [](howto/add_effect.md).
+
+```python
+import dryfric_control as dfc
+
+axis = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0,
+    effects=(dfc.Spring(stiffness=200.0), dfc.BiasForce(force=1.5)),
+)
+```
+
+In the equations $x$ is the position, $v$ the speed, $u$ the drive force, $w$ the force on the mass
+without friction, $F_c$ the Coulomb level (a magnitude, for each direction), $t$ the time; an arrow
+says what takes the place of what, and words are parameters. Units are those of an axis in metres
+and newtons; a rotary axis has radians and newton metres.
+
+Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` or `compliance`,
+there is one at most.
+
+"""
+
+
+def range_text(bounds: tuple[float, float]) -> str:
+    """Allowed values in words."""
+    low, high = bounds
+    if math.isinf(low) and math.isinf(high):
+        return "any"
+    if math.isinf(high):
+        return "0 or more" if low == 0.0 else "more than 0" if low < 1e-6 else f"{low:g} or more"
+    if low == 1.0 - high:
+        return "between 0 and 1"
+    return f"{low:g} to {high:g}"
+
+
+def rows(cls: type[Effect]) -> Iterator[str]:
+    """Table of an effect's parameters."""
+    yield "| parameter | unit | allowed | default | meaning |"
+    yield "|---|---|---|---|---|"
+    for name, data in cls.parameters().items():
+        default = getattr(cls, name, None)
+        shown = "" if default is None else f"{default:g}"
+        unit, meaning = data["unit"].replace("^2", "²"), data["doc"].replace("|", "\\|")
+        yield f"| `{name}` | {unit} | {range_text(data['bounds'])} | {shown} | {meaning} |"
+
+
+def section(cls: type[Effect]) -> Iterator[str]:
+    """One effect."""
+    doc = NumpyDocString(inspect.getdoc(cls) or "")
+    yield f"({cls.slug})="
+    yield f"## {cls.title[0].upper()}{cls.title[1:]}"
+    yield ""
+    yield f"`{cls.slug}`, {{py:class}}`dryfric_control.{cls.__name__}`: {ACTS_ON[cls.action]}."
+    yield ""
+    yield cls.explanation
+    yield ""
+    yield f"**To expose it:** {cls.experiment}"
+    yield ""
+    yield from rows(cls)
+    yield ""
+    yield "```{eval-rst}"
+    yield from doc["Notes"]
+    yield "```"
+    yield ""
+
+
+def page() -> str:
+    """The whole catalogue as Markdown."""
+    missing = set(ACTIONS) - set(ACTS_ON)
+    if missing:
+        raise ValueError(f"say in ACTS_ON what {sorted(missing)} act on")
+    lines = ["| effect | slug | what it is |", "|---|---|---|"]
+    for cls in REGISTRY.values():
+        lines.append(f"| [{cls.title}](#{cls.slug}) | `{cls.slug}` | {ACTS_ON[cls.action]} |")
+    lines.append("")
+    for cls in REGISTRY.values():
+        lines += section(cls)
+    return HEAD + "\n".join(lines)
+
+
+def write_page(app: Sphinx) -> None:
+    target, text = Path(app.srcdir, PAGE), page()
+    if not target.exists() or target.read_text(encoding="utf-8") != text:
+        target.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", write_page)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

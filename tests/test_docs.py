@@ -1,0 +1,163 @@
+"""Every public name is documented, and what the pages show runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import inspect
+import re
+import warnings
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from numpydoc.docscrape import NumpyDocString
+
+import dryfric_control as dfc
+from dryfric_control import presets
+from dryfric_control.effects import REGISTRY
+
+ROOT = Path(__file__).resolve().parent.parent
+GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
+PAGES = ["README.md", "docs/tutorial.md", "docs/observer.md", *GUIDES]
+ITEMS = {name: getattr(dfc, name) for name in dfc.__all__ if name not in ("__version__", "presets")}
+ITEMS |= {
+    f"presets.{name}": item
+    for name, item in inspect.getmembers(presets, inspect.isfunction)
+    if item.__module__ == presets.__name__ and not name.startswith("_")
+}
+#: An exception or warning takes a message, as every one does.
+EXCEPTIONS = [n for n, it in ITEMS.items() if inspect.isclass(it) and issubclass(it, Exception)]
+
+
+def own_methods(cls):
+    """Public methods and properties that a class of the package defines itself."""
+    for name, item in vars(cls).items():
+        # `law` is the equation of an effect; the class documents it.
+        if name.startswith("_") or (name == "law" and issubclass(cls, dfc.Effect)):
+            continue
+        if isinstance(item, (classmethod, staticmethod)):
+            yield name, item.__func__
+        elif inspect.isfunction(item):
+            yield name, item
+
+
+METHODS = {
+    f"{name}.{method}": function
+    for name, cls in ITEMS.items()
+    if inspect.isclass(cls)
+    for method, function in own_methods(cls)
+}
+
+
+def parsed(item):
+    text = inspect.getdoc(item) or ""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # numpydoc warns of sections it does not know
+        return NumpyDocString(text)
+
+
+def names_in(section):
+    """Names of a section, "x0, v0" taken apart and the stars of **options taken off."""
+    return [name.lstrip("*") for part in section for name in re.split(r"\s*,\s*", part.name)]
+
+
+def arguments(item):
+    """Names that a user may pass, in order."""
+    return [name for name in inspect.signature(item).parameters if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", [*ITEMS, *METHODS])
+def test_summary_is_one_short_line(name):
+    summary = parsed(ITEMS[name] if name in ITEMS else METHODS[name])["Summary"]
+    assert len(summary) == 1 and 0 < len(summary[0]) < 64, summary
+    assert ". " not in summary[0]  # tables of the reference end it there
+
+
+@pytest.mark.parametrize("name", [n for n in ITEMS if n not in EXCEPTIONS])
+def test_documented_parameters_are_those_of_the_signature(name):
+    item, doc = ITEMS[name], parsed(ITEMS[name])
+    documented = names_in(doc["Parameters"])
+    if dataclasses.is_dataclass(item) and not documented:
+        # A result that the package makes and the user reads: its fields.
+        documented = names_in(doc["Attributes"])
+    assert documented == arguments(item)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_document_their_parameters(name):
+    documented = names_in(parsed(METHODS[name])["Parameters"])
+    assert documented == [one for one in arguments(METHODS[name]) if one not in ("self", "cls")]
+
+
+@pytest.mark.parametrize("name", ITEMS)
+def test_has_an_example_that_the_doctests_run(name):
+    """`pytest --doctest-modules` runs them; here they must exist, with output to compare."""
+    item = ITEMS[name]
+    assert "\nExamples\n" in inspect.getdoc(item)
+    assert item.__module__.startswith("dryfric_control.")
+    examples = doctest.DocTestParser().get_examples(inspect.getdoc(item))
+    assert any(example.want for example in examples)
+    assert not any(doctest.SKIP in example.options for example in examples)
+
+
+@pytest.mark.parametrize("slug", REGISTRY)
+def test_an_effect_says_its_equation(slug):
+    """The catalogue takes them from the classes."""
+    cls = REGISTRY[slug]
+    if cls.__module__.startswith("dryfric_control."):
+        assert any(".. math::" in line for line in parsed(cls)["Notes"])
+
+
+def test_reference_lists_every_public_name():
+    text = (ROOT / "docs" / "reference.rst").read_text(encoding="utf-8")
+    listed = re.findall(r"^   ([\w.]+)$", text, re.MULTILINE)
+    assert sorted(listed) == sorted(ITEMS)
+    assert ".. data:: __version__" in text
+
+
+def test_readme_has_the_two_commands_that_ci_runs():
+    assert len(re.findall(r"^```bash$", (ROOT / "README.md").read_text(), re.MULTILINE)) == 2
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A folder with a measured `run.csv`: the pages' axis, and a spring nobody told us of."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
+    before = dict(REGISTRY)
+    machine = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
+        effects=(dfc.Spring(stiffness=40.0, rest=0.05),),
+    )  # fmt: skip
+    t = 1e-3 * np.arange(12000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    np.savetxt(
+        tmp_path / "run.csv", np.column_stack([1e3 * t, u, 1e3 * x]), fmt="%.6f", delimiter=",",
+        header="t [ms],u [N],pos [mm]", comments="",
+    )  # fmt: skip
+    yield tmp_path
+    REGISTRY.clear()
+    REGISTRY.update(before)
+    matplotlib.pyplot.close("all")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_code_of_the_pages_runs(page, bench):
+    """Blocks of one page in turn: plain code is run, a session is compared as well."""
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
+    space = {}
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for i, block in enumerate(blocks):
+        if block.startswith(">>>"):
+            test = doctest.DocTestParser().get_doctest(block, space, f"{page}[{i}]", page, 0)
+            runner.run(test, clear_globs=False)
+            space = test.globs
+        else:
+            # In a file: numba keeps the compiled law of an effect beside its source.
+            path = bench / f"block{i}.py"
+            path.write_text(block)
+            exec(compile(block, str(path), "exec"), space)
+    assert runner.summarize(verbose=False).failed == 0

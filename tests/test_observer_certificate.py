@@ -11,6 +11,7 @@ import scipy.linalg
 
 from dryfric_control import FrictionAxis
 from dryfric_control.observer import CertificateError, design_pi_observer
+from dryfric_control.observer.certificate import LEAST_MARGIN, Block, check_blocks
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.switching import best_gain, path_of, worst_switching
 
@@ -277,3 +278,25 @@ def _physical_models(design):
         D[1] = design.noise
         result[key] = ErrorModel(A, G + np.outer(L, D), D, Z)
     return result
+
+
+def test_summary_says_what_is_proved():
+    check = dataclasses.replace(
+        design_pi_observer(AXIS, DT, **SPEC).certificate,
+        gamma=3.0, lower_bound=2.0, limit=1.5, worst_sequence=(0, 0, 1, 1, 1),
+        hardest_sequence=(-1,),
+    )  # fmt: skip
+    text = check.summary()
+    assert "2 <= true gain <= 3 (gap 50.00 %)" in text
+    assert "reached by repeating the modes 0 x 2, +1 x 3" in text
+    assert "no observer can be below 1.5, shown by -1 x 1" in text
+    assert (check.gap, check.cost) == (0.5, 1.0)
+    assert dataclasses.replace(check, limit=0.0).cost == float("inf")
+
+
+@pytest.mark.parametrize("eigenvalue", [-LEAST_MARGIN, 0.0, float("nan")])
+def test_a_block_on_the_edge_proves_nothing(eigenvalue):
+    sound, bad = Block("decay", "0", "1", -0.5), Block("gain", "1", "0", eigenvalue)
+    assert check_blocks((sound,)) == 0.5
+    with pytest.raises(CertificateError, match=r"gain condition fails from \(1\) to \(0\)"):
+        check_blocks((sound, bad))

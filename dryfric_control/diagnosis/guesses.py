@@ -15,7 +15,7 @@ from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.candidates import holds, other_numbers, with_effect
 from dryfric_control.effects import Effect
 from dryfric_control.identification.motion import directions
-from dryfric_control.identification.parameters import values_of
+from dryfric_control.identification.parameters import powers, values_of
 from dryfric_control.identification.run_kernels import accelerations
 from dryfric_control.records import Record
 
@@ -412,11 +412,13 @@ def guesses(effect: type[Effect], v: View) -> list[tuple[Values, Values]]:
 def _tried(effect: type[Effect], v: View) -> Iterator[tuple[Values, Values]]:
     """Guesses over a grid; what the law is proportional to, and the base, by regression."""
     fast = max(float(np.quantile(np.abs(v.v), 0.9)) if v.v.size else 0.0, 1e-12)
-    sizes = {
-        "N": v.level, "N m": v.level, "m": v.span, "rad": 1.0, "1": 1.0, "s": 1.0,
-        "m/s": fast, "rad/s": fast, "Hz": 10.0, "N/m": v.level / v.span,
-        "N m/rad": v.level / v.span, "N s/m": v.level / fast, "N m s/rad": v.level / fast,
-    }  # fmt: skip
+    # On a rotary axis the radian is the length.
+    rotary = {
+        "rad": v.span,
+        "rad/s": fast,
+        "N m/rad": v.level / v.span,
+        "N m s/rad": v.level / fast,
+    }
     grid: dict[str, list[float]] = {}
     for item in fields(effect):
         low, high = item.metadata["bounds"]
@@ -424,7 +426,10 @@ def _tried(effect: type[Effect], v: View) -> Iterator[tuple[Values, Values]]:
             neutral = float(item.default)
         else:
             neutral = float(np.clip(0.0, low, high))
-        size = sizes.get(item.metadata["unit"], 1.0)
+        unit = item.metadata["unit"]
+        force, length, time = powers(unit)
+        size = v.level**force * v.span**length * (v.span / fast) ** time
+        size = rotary.get(unit, size)
         # What may have either sign is an amount, the rest may be a place or a pace.
         parts = (0.3, -0.3) if low < neutral else (0.03, 0.1, 0.3, 1.0)
         grid[item.name] = [float(np.clip(neutral + part * size, low, high)) for part in parts]

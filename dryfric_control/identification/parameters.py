@@ -52,7 +52,30 @@ _UNITS = {
     "N m": (1, 0, 0),
     "N/s": (1, 0, -1),
     "Hz": (0, 0, -1),
+    "1/m": (0, -1, 0),
+    "1/m^2": (0, -2, 0),
 }
+
+
+def powers(unit: str) -> tuple[int, int, int]:
+    """Powers of force, length and time in a unit; zeros for what it does not know.
+
+    Examples
+    --------
+    >>> powers("N s/m"), powers("N m^2"), powers("V")
+    ((1, -1, 1), (1, 2, 0), (0, 0, 0))
+    """
+    if unit in _UNITS:
+        return _UNITS[unit]
+    total = [0, 0, 0]
+    above, _, below = unit.partition("/")
+    for sign, factors in ((1, above), (-1, below)):
+        for factor in factors.split():
+            name, _, power = factor.partition("^")
+            count = sign * int(power) if power.isdigit() else sign
+            for i, own in enumerate(_UNITS.get(name, (0, 0, 0))):
+                total[i] += count * own
+    return (total[0], total[1], total[2])
 
 
 @dataclass(frozen=True)
@@ -354,7 +377,7 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
     slug, _, part = name.partition(".")
     meta = REGISTRY[slug].parameters()[part]
     low, high = meta["bounds"]
-    scale = abs(value) or scales.of(_UNITS.get(meta["unit"], (0, 0, 0)))
+    scale = abs(value) or scales.of(powers(meta["unit"]))
     if meta["unit"] == "s" and value == 0.0:
         scale = scales.step
     return Parameter(name, meta["unit"], low, high, False, scale)

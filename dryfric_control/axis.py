@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +28,7 @@ INNER = {
 }
 SWITCHING = {"filippov": kernels.FILIPPOV, "paper": kernels.PAPER}
 MODES = (0, 1, -1)
+_MASS_UNITS = {("m", "N"): "kg", ("rad", "N m"): "kg m^2"}
 
 
 #: Fastest change of speed that one sample may hold, in time constants: the steps
@@ -508,7 +510,8 @@ class FrictionAxis:
         """Parameters with units, one a line."""
         length, force = self.units
         rows = [
-            f"{self.name}: mass {self.mass:.6g}, viscous {self.viscous:.6g} {force} s/{length}",
+            f"{self.name}: mass {self.mass:.6g} {mass_unit(self.units)}, "
+            f"viscous {self.viscous:.6g} {force} s/{length}",
             f"  Coulomb +: {_polynomial(self.coulomb.plus)} {force}",
             f"  Coulomb -: {_polynomial(self.coulomb.minus)} {force}",
         ]
@@ -522,6 +525,30 @@ class FrictionAxis:
         )
         rows += [f"  {effect.describe()}" for effect in self.effects]
         return "\n".join(rows)
+
+    def _repr_html_(self) -> str:
+        length, force = self.units
+        rows = [
+            ("mass", f"{self.mass:.6g} {mass_unit(self.units)}"),
+            ("viscous", f"{self.viscous:.6g} {force} s/{length}"),
+            ("Coulomb +", f"{_polynomial(self.coulomb.plus)} {force}"),
+            ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),
+        ]
+        if self.stribeck:
+            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {length}/s"
+            rows.append(("Stribeck excess", peak))
+        rows += [
+            ("stick speed", f"{self.stick_speed:.6g} {length}/s"),
+            ("stick rate", f"{self.stick_rate:.6g} 1/s"),
+        ]
+        if self.travel is not None:
+            rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))
+        rows.append(("switching", self.switching))
+        rows += [("effect", effect.describe()) for effect in self.effects]
+        body = "".join(
+            f"<tr><td>{name}</td><td>{html.escape(value)}</td></tr>" for name, value in rows
+        )
+        return f"<table><caption>{html.escape(self.name)}</caption>{body}</table>"
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -677,6 +704,12 @@ def check_finite(outputs: NDArray[np.float64]) -> None:
             f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
             "the input, and of mass, viscous and coulomb, and that a loop is stable"
         )
+
+
+def mass_unit(units: tuple[str, str]) -> str:
+    """Unit of the mass, or inertia, that goes with those of position and force."""
+    length, force = units
+    return _MASS_UNITS.get(units, f"{force} s^2/{length}")
 
 
 def mode_label(index: int) -> str:

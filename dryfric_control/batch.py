@@ -13,7 +13,7 @@ from typing import Any
 
 import joblib
 import numpy as np
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from dryfric_control.files import replacing
 

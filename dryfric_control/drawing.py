@@ -10,6 +10,40 @@ from numpy.typing import ArrayLike, NDArray
 
 #: Light band behind the time at rest.
 STUCK_COLOUR = "0.9"
+#: Dashes that tell lines apart in grey.
+DASHES = ("-", "--", "-.", ":", (0, (7, 2, 1, 2, 1, 2)))
+
+#: Time before which estimates are left out of the scale [s]: the start is off by
+#: far more than anything that follows.
+_START = 0.1
+
+# Widths of a letter of the title and of the legend, and of a legend's handle [pt].
+_LETTER, _SMALL_LETTER, _HANDLE = 6.5, 4.6, 32.0
+# Height of a legend of one row [pt].
+_LEGEND = 20.0
+
+
+class PanelPlot(ct.ControlPlot):
+    """A `control.ControlPlot` of panels whose title stands above the first one."""
+
+    def set_plot_title(self, title: str, frame: str = "axes") -> None:
+        """Replace the title.
+
+        Parameters
+        ----------
+        title : str
+            The title.
+        frame : {"axes", "figure"}, optional
+            "axes": the title at the left above the first panel.  "figure": one
+            more, in the middle above the whole figure.
+        """
+        # python-control calls `tight_layout`, which ends the constrained layout.
+        if frame == "figure":
+            self.figure.suptitle(title)
+        elif frame == "axes":
+            title_above(self.axes[0, 0], title)
+        else:
+            raise ValueError(f'frame must be "axes" or "figure", got {frame!r}')
 
 
 def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
@@ -48,7 +82,7 @@ def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
     return given
 
 
-def control_plot(axes: NDArray[Any]) -> ct.ControlPlot:
+def control_plot(axes: NDArray[Any]) -> PanelPlot:
     """What was drawn, as python-control returns it.
 
     Parameters
@@ -58,13 +92,13 @@ def control_plot(axes: NDArray[Any]) -> ct.ControlPlot:
 
     Returns
     -------
-    control.ControlPlot
-        Lines, axes and figure.
+    PanelPlot
+        Lines and axes, both of shape (rows, 1), and figure.
     """
-    lines = np.empty(axes.shape, dtype=object)
+    lines = np.empty((axes.size, 1), dtype=object)
     for i, one in enumerate(axes):
-        lines[i] = list(one.lines)
-    return ct.ControlPlot(lines, axes, axes[0].figure)
+        lines[i, 0] = list(one.lines)
+    return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)
 
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:
@@ -95,6 +129,26 @@ def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "
     )
 
 
+def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
+    """Fit the scale to what comes after the start.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes with the signals.
+    t : ndarray, shape (n,)
+        Time [s].
+    *signals : ndarray, shape (n,)
+        What is drawn.
+    """
+    late = t >= _START
+    if late.any():
+        low = min(float(one[late].min()) for one in signals)
+        high = max(float(one[late].max()) for one in signals)
+        room = 0.06 * (high - low) or 1.0
+        ax.set_ylim(low - room, high + room)
+
+
 def legend_above(ax: Any) -> None:
     """Put the legend above the axes, where it hides no data.
 
@@ -111,3 +165,21 @@ def legend_above(ax: Any) -> None:
         frameon=False,
         borderaxespad=0.1,
     )
+
+
+def title_above(ax: Any, title: str) -> None:
+    """Put a title at the left, above the legend if both do not fit in one line.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes with its legend, if any.
+    title : str
+        The title.
+    """
+    legend = ax.get_legend()
+    needed = _LETTER * len(title)
+    for text in legend.get_texts() if legend is not None else ():
+        needed += _HANDLE + _SMALL_LETTER * len(text.get_text())
+    room = 72.0 * ax.bbox.width / ax.figure.dpi
+    ax.set_title(title, loc="left", pad=_LEGEND if legend is not None and needed > room else None)

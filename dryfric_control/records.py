@@ -713,44 +713,37 @@ class Record:
         )
         return f"<table>{cells}</table>"
 
-    def plot(self, ax: Any = None) -> control.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
         """Draw position and input over time, one above the other.
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: the name of the record.
 
         Returns
         -------
         control.ControlPlot
         """
-        import matplotlib.pyplot as plt
-        from control import ControlPlot
+        # Here: reading a record needs neither python-control nor its figures.
+        from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 
-        if ax is None:
-            axes = plt.subplots(2, 1, sharex=True, layout="constrained")[1]
-        else:
-            axes = np.asarray(ax, dtype=object).ravel()
-            if axes.size != 2 or not all(hasattr(a, "plot") for a in axes):
-                raise ValueError(
-                    f"ax must be two Axes, for the position and for the input, got {ax!r}"
-                )
+        axes = axes_of(ax, 2)
         top, bottom = axes
-        lines = np.empty((2, 1), dtype=object)
-        lines[0, 0] = top.plot(self.t, self.x, ".", color="0.6", ms=3, label="measured")
+        top.plot(self.t, self.x, ".", color="0.6", ms=3, label="measured")
         if self.reference is not None:
-            lines[0, 0] += top.plot(
-                self.t, self.reference, "-", color="C0", lw=1, label="reference"
-            )
-            top.legend(loc="best")
-        lines[1, 0] = bottom.plot(self.t, self.u, "-", color="C1", lw=0.8, drawstyle="steps-post")
+            top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
+        legend_above(top)
+        bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
         top.set_ylabel(self._label("position", "x"))
         bottom.set_ylabel(self._label("input", "u"))
         bottom.set_xlabel("Time [s]")
-        if self.name:
-            top.set_title(self.name)
-        return ControlPlot(lines, np.reshape(axes, (2, 1)), top.figure)
+        for one in axes:
+            one.margins(x=0.0)
+        title_above(top, (self.name or "record") if title is None else title)
+        return control_plot(axes)
 
 
 def _restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,

@@ -10,7 +10,13 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+from dryfric_control.drawing import (
+    axes_of,
+    control_plot,
+    legend_above,
+    shade_stuck,
+    title_above,
+)
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
@@ -25,6 +31,11 @@ class Events:
         Time of each switch [s], located inside the sample.
     before, after : ndarray of int, shape (n,)
         Mode before and after: 0 stuck, +1 and -1 sliding.
+
+    Notes
+    -----
+    A break-away at t = 0 is no entry here: the first input decides the mode that
+    the run starts in, `mode[0]`.
 
     Examples
     --------
@@ -193,5 +204,5 @@ class SimulationResponse(ct.TimeResponseData):
         legend_above(axes[0])
         legend_above(axes[2])
         axes[-1].set_xlabel("Time [s]")
-        axes[0].set_title(self.title if title is None else title, loc="left")
+        title_above(axes[0], self.title if title is None else title)
         return control_plot(axes)

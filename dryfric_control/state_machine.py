@@ -10,11 +10,10 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dryfric_control.axis import FrictionAxis
+from dryfric_control.axis import FrictionAxis, mass_unit
 from dryfric_control.drawing import axes_of, control_plot
 from dryfric_control.responses import MODE_NAMES
 
-_MASS_UNITS = {("m", "N"): "kg", ("rad", "N m"): "kg m\N{SUPERSCRIPT TWO}"}
 # Boxes of the modes in axes coordinates: left, bottom, width, height.
 _BOXES = {-1: (0.0, 0.60, 0.34, 0.33), 1: (0.66, 0.60, 0.34, 0.33), 0: (0.34, 0.12, 0.32, 0.31)}
 _SIGNS = {1: "+", -1: "-"}
@@ -110,7 +109,7 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
 def _below(axis: FrictionAxis, force: str) -> list[str]:
     """Numbers that all modes share, and what the letters mean."""
     length, unit = axis.units
-    mass = _MASS_UNITS.get(axis.units, f"{unit} s\N{SUPERSCRIPT TWO}/{length}")
+    mass = mass_unit(axis.units).replace("^2", "\N{SUPERSCRIPT TWO}")
     shared = [f"m = {axis.mass:.4g} {mass}", f"f = {axis.viscous:.4g} {unit} s/{length}"]
     if axis.stribeck:
         shared += [rf"$\sigma$ = {axis.stribeck.excess:.4g}"]

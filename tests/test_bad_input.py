@@ -31,6 +31,16 @@ from dryfric_control.effects import REGISTRY
 from dryfric_control.identification import windows
 from dryfric_control.observer import runtime, synthesis
 
+
+@pytest.fixture(autouse=True)
+def effects_as_before():
+    """What a call registers must not be a candidate in the tests of others."""
+    before = dict(REGISTRY)
+    yield
+    REGISTRY.clear()
+    REGISTRY.update(before)
+
+
 DT = 1e-3
 NAN, INF = math.nan, math.inf
 N = 2000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.candidates import BASE, holds

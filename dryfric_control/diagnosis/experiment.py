@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.trial import Refit, Staged, mean_squares, staged
-from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
 from dryfric_control.effects import REGISTRY
 from dryfric_control.files import replacing
 from dryfric_control.records import Record
+from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
     import control as ct
@@ -113,7 +114,7 @@ class Experiment:
         return text
 
     def __repr__(self) -> str:
-        return self.summary()
+        return wrapped([self.summary()], indent=0)
 
     def to_dict(self) -> dict[str, Any]:
         """Words and numbers, ready for JSON."""
@@ -157,13 +158,15 @@ class Experiment:
                 header=",".join(columns), comments="",
             )  # fmt: skip
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw the reference and what each hypothesis predicts.
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: the title of the experiment.
 
         Returns
         -------
@@ -171,8 +174,9 @@ class Experiment:
         """
         axes = axes_of(ax, 2)
         length, force = self.units
-        axes[0].set_title(self.title, loc="left")
+        title = self.title if title is None else title
         if not self.t.size:
+            title_above(axes[0], title)
             for one in axes:
                 one.set_axis_off()
             axes[0].text(
@@ -182,16 +186,17 @@ class Experiment:
             return control_plot(axes)
         axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
         for i, name in enumerate(self.positions):
-            style = "-" if i == 0 else "--"
-            axes[0].plot(self.t, self.positions[name], f"C{i}{style}", linewidth=1.0, label=name)
-            axes[1].plot(self.t, self.drives[name], f"C{i}{style}", linewidth=1.0)
+            style = {"color": f"C{i}", "linestyle": DASHES[i % len(DASHES)], "linewidth": 1.2}
+            axes[0].plot(self.t, self.positions[name], label=name, **style)
+            axes[1].plot(self.t, self.drives[name], **style)
         if self.force is not None:
             axes[1].plot(self.t, self.force, color="0.6", linewidth=1.0, label="added force")
-            axes[1].legend(fontsize="small", frameon=False)
+            legend_above(axes[1])
         axes[0].set_ylabel(f"position [{length}]")
         axes[1].set_ylabel(f"drive force [{force}]")
         axes[1].set_xlabel("Time [s]")
         legend_above(axes[0])
+        title_above(axes[0], title)
         for one in axes:
             one.margins(x=0.0)
         return control_plot(axes)

@@ -31,6 +31,8 @@ PANELS = 4 + len(AGAINST)
 # Free runs shown in the close-up of the position.
 _SHOWN = 5
 _TEXT_WIDTH = 132
+# Bins of the medians of the force residual.
+_BINS = 24
 # Range of the candidates' bars, at least.
 _LEAST_FALL = 0.5
 
@@ -94,7 +96,7 @@ def _page(diagnosis: Diagnosis) -> NDArray[Any]:
     # The first line is the verdict, which the headline says.
     lines = [
         "\n".join(textwrap.wrap(typeset(line), _TEXT_WIDTH, subsequent_indent="     "))
-        for line in diagnosis.summary().splitlines()[1:]
+        for line in diagnosis.lines()[1:]
     ]
     text = "\n".join(lines)
     rows = min(text.count("\n") + 1, 14)
@@ -238,7 +240,12 @@ def draw_residual(
         label="force missing in the believed axis" if after is not None else "force missing",
     )  # fmt: skip
     ax.axhline(0.0, color="k", lw=0.6)
-    bins = 24 if by != "reversal" else _reversal_bins(place(before))
+    bins: FloatArray | int = _BINS
+    if by == "reversal":
+        bins = _reversal_bins(place(before))
+    elif by == "position":
+        # Narrow ones: wide ones beat with the pitch of cogging.
+        bins = max(_BINS, min(10 * _BINS, before.residual.size // 25))
     for shown, style, name in ((before, BEFORE, "its median"), (after, AFTER, "with the causes")):
         if shown is None:
             continue
@@ -271,7 +278,7 @@ def draw_residual(
 def _reversal_bins(since: FloatArray) -> FloatArray | int:
     known = since[np.isfinite(since) & (since > 0.0)]
     if known.size < 10:
-        return 24
+        return _BINS
     return np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
 
 

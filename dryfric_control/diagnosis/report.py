@@ -105,13 +105,16 @@ def _causes_table(d: Diagnosis) -> str:
     return f"<table><caption>{caption}</caption>{head}<tbody>{''.join(rows)}</tbody></table>"
 
 
+_FREE_RUNS = "Free runs, each from its most likely start"
+
+
 def _gain_sentence(d: Diagnosis) -> str:
     g = d.gain
     before, after, floor = (length_text(v, g.unit) for v in (g.before, g.after, g.floor))
     if not d.causes:
-        return f"<p>{_text(f'Free runs: {before} RMS error, {floor} is the noise floor.')}</p>"
+        return f"<p>{_text(f'{_FREE_RUNS}: {before} RMS error, {floor} is the noise floor.')}</p>"
     words = (
-        f"Free runs on data that neither search nor fit has seen: {before} RMS error with the "
+        f"{_FREE_RUNS}, on data that neither search nor fit has seen: {before} RMS error with the "
         f"axis as believed, {after} with the causes, {floor} is the noise floor; "
         f"{_number(g.ratio)} times smaller (90 %: {_number(g.interval[0])} to "
         f"{_number(g.interval[1])})."

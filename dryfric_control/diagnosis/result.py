@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.files import replacing
 from dryfric_control.records import Record
+from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
     import control as ct
@@ -249,12 +250,19 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Verdict, causes, gain and what is left, in plain lines."""
+        return wrapped(self.lines())
+
+    def lines(self) -> list[str]:
+        """The lines of `summary`, as long as they are."""
         from dryfric_control.identification.replay import length_text
 
         g, unit = self.gain, self.axis.units[0]
         lines = [f"verdict: {self.verdict}"]
         lines += [f"{i}. {cause.summary()}" for i, cause in enumerate(self.causes, start=1)]
-        errors = f"error of free runs on unseen data: {length_text(g.before, unit)} RMS"
+        errors = (
+            "error of free runs on unseen data, each from its most likely start: "
+            f"{length_text(g.before, unit)} RMS"
+        )
         if self.causes:
             errors += (
                 f" before, {length_text(g.after, unit)} after; "
@@ -269,7 +277,7 @@ class Diagnosis:
         lines += [f"beware: {message}" for message in self.messages]
         if self.next_experiment is not None:
             lines.append(f"next experiment: {self.next_experiment.summary()}")
-        return "\n".join(lines)
+        return lines
 
     def __repr__(self) -> str:
         return self.summary()

@@ -193,13 +193,15 @@ class CoulombIdentification(CoulombMap):
             "standard_error_minus": self.standard_error(places, -1).tolist(),
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw the measured forces and the levels (paper, Fig. 5).
 
         Parameters
         ----------
         ax : Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: what is drawn.
 
         Returns
         -------
@@ -207,7 +209,7 @@ class CoulombIdentification(CoulombMap):
         """
         from dryfric_control.identification.figures import plot_coulomb
 
-        return plot_coulomb(self, ax)
+        return plot_coulomb(self, ax, title)
 
 
 def identify_coulomb(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.identification.start import Sliding
 
 if TYPE_CHECKING:
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 GREY = "0.6"
 
 
-def plot_fit(axis: FrictionAxis, training: Sequence[Replay], ax: Any) -> ct.ControlPlot:
+def plot_fit(
+    axis: FrictionAxis, training: Sequence[Replay], ax: Any, title: str | None = None
+) -> ct.ControlPlot:
     """Friction over speed; error of the free runs over time."""
     axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
     length, force = axis.units
@@ -42,11 +44,12 @@ def plot_fit(axis: FrictionAxis, training: Sequence[Replay], ax: Any) -> ct.Cont
         if axis.stribeck is not None:
             q = (v - axis.stick_speed) / axis.stribeck.speed
             level = level * (1.0 + axis.stribeck.excess * np.exp(-(q**2)))
-        top.plot(s * v, s * (level + axis.viscous * v), "-", color="C0", lw=2,
+        top.plot(s * v, s * (level + axis.viscous * v), "k-", lw=1.5,
                  label="fitted" if s == 1 else None)  # fmt: skip
     top.set_xlabel(f"speed [{length}/s]")
     top.set_ylabel(f"friction [{force}]")
     legend_above(top)
+    title_above(top, f"{axis.name}: fit" if title is None else title)
     _window_errors(bottom, training, length)
     return control_plot(axes)
 
@@ -62,7 +65,7 @@ def _window_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     legend_above(ax)
 
 
-def plot_replay(run: Replay, ax: Any) -> ct.ControlPlot:
+def plot_replay(run: Replay, ax: Any, title: str | None = None) -> ct.ControlPlot:
     """Measured position with the free runs; their errors."""
     axes = axes_of(ax, 2)
     record, windows = run.windows.record, run.windows
@@ -70,36 +73,40 @@ def plot_replay(run: Replay, ax: Any) -> ct.ControlPlot:
     axes[0].plot(record.t, record.x, ".", color=GREY, ms=3, label="measured")
     # A gap at each restart, so that a run is not joined to the next.
     ends = windows.edges[1:-1]
-    axes[0].plot(np.insert(record.t, ends, np.nan), np.insert(run.positions, ends, np.nan), "-",
-                 color="C0", lw=1, label="free runs")  # fmt: skip
+    axes[0].plot(np.insert(record.t, ends, np.nan), np.insert(run.positions, ends, np.nan), "k-",
+                 lw=1, label="free runs")  # fmt: skip
     axes[0].set_ylabel(f"position [{length}]")
     legend_above(axes[0])
+    title_above(axes[0], f"{run.axis.name}: free runs" if title is None else title)
     axes[1].plot(np.insert(record.t, ends, np.nan), np.insert(run.errors, ends, np.nan), "-",
-                 color="C3", lw=0.8)  # fmt: skip
+                 color="C3", lw=0.8, label="free runs less measured")  # fmt: skip
     axes[1].set_ylabel(f"error [{length}]")
+    legend_above(axes[1])
     axes[1].set_xlabel("Time [s]")
     return control_plot(axes)
 
 
-def plot_loop(run: LoopReplay, ax: Any) -> ct.ControlPlot:
+def plot_loop(run: LoopReplay, ax: Any, title: str | None = None) -> ct.ControlPlot:
     """Position, its error, and drive force of a replayed loop."""
     axes = axes_of(ax, 3)
     length, force = run.units
     t, y = run.record.t, run.response.y
     axes[0].plot(t, run.record.x, ".", color=GREY, ms=3, label="measured")
-    axes[0].plot(t, y[0], "-", color="C0", lw=1, label="closed loop of the model")
+    axes[0].plot(t, y[0], "k-", lw=1, label="model")
     axes[0].set_ylabel(f"position [{length}]")
-    legend_above(axes[0])
-    axes[1].plot(t, y[0] - run.record.x, "-", color="C3", lw=0.8)
+    axes[1].plot(t, y[0] - run.record.x, "-", color="C3", lw=0.8, label="model less measured")
     axes[1].set_ylabel(f"error [{length}]")
-    axes[2].plot(t, run.record.u, ".", color=GREY, ms=2)
-    axes[2].plot(t, y[4], "-", color="C0", lw=0.8)
+    axes[2].plot(t, run.record.u, ".", color=GREY, ms=2, label="measured")
+    axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
     axes[2].set_ylabel(f"drive force [{force}]")
+    for one in axes:
+        legend_above(one)
+    title_above(axes[0], run.response.title if title is None else title)
     axes[2].set_xlabel("Time [s]")
     return control_plot(axes)
 
 
-def plot_slow_ramp(ramp: SlowRamp, ax: Any) -> ct.ControlPlot:
+def plot_slow_ramp(ramp: SlowRamp, ax: Any, title: str | None = None) -> ct.ControlPlot:
     """Reference and position; drive force."""
     axes = axes_of(ax, 2)
     length, force = ramp.axis.units
@@ -108,13 +115,14 @@ def plot_slow_ramp(ramp: SlowRamp, ax: Any) -> ct.ControlPlot:
     axes[0].plot(record.t, ramp.reference, "--", color="C0", lw=1, label="reference")
     axes[0].set_ylabel(f"position [{length}]")
     legend_above(axes[0])
-    axes[1].plot(record.t, record.u, "-", color="C1", lw=0.8)
+    title_above(axes[0], record.name if title is None else title)
+    axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
     axes[1].set_ylabel(f"drive force [{force}]")
     axes[1].set_xlabel("Time [s]")
     return control_plot(axes)
 
 
-def plot_coulomb(found: CoulombIdentification, ax: Any) -> ct.ControlPlot:
+def plot_coulomb(found: CoulombIdentification, ax: Any, title: str | None = None) -> ct.ControlPlot:
     """Forces of the pieces of motion, levels with their bands."""
     axes = axes_of(ax, 1, figsize=(7.0, 4.2))
     length, force = found.units
@@ -130,10 +138,13 @@ def plot_coulomb(found: CoulombIdentification, ax: Any) -> ct.ControlPlot:
     axes[0].set_xlabel(f"position [{length}]")
     axes[0].set_ylabel(f"drive force [{force}]")
     legend_above(axes[0])
+    title_above(axes[0], "Coulomb level over the travel" if title is None else title)
     return control_plot(axes)
 
 
-def plot_stribeck(found: StribeckIdentification, ax: Any) -> ct.ControlPlot:
+def plot_stribeck(
+    found: StribeckIdentification, ax: Any, title: str | None = None
+) -> ct.ControlPlot:
     """Drive force over position and over time, measured and replayed."""
     axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
     length, force = found.axis.units
@@ -143,10 +154,8 @@ def plot_stribeck(found: StribeckIdentification, ax: Any) -> ct.ControlPlot:
     axes[1].plot(record.t[some], record.u[some], ".", color=GREY, ms=2)
     if found.loop is not None:
         y = found.loop.response.y
-        axes[0].plot(
-            y[0][some], y[4][some], "-", color="C0", lw=0.8, label="model in the same loop"
-        )
-        axes[1].plot(record.t[some], y[4][some], "-", color="C0", lw=0.8)
+        axes[0].plot(y[0][some], y[4][some], "k-", lw=0.8, label="model in the same loop")
+        axes[1].plot(record.t[some], y[4][some], "k-", lw=0.8)
     places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
     for s in (1, -1):
         axes[0].plot(places, s * found.axis.coulomb(places, s), "--", color="C2", lw=1,
@@ -158,6 +167,7 @@ def plot_stribeck(found: StribeckIdentification, ax: Any) -> ct.ControlPlot:
     for one in axes:
         one.set_ylabel(f"drive force [{force}]")
     legend_above(axes[0])
+    title_above(axes[0], f"{found.axis.name}: stick-slip" if title is None else title)
     if found.measured is not None:
         # A dozen periods: the whole record would hide the ripple.
         middle = float(record.t[len(record) // 4])

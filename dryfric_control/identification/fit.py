@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import joblib
 import numpy as np
 from numpy.typing import NDArray
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.friction import finite, instance, positive, whole
@@ -30,6 +30,7 @@ from dryfric_control.identification.uncertainty import (
 )
 from dryfric_control.identification.windows import Windows, cut
 from dryfric_control.records import Record
+from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
     import control as ct
@@ -42,7 +43,26 @@ _STARTS = 6
 
 
 class FitWarning(UserWarning):
-    """A record that cannot tell what was asked of it."""
+    """A record that cannot tell what was asked of it.
+
+    Examples
+    --------
+    An input gain is the same as all other parameters over it:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(6.0 * t)
+    >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
+    >>> free = ("viscous", "input_gain", "mass", "coulomb")
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     found = dfc.fit(axis, dfc.Record(t, u, x), free=free)
+    >>> any(issubclass(one.category, dfc.FitWarning) for one in caught)
+    True
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +87,20 @@ class Fit:
     messages : tuple of str
         What the record cannot tell, and why.
     training : tuple of Replay
-        Windowed free runs over the records of the fit, one for each.
+        Windowed free runs over the records of the fit, one for each, from the
+        smoothed state at the start of each window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
+    >>> x = 1e-6 * np.round(1e6 * true.simulate(u, dt=1e-3).y[0])
+    >>> found = dfc.fit(true.replace(mass=3.0), dfc.Record(t, u, x), free=("mass",))
+    >>> round(found.parameters["mass"], 2), found.units["mass"]
+    (2.0, 'kg')
     """
 
     axis: FrictionAxis
@@ -162,7 +195,7 @@ class Fit:
         ]
 
     def summary(self) -> str:
-        """Table of the parameters, errors of the free runs, what to beware of."""
+        """Parameters, errors of the free runs, what to beware of."""
         rows = [("parameter", "value", "std. error", "90 % interval"), *self._rows()]
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines = [
@@ -170,7 +203,7 @@ class Fit:
         ]
         lines += [run.summary() for run in self.training]
         lines += [f"beware: {message}" for message in self.messages]
-        return "\n".join(lines)
+        return wrapped(lines)
 
     def __repr__(self) -> str:
         return self.summary()
@@ -206,13 +239,15 @@ class Fit:
             "training": [run.to_dict() for run in self.training],
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw friction over speed, and the free runs' errors over time.
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: name of the axis.
 
         Returns
         -------
@@ -220,7 +255,7 @@ class Fit:
         """
         from dryfric_control.identification.figures import plot_fit
 
-        return plot_fit(self.axis, self.training, ax)
+        return plot_fit(self.axis, self.training, ax, title)
 
 
 def fit(
@@ -466,7 +501,7 @@ def _result(
         model.axis, records, problem.parameters, values, errors, correlation, away, slopes
     )
     for message in messages:
-        warnings.warn(message, FitWarning, stacklevel=3)
+        warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
     return Fit(
         model.axis,
         dict(zip(names, values.tolist(), strict=True)),

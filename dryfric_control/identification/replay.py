@@ -83,7 +83,8 @@ class Replay:
         size = float(self.windows.samples[0] * record.dt)
         name = f"{record.name}: " if record.name else ""
         return (
-            f"{name}free runs of {size:.3g} s ({len(self.windows)} windows from "
+            f"{name}free runs of {size:.3g} s, started from the smoothed record "
+            f"({len(self.windows)} windows from "
             f"{record.t[0]:.4g} s to {record.t[-1]:.4g} s): RMS error "
             f"{length_text(self.rms, unit)} ({self.rms / self.quantum:.3g} quanta), median "
             f"{length_text(self.median, unit)}, worst "
@@ -110,13 +111,15 @@ class Replay:
             "rms_by_window": self.rms_by_window.tolist(),
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw measured position and free runs, and their errors.
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: name of the axis.
 
         Returns
         -------
@@ -124,7 +127,7 @@ class Replay:
         """
         from dryfric_control.identification.figures import plot_replay
 
-        return plot_replay(self, ax)
+        return plot_replay(self, ax, title)
 
 
 def replay(
@@ -245,13 +248,15 @@ class LoopReplay:
             "relative_force": self.relative_force,
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
-        """Draw position and drive force, measured and replayed.
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+        """Draw position, its error and drive force, measured and replayed.
 
         Parameters
         ----------
-        ax : sequence of two Axes, optional
+        ax : sequence of three Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: name of the axis.
 
         Returns
         -------
@@ -259,7 +264,7 @@ class LoopReplay:
         """
         from dryfric_control.identification.figures import plot_loop
 
-        return plot_loop(self, ax)
+        return plot_loop(self, ax, title)
 
 
 def replay_loop(axis: FrictionAxis, record: Record, controller: PositionController) -> LoopReplay:

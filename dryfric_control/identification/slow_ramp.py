@@ -99,13 +99,15 @@ class SlowRamp:
             "kd": self.controller.kd,
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw reference and position, and the drive force (paper, Fig. 4).
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: name of the experiment.
 
         Returns
         -------
@@ -113,7 +115,7 @@ class SlowRamp:
         """
         from dryfric_control.identification.figures import plot_slow_ramp
 
-        return plot_slow_ramp(self, ax)
+        return plot_slow_ramp(self, ax, title)
 
 
 def slow_ramp_experiment(

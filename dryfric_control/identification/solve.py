@@ -104,6 +104,9 @@ class Problem:
         self.floors = [max(w.record.noise, _ROUNDING * w.record.range) for w in self.windows]
         self.scales = list(self.floors)
         self.steps = np.full(len(self.parameters), _STEP)
+        # Chords over break-aways lead out of the many valleys that they make; near
+        # the end of the search only true slopes count.
+        self.far = False
         self.low = np.array([p.search(p.low) if p.low > -np.inf else -np.inf for p in parameters])
         self.high = np.array([p.search(p.high) if p.high < np.inf else np.inf for p in parameters])
 
@@ -292,7 +295,7 @@ class Problem:
                     for model, step in both
                     if step != 0.0
                 ]
-                slopes[j] = _slope(w, sides)
+                slopes[j] = np.mean(sides, axis=0) if self.far and sides else _slope(w, sides)
             g, h = np.empty((len(w), z.size)), np.empty((len(w), z.size, z.size))
             normal_terms(
                 w.edges, part.errors, slopes, part.by_x, part.by_v, part.starts,
@@ -306,7 +309,8 @@ class Problem:
     def refine(self, normal: FloatArray) -> None:
         """Fit the steps of the slopes to how well the coordinates are known."""
         known = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        least = np.where(np.isin(self.names, _BY_BREAK_AWAY), _BREAK_AWAY_STEP, _SHORT_STEP)
+        by_break_away = _STEP if self.far else _BREAK_AWAY_STEP
+        least = np.where(np.isin(self.names, _BY_BREAK_AWAY), by_break_away, _SHORT_STEP)
         self.steps = np.clip(5.0 * known, least, _STEP)
 
     def _ends(self, z: FloatArray, j: int) -> list[tuple[Model, float]]:
@@ -348,13 +352,16 @@ def minimise(problem: Problem, z: FloatArray) -> FloatArray:
     -------
     ndarray, shape (nparameters,)
     """
-    z, loss = np.clip(z, problem.low, problem.high), np.inf
-    for stage in range(_STAGES):
-        changed = problem.narrow(z)
-        parts = problem.parts(z)
-        if stage > 0 and not changed and problem.loss(parts) > loss - _WORTH:
-            break
-        z, loss = _levenberg(problem, z, parts)
+    z = np.clip(z, problem.low, problem.high)
+    rugged = bool(np.any(np.isin(problem.names, _BY_BREAK_AWAY)))
+    for problem.far in (True, False) if rugged else (False,):
+        loss = np.inf
+        for stage in range(_STAGES):
+            changed = problem.narrow(z)
+            parts = problem.parts(z)
+            if stage > 0 and not changed and problem.loss(parts) > loss - _WORTH:
+                break
+            z, loss = _levenberg(problem, z, parts)
     return z
 
 

@@ -11,7 +11,7 @@ import joblib
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.friction import CoulombMap, Stribeck, instance, whole
@@ -103,13 +103,15 @@ class StribeckIdentification:
             "replayed": self.replayed.to_dict() if self.replayed else None,
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw drive force over position, measured and replayed (paper, Fig. 6).
 
         Parameters
         ----------
         ax : sequence of two Axes, optional
             Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: name of the axis.
 
         Returns
         -------
@@ -117,7 +119,7 @@ class StribeckIdentification:
         """
         from dryfric_control.identification.figures import plot_stribeck
 
-        return plot_stribeck(self, ax)
+        return plot_stribeck(self, ax, title)
 
 
 def identify_stribeck(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import hardest_switching, worst_switching
+from dryfric_control.text import wrapped
 
 Array = NDArray[np.float64]
 
@@ -135,7 +136,7 @@ class Certificate:
         """
         radii = ", ".join(f"mode {m:+d}: {r:.5f}" for m, r in self.spectral_radius.items())
         runs = _run_lengths(self.worst_sequence)
-        return "\n".join(
+        return wrapped(
             [
                 f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
                 f"(gap {100 * self.gap:.2f} %)",
@@ -145,7 +146,8 @@ class Certificate:
                 f"decay {self.decay:.6g} per sample for every allowed switching",
                 f"poles {radii}",
                 f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}",
-            ]
+            ],
+            indent=6,
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -131,21 +131,51 @@ class ObservedLoop:
             "delay": [None if np.isnan(d) else float(d) for d in delay],
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
-        """Draw position, speed, friction and mode, plant against estimate.
+    def plot(self, ax: Any = None, title: str | None = None, what: str = "all") -> ct.ControlPlot:
+        """Draw the plant against its estimate.
 
         Parameters
         ----------
-        ax : sequence of four Axes, optional
-            Where to draw.  Default: a new figure.
+        ax : Axes or sequence of Axes, optional
+            Where to draw: four for "all", one for "maps", else two.  Default:
+            a new figure.
+        title : str, optional
+            Title.  Default: name of the axis and what is shown.
+        what : {"all", "maps", "position", "speed", "friction", "mode"}, optional
+            "all": position, speed, friction and mode in one figure.  "maps": the
+            friction of plant and observer over the travel (paper, Fig. 7).
+            Others: one signal with its error (paper, Figs 8 to 11).
 
         Returns
         -------
         control.ControlPlot
-        """
-        from dryfric_control.observer.figures import draw_loop
 
-        return draw_loop(self, ax)
+        Raises
+        ------
+        ValueError
+            If `what` is none of these, or `ax` holds another number of axes.
+
+        Examples
+        --------
+        >>> from dryfric_control import presets
+        >>> run = presets.clutch_experiment(duration=1.0)
+        >>> run.plot(what="speed").axes[1, 0].get_ylabel()
+        'error [inc/s]'
+        """
+        from dryfric_control.observer import figures
+
+        draw = {
+            "all": figures.draw_loop,
+            "position": figures.draw_position,
+            "speed": figures.draw_speed,
+            "friction": figures.draw_friction,
+            "mode": figures.draw_modes,
+        }
+        if what == "maps":
+            return figures.draw_coulomb_maps(self.axis, self.design.axis, ax, title)
+        if not isinstance(what, str) or what not in draw:
+            raise ValueError(f"what must be one of {', '.join(draw)}, maps, got {what!r}")
+        return draw[what](self, ax, title)
 
     def _repr_html_(self) -> str:
         return f"<pre>{self.summary()}</pre>"

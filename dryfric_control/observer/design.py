@@ -27,6 +27,7 @@ from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.scaling import Scales, scales_of
 from dryfric_control.observer.synthesis import certified_solution
 from dryfric_control.observer.weights import default_weights
+from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
     from dryfric_control.axis import FrictionAxis
@@ -295,16 +296,25 @@ class ObserverDesign:
         str
         """
         u = self.uncertainty
+        length, force = self.axis.units
         lines = [
             f"Switched PI observer, method {self.method!r}, memory {self.window} samples, "
             f"dt = {self.dt:g} s, {self.discretization}",
-            f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} N (modes 0, +1, -1), noise "
-            f"{self.noise:.4g} m, drift {self.drift:.4g} N/sample, weights "
+            f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} {force} (modes 0, +1, -1), noise "
+            f"{self.noise:.4g} {length}, drift {self.drift:.4g} {force}/sample, weights "
             + ", ".join(f"{q:.4g}" for q in self.performance),
         ]
         for mode, (lx, lv, g) in self.gains.items():
-            lines.append(f"gains  mode {mode:+d}: L = ({lx:.6g}, {lv:.6g} 1/s), G = {g:.6g} N/m")
-        return "\n".join([*lines, self.certificate.summary()])
+            lines.append(
+                f"gains  mode {mode:+d}: L = ({lx:.6g}, {lv:.6g} 1/s), "
+                f"G = {g:.6g} {self._gain_unit}"
+            )
+        return f"{wrapped(lines, indent=7)}\n{self.certificate.summary()}"
+
+    @property
+    def _gain_unit(self) -> str:
+        length, force = self.axis.units
+        return f"{force}/{length}"
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -312,7 +322,8 @@ class ObserverDesign:
             f"<td>{self.certificate.spectral_radius[mode]:.5f}</td></tr>"
             for mode, (lx, lv, g) in self.gains.items()
         )
-        head = "<tr><th>mode</th><th>L_x</th><th>L_v [1/s]</th><th>G [N/m]</th><th>radius</th></tr>"
+        names = ("mode", "L_x", "L_v [1/s]", f"G [{self._gain_unit}]", "radius")
+        head = f"<tr>{''.join(f'<th>{html.escape(name)}</th>' for name in names)}</tr>"
         text = html.escape(self.summary())
         return f"<table>{head}{rows}</table><pre>{text}</pre>"
 

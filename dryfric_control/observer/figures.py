@@ -8,17 +8,22 @@ import control as ct
 import numpy as np
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+from dryfric_control.drawing import (
+    axes_of,
+    control_plot,
+    legend_above,
+    settled_scale,
+    shade_stuck,
+    title_above,
+)
 
 if TYPE_CHECKING:
     from dryfric_control.observer.closed_loop import ObservedLoop
 
-#: Time before which the errors are left out of the scale [s]: the start is off
-#: by far more than anything that follows.
-_START = 0.1
 
-
-def draw_coulomb_maps(plant: FrictionAxis, own: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
+def draw_coulomb_maps(
+    plant: FrictionAxis, own: FrictionAxis, ax: Any = None, title: str | None = None
+) -> ct.ControlPlot:
     """Draw the friction of the plant and of the observer (Fig. 7).
 
     Parameters
@@ -29,6 +34,8 @@ def draw_coulomb_maps(plant: FrictionAxis, own: FrictionAxis, ax: Any = None) ->
         The observer's axis, drawn dashed.
     ax : Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the plant and what is shown.
 
     Returns
     -------
@@ -65,20 +72,18 @@ def draw_coulomb_maps(plant: FrictionAxis, own: FrictionAxis, ax: Any = None) ->
     one.set_ylabel(f"friction [{force}]")
     one.margins(x=0.0)
     legend_above(one)
+    title_above(one, f"{plant.name}: friction over the travel" if title is None else title)
     return control_plot(axes)
 
 
-def _scale(ax: Any, t: Any, *signals: Any) -> None:
-    """Fit the scale to what comes after the start."""
-    late = t >= _START
-    if late.any():
-        low = min(float(one[late].min()) for one in signals)
-        high = max(float(one[late].max()) for one in signals)
-        room = 0.06 * (high - low) or 1.0
-        ax.set_ylim(low - room, high + room)
+def _title(run: ObservedLoop, axes: Any, name: str, title: str | None) -> None:
+    """The title of a run's figure, once the legend stands."""
+    title_above(axes[0], f"{run.axis.name}: {name} and its estimate" if title is None else title)
 
 
-def _signal(run: ObservedLoop, axes: Any, row: int, name: str, unit: str) -> None:
+def _signal(
+    run: ObservedLoop, axes: Any, row: int, name: str, unit: str, title: str | None
+) -> None:
     """Plant and estimate above, the error below."""
     t = run.plant.t
     true, estimate = run.plant.y[row], run.estimate.y[row]
@@ -86,18 +91,19 @@ def _signal(run: ObservedLoop, axes: Any, row: int, name: str, unit: str) -> Non
     top.plot(t, true, "k", linewidth=1.0, label="system")
     top.plot(t, estimate, "C0--", linewidth=1.0, label="observer")
     bottom.plot(t, estimate - true, "C3", linewidth=0.8)
-    _scale(top, t, true, estimate)
-    _scale(bottom, t, estimate - true)
+    settled_scale(top, t, true, estimate)
+    settled_scale(bottom, t, estimate - true)
     for one in axes:
         shade_stuck(one, t, run.plant.y[3])
         one.margins(x=0.0)
     top.set_ylabel(f"{name} [{unit}]")
     bottom.set_ylabel(f"error [{unit}]")
     legend_above(top)
+    _title(run, axes, name, title)
     bottom.set_xlabel("Time [s]")
 
 
-def draw_position(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+def draw_position(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw position, reference and the estimation error (Fig. 8).
 
     Parameters
@@ -106,6 +112,8 @@ def draw_position(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the axis and what is shown.
 
     Returns
     -------
@@ -117,11 +125,11 @@ def draw_position(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
     """
     axes = axes_of(ax, 2)
     axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")
-    _signal(run, axes, 0, "position", run.axis.units[0])
+    _signal(run, axes, 0, "position", run.axis.units[0], title)
     return control_plot(axes)
 
 
-def draw_speed(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+def draw_speed(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw speed and its estimation error (Fig. 9).
 
     Parameters
@@ -130,17 +138,19 @@ def draw_speed(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the axis and what is shown.
 
     Returns
     -------
     control.ControlPlot
     """
     axes = axes_of(ax, 2)
-    _signal(run, axes, 1, "speed", f"{run.axis.units[0]}/s")
+    _signal(run, axes, 1, "speed", f"{run.axis.units[0]}/s", title)
     return control_plot(axes)
 
 
-def draw_friction(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+def draw_friction(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw friction, its estimate and the error (Fig. 10).
 
     Parameters
@@ -149,17 +159,19 @@ def draw_friction(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the axis and what is shown.
 
     Returns
     -------
     control.ControlPlot
     """
     axes = axes_of(ax, 2)
-    _signal(run, axes, 2, "friction", run.axis.units[1])
+    _signal(run, axes, 2, "friction", run.axis.units[1], title)
     return control_plot(axes)
 
 
-def draw_modes(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+def draw_modes(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw the mode and the commutation errors (Fig. 11).
 
     Parameters
@@ -168,6 +180,8 @@ def draw_modes(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the axis and what is shown.
 
     Returns
     -------
@@ -186,11 +200,12 @@ def draw_modes(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
     for one in axes:
         one.margins(x=0.0)
     legend_above(axes[0])
+    _title(run, axes, "mode", title)
     axes[1].set_xlabel("Time [s]")
     return control_plot(axes)
 
 
-def draw_loop(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
+def draw_loop(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw position, speed, friction and mode in one figure.
 
     Parameters
@@ -199,6 +214,8 @@ def draw_loop(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         The run.
     ax : sequence of four Axes, optional
         Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: name of the axis and what is shown.
 
     Returns
     -------
@@ -212,11 +229,12 @@ def draw_loop(run: ObservedLoop, ax: Any = None) -> ct.ControlPlot:
         mine = row if row < 3 else 4
         one.plot(t, run.plant.y[row], "k", linewidth=1.0, label="system")
         one.plot(t, run.estimate.y[mine], "C0--", linewidth=1.0, label="observer")
-        _scale(one, t, run.plant.y[row], run.estimate.y[mine])
+        settled_scale(one, t, run.plant.y[row], run.estimate.y[mine])
         shade_stuck(one, t, run.plant.y[3])
         one.set_ylabel(name)
         one.margins(x=0.0)
     axes[3].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
     legend_above(axes[0])
+    title_above(axes[0], f"{run.axis.name} and its observer" if title is None else title)
     axes[3].set_xlabel("Time [s]")
     return control_plot(axes)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control._version import __version__
 from dryfric_control.axis import FrictionAxis, samples
 from dryfric_control.batch import fingerprint, run_batch
-from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
 from dryfric_control.friction import Stribeck, finite, positive, whole
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.observer.baselines import Estimator
@@ -195,13 +195,15 @@ class MonteCarlo:
             "scores": {name: table.tolist() for name, table in self.scores.items()},
         }
 
-    def plot(self, ax: Any = None) -> ct.ControlPlot:
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw which part of the runs stays below an error.
 
         Parameters
         ----------
         ax : sequence of four Axes, optional
             Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: how many mismatches were drawn.
 
         Returns
         -------
@@ -219,9 +221,10 @@ class MonteCarlo:
             axes, (0, 1, 2, 4), (1.0, 100.0, 100.0, 100.0), heads, strict=True
         ):
             least = np.inf
-            for name, table in self.scores.items():
+            for i, (name, table) in enumerate(self.scores.items()):
                 value = np.sort(factor * np.abs(table[:, column]))
-                one.step(value, part, where="post", linewidth=1.2, label=name)
+                dash = DASHES[i % len(DASHES)]
+                one.step(value, part, where="post", linewidth=1.3, linestyle=dash, label=name)
                 least = min(least, float(value[0]))
             if least > 0.0:
                 one.set_xscale("log")
@@ -230,6 +233,8 @@ class MonteCarlo:
             one.set_xlabel(head)
             one.set_ylabel("part of runs")
         legend_above(axes[0])
+        count = len(self.mismatches)
+        title_above(axes[0], f"{count} random mismatches" if title is None else title)
         return control_plot(axes)
 
     def _repr_html_(self) -> str:

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.axis import samples
-from dryfric_control.drawing import axes_of, control_plot, legend_above, shade_stuck
+from dryfric_control.drawing import (
+    axes_of,
+    control_plot,
+    legend_above,
+    settled_scale,
+    shade_stuck,
+    title_above,
+)
 from dryfric_control.friction import finite, instance, positive
 from dryfric_control.observer import kernel
 from dryfric_control.observer.design import ObserverDesign
@@ -169,6 +176,7 @@ class ObserverResponse(ct.TimeResponseData):
 
         Notes
         -----
+        The first 0.1 s do not count for the scales.
         `control.time_response_plot` draws every signal in a panel of its own.
         """
         axes = axes_of(ax, 3)
@@ -179,14 +187,16 @@ class ObserverResponse(ct.TimeResponseData):
         axes[2].plot(self.t, self.u[0], color="0.55", linewidth=1.0, label="drive u")
         axes[2].plot(self.t, self.y[2], "C0--", linewidth=1.0, label="friction, estimate")
         names = (f"position [{length}]", f"speed [{length}/s]", f"force [{force}]")
-        for one, name in zip(axes, names, strict=True):
+        shown = ((self.u[1], self.y[0]), (self.y[1],), (self.u[0], self.y[2]))
+        for one, name, signals in zip(axes, names, shown, strict=True):
+            settled_scale(one, self.t, *signals)
             shade_stuck(one, self.t, self.y[4])
             one.set_ylabel(name)
             one.margins(x=0.0)
         legend_above(axes[0])
         legend_above(axes[2])
         axes[-1].set_xlabel("Time [s]")
-        axes[0].set_title(self.title if title is None else title, loc="left")
+        title_above(axes[0], self.title if title is None else title)
         return control_plot(axes)
 
 

@@ -49,6 +49,10 @@ class EstimateScore:
     friction_bias: float
     commutation: float
 
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name}={value:.4g}" for name, value in asdict(self).items())
+        return f"{type(self).__name__}({figures})"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers."""
         return asdict(self)

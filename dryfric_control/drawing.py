@@ -163,6 +163,7 @@ def legend_above(ax: Any) -> None:
         ncols=6,
         fontsize="small",
         frameon=False,
+        markerscale=2.0,
         borderaxespad=0.1,
     )
 

@@ -737,8 +737,10 @@ class Record:
             top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
         legend_above(top)
         bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
-        top.set_ylabel(self._label("position", "x"))
-        bottom.set_ylabel(self._label("input", "u"))
+        # Where nothing is said, the units are those that an axis has by default.
+        known = self.units if {"x", "u"} & set(self.units) else {"x": "m", "u": "N"}
+        for one, name, role in ((top, "position", "x"), (bottom, "input", "u")):
+            one.set_ylabel(f"{name} [{known[role]}]" if role in known else name)
         bottom.set_xlabel("Time [s]")
         for one in axes:
             one.margins(x=0.0)

@@ -27,7 +27,7 @@ def wrapped(lines: Iterable[str], indent: int = 4) -> str:
     --------
     >>> from dryfric_control.text import wrapped
     >>> [len(line) for line in wrapped(["a  table", "many words " * 12]).splitlines()]
-    [8, 98, 37]
+    [8, 98, 36]
     """
     return "\n".join(
         textwrap.fill(

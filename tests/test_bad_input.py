@@ -743,7 +743,7 @@ CASES.append(
         kind=FileNotFoundError,
     )
 )
-rows("Record.plot", (dict(ax=3), "two Axes"))
+rows("Record.plot", (dict(ax=3), "one for each row"))
 CASES.append(Case("Record", {}, "slice", "record", call=lambda: RECORD[3], kind=TypeError))  # type: ignore[index]
 CASES.append(Case("Record", {}, "decimated", "step", call=lambda: RECORD[::2]))
 

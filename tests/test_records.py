@@ -653,7 +653,7 @@ def test_plot_has_labels_with_units():
     assert len(shown.lines[0, 0]) == 2
     axes = plt.subplots(2, 1)[1]
     assert Record(T, U, X).plot(ax=axes).axes[0, 0] is axes[0]
-    with pytest.raises(ValueError, match="two Axes"):
+    with pytest.raises(ValueError, match="ax must hold 2 axes"):
         FULL.plot(ax=axes[0])
     plt.close("all")
 

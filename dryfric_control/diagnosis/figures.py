@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
+from dryfric_control.diagnosis.result import summary_lines
 from dryfric_control.drawing import axes_of, control_plot, legend_above
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def _page(diagnosis: Diagnosis) -> NDArray[Any]:
     # The first line is the verdict, which the headline says.
     lines = [
         "\n".join(textwrap.wrap(typeset(line), _TEXT_WIDTH, subsequent_indent="     "))
-        for line in diagnosis.lines()[1:]
+        for line in summary_lines(diagnosis)[1:]
     ]
     text = "\n".join(lines)
     rows = min(text.count("\n") + 1, 14)
@@ -243,8 +244,8 @@ def draw_residual(
     bins: FloatArray | int = _BINS
     if by == "reversal":
         bins = _reversal_bins(place(before))
-    elif by == "position":
-        # Narrow ones: wide ones beat with the pitch of cogging.
+    elif by in ("position", "time"):
+        # Narrow ones: wide ones beat with the pitch of cogging, or with a motion.
         bins = max(_BINS, min(10 * _BINS, before.residual.size // 25))
     for shown, style, name in ((before, BEFORE, "its median"), (after, AFTER, "with the causes")):
         if shown is None:

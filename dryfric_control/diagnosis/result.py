@@ -250,34 +250,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Verdict, causes, gain and what is left, in plain lines."""
-        return wrapped(self.lines())
-
-    def lines(self) -> list[str]:
-        """The lines of `summary`, as long as they are."""
-        from dryfric_control.identification.replay import length_text
-
-        g, unit = self.gain, self.axis.units[0]
-        lines = [f"verdict: {self.verdict}"]
-        lines += [f"{i}. {cause.summary()}" for i, cause in enumerate(self.causes, start=1)]
-        errors = (
-            "error of free runs on unseen data, each from its most likely start: "
-            f"{length_text(g.before, unit)} RMS"
-        )
-        if self.causes:
-            errors += (
-                f" before, {length_text(g.after, unit)} after; "
-                f"{g.ratio:.3g} times smaller (90 %: {g.interval[0]:.3g} to {g.interval[1]:.3g})"
-            )
-        lines.append(f"{errors}; noise floor {length_text(g.floor, unit)}")
-        if self.unexplained.significant:
-            lines.append(
-                f"unexplained: {100.0 * self.unexplained.fraction:.3g} % of the structured error; "
-                + "; ".join(self.unexplained.where)
-            )
-        lines += [f"beware: {message}" for message in self.messages]
-        if self.next_experiment is not None:
-            lines.append(f"next experiment: {self.next_experiment.summary()}")
-        return lines
+        return wrapped(summary_lines(self))
 
     def __repr__(self) -> str:
         return self.summary()
@@ -347,3 +320,41 @@ class Diagnosis:
         from dryfric_control.diagnosis.report import html_summary
 
         return html_summary(self)
+
+
+def summary_lines(diagnosis: Diagnosis) -> list[str]:
+    """Lines of a diagnosis' summary, as long as they are.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+
+    Returns
+    -------
+    list of str
+    """
+    from dryfric_control.identification.replay import length_text
+
+    g, unit = diagnosis.gain, diagnosis.axis.units[0]
+    lines = [f"verdict: {diagnosis.verdict}"]
+    lines += [f"{i}. {cause.summary()}" for i, cause in enumerate(diagnosis.causes, start=1)]
+    errors = (
+        "error of free runs on unseen data, each from its most likely start: "
+        f"{length_text(g.before, unit)} RMS"
+    )
+    if diagnosis.causes:
+        errors += (
+            f" before, {length_text(g.after, unit)} after; "
+            f"{g.ratio:.3g} times smaller (90 %: {g.interval[0]:.3g} to {g.interval[1]:.3g})"
+        )
+    lines.append(f"{errors}; noise floor {length_text(g.floor, unit)}")
+    if diagnosis.unexplained.significant:
+        lines.append(
+            f"unexplained: {100.0 * diagnosis.unexplained.fraction:.3g} % of the structured error; "
+            + "; ".join(diagnosis.unexplained.where)
+        )
+    lines += [f"beware: {message}" for message in diagnosis.messages]
+    if diagnosis.next_experiment is not None:
+        lines.append(f"next experiment: {diagnosis.next_experiment.summary()}")
+    return lines

@@ -96,12 +96,12 @@ def plot_loop(run: LoopReplay, ax: Any, title: str | None = None) -> ct.ControlP
     axes[0].set_ylabel(f"position [{length}]")
     axes[1].plot(t, y[0] - run.record.x, "-", color="C3", lw=0.8, label="model less measured")
     axes[1].set_ylabel(f"error [{length}]")
-    axes[2].plot(t, run.record.u, ".", color=GREY, ms=2, label="measured")
+    axes[2].plot(t, run.record.u, ".", color=GREY, ms=4, label="measured")
     axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
     axes[2].set_ylabel(f"drive force [{force}]")
     for one in axes:
         legend_above(one)
-    title_above(axes[0], run.response.title if title is None else title)
+    title_above(axes[0], str(run.response.title) if title is None else title)
     axes[2].set_xlabel("Time [s]")
     return control_plot(axes)
 
@@ -115,7 +115,7 @@ def plot_slow_ramp(ramp: SlowRamp, ax: Any, title: str | None = None) -> ct.Cont
     axes[0].plot(record.t, ramp.reference, "--", color="C0", lw=1, label="reference")
     axes[0].set_ylabel(f"position [{length}]")
     legend_above(axes[0])
-    title_above(axes[0], record.name if title is None else title)
+    title_above(axes[0], (record.name or "slow ramp") if title is None else title)
     axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
     axes[1].set_ylabel(f"drive force [{force}]")
     axes[1].set_xlabel("Time [s]")

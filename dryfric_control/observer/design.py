@@ -300,8 +300,8 @@ class ObserverDesign:
         lines = [
             f"Switched PI observer, method {self.method!r}, memory {self.window} samples, "
             f"dt = {self.dt:g} s, {self.discretization}",
-            f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} {force} (modes 0, +1, -1), noise "
-            f"{self.noise:.4g} {length}, drift {self.drift:.4g} {force}/sample, weights "
+            f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} {force} (modes 0, +1, -1), "
+            f"noise {self.noise:.4g} {length}, drift {self.drift:.4g} {force}/sample, weights "
             + ", ".join(f"{q:.4g}" for q in self.performance),
         ]
         for mode, (lx, lv, g) in self.gains.items():

@@ -1,0 +1,218 @@
+"""Plots and texts of results: shapes, titles, styles, units, lines that fit a page."""
+
+from __future__ import annotations
+
+import warnings
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control import presets
+from dryfric_control.diagnosis import figures as diagnosis_figures
+from dryfric_control.diagnosis.evidence import evidence
+from dryfric_control.identification.figures import plot_coulomb
+from dryfric_control.text import WIDTH, wrapped
+
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
+T = 1e-3 * np.arange(2000)
+CONTROLLER = dfc.PositionController.from_bandwidth(AXIS, 20.0, 1e-3)
+R = 0.1 + 0.05 * np.sin(6.0 * T)
+
+
+@pytest.fixture(scope="module")
+def plots():
+    """One way to draw each result, by name, with the number of its panels."""
+    loop = dfc.simulate_loop(AXIS, CONTROLLER, R, quantum=1e-6, x0=0.1)
+    record = dfc.Record(T, loop.y[4], loop.y[5], R, name="a run")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", dfc.FitWarning)
+        found = dfc.fit(AXIS, record, free=("mass",), starts=1)
+    ramp = dfc.slow_ramp_experiment(AXIS, duration=10.0, quantum=1e-6)
+    levels = dfc.identify_coulomb(ramp.record, degree=0, axis=AXIS)
+    run = presets.clutch_experiment(duration=2.0)
+    return {
+        "record": (record.plot, 2),
+        "response": (loop.plot, 3),
+        "fit": (found.plot, 2),
+        "replay": (found.training[0].plot, 2),
+        "replayed loop": (dfc.replay_loop(AXIS, record, CONTROLLER).plot, 3),
+        "slow ramp": (ramp.plot, 2),
+        "levels": (lambda **k: plot_coulomb(levels, **({"ax": None} | k)), 1),
+        "estimate": (run.estimate.plot, 3),
+        "observed loop": (run.plot, 4),
+        **{
+            what: (lambda what=what, **k: run.plot(what=what, **k), 1 if what == "maps" else 2)
+            for what in ("maps", "position", "speed", "friction", "mode")
+        },
+        "monte_carlo": (
+            presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot,
+            4,
+        ),
+    }
+
+
+NAMES = [
+    "record", "response", "fit", "replay", "replayed loop", "slow ramp", "levels", "estimate",
+    "observed loop", "maps", "position", "speed", "friction", "mode", "monte_carlo",
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_panels_stand_in_a_column_as_in_python_control(name, plots):
+    draw, panels = plots[name]
+    drawn = draw()
+    assert drawn.axes.shape == drawn.lines.shape == (panels, 1)
+    for lines, one in zip(drawn.lines[:, 0], drawn.axes[:, 0], strict=True):
+        assert lines == list(one.lines)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_title_is_there_can_be_chosen_and_hides_no_legend(name, plots):
+    draw, _ = plots[name]
+    assert draw().axes[0, 0].get_title(loc="left")
+    drawn = draw(title="a rather long title, so that the legend of the panel has no room")
+    top = drawn.axes[0, 0]
+    assert top.get_title(loc="left").startswith("a rather long title")
+    drawn.figure.canvas.draw()
+    title = top._left_title.get_window_extent()
+    assert top.get_legend() is None or not title.overlaps(top.get_legend().get_window_extent())
+
+
+def test_title_set_later_keeps_the_layout(plots):
+    drawn = plots["response"][0]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drawn.set_plot_title("another")
+        drawn.set_plot_title("of all", frame="figure")
+        drawn.figure.canvas.draw()
+    assert drawn.axes[0, 0].get_title(loc="left") == "another"
+    assert drawn.figure.get_suptitle() == "of all"
+    assert type(drawn.figure.get_layout_engine()).__name__ == "ConstrainedLayoutEngine"
+    with pytest.raises(ValueError, match="frame must be"):
+        drawn.set_plot_title("x", frame="page")
+
+
+def test_start_of_the_estimate_does_not_set_the_scale():
+    run = presets.clutch_experiment(duration=2.0)
+    # It starts 1000 increments off, the plant stays below 500.
+    assert run.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
+    assert np.max(run.estimate.y[0]) >= 1000.0
+
+
+def test_observed_loop_draws_what_is_asked():
+    run = presets.clutch_experiment(duration=1.0)
+    assert run.plot(what="maps").axes[0, 0].get_xlabel() == "position [inc]"
+    assert run.plot(what="mode").axes[1, 0].get_ylabel() == "mode error"
+    for bad in ("torque", None, 3):
+        with pytest.raises(ValueError, match="what must be one of all, position"):
+            run.plot(what=bad)
+
+
+def test_estimators_and_rivals_differ_in_grey():
+    scores = presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False)
+    for lines in scores.plot().lines[:, 0]:
+        assert len({line.get_linestyle() for line in lines}) == len(scores.scores) == 2
+    names = ["cause", "one", "two", "three"]
+    flat = dict.fromkeys(names, np.zeros(3))
+    plan = dfc.Experiment(
+        name="e", title="an experiment", description="", t=np.arange(3.0), reference=np.zeros(3),
+        force=None, separates=(), score={}, tried={}, cause="cause", positions=flat, drives=flat,
+        units=("m", "N"),
+    )  # fmt: skip
+    drives = plan.plot(title="").lines[1, 0]
+    assert len({line.get_linestyle() for line in drives}) == 4
+
+
+def test_record_says_its_units_and_hides_no_data():
+    record = dfc.Record(T, np.sin(T), R, R)
+    drawn = record.plot()
+    assert drawn.axes[0, 0].get_ylabel() == "position [m]"
+    drawn.figure.canvas.draw()
+    legend = drawn.axes[0, 0].get_legend().get_window_extent()
+    assert legend.y0 >= drawn.axes[0, 0].get_window_extent().y1 - 1.0  # above the panel
+    turned = dfc.Record(T, np.sin(T), R, units={"x": "rad"}).plot()
+    assert [one.get_ylabel() for one in turned.axes[:, 0]] == ["position [rad]", "input"]
+
+
+def test_median_over_position_follows_cogging():
+    """17 periods over the way: 24 bins beat with them."""
+    cogging = AXIS.replace(effects=(dfc.Cogging(amplitude=1.0, period=0.012),))
+    t = 1e-3 * np.arange(8000)
+    run = dfc.simulate_loop(
+        cogging, CONTROLLER, 0.15 + 0.1 * np.sin(1.6 * t), quantum=1e-6, x0=0.15
+    )
+    shown = evidence(AXIS, dfc.Record(t, run.y[4], run.y[5]), 0.25)
+    ax = plt.figure().subplots()
+    diagnosis_figures.draw_residual(shown, None, "position", ax)
+    median = next(line for line in ax.lines if line.get_label() == "its median").get_ydata()
+    # Up and down once in each of the periods travelled, to nearly the amplitude of 1 N.
+    changes = np.count_nonzero(np.diff(np.sign(median)) != 0)
+    periods = np.ptp(shown.x) / 0.012
+    assert 1.7 * periods < changes < 2.5 * periods
+    assert np.quantile(np.abs(median), 0.9) > 0.8
+
+
+# -------------------------------------------------------------------- texts
+
+
+def test_mass_has_a_unit():
+    turning = AXIS.replace(units=("rad", "N m"))
+    counted = presets.clutch_actuator()
+    for axis, unit in ((AXIS, "2 kg,"), (turning, "2 kg m^2,"), (counted, "3e-07 N m s^2/inc,")):
+        assert f"mass {unit}" in axis.describe()
+
+
+def test_axis_shows_as_a_table():
+    axis = AXIS.replace(effects=(dfc.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>")
+    page = axis._repr_html_()
+    assert page.count("<tr>") == 10 and "&lt;x&gt;" in page
+    for words in ("2 kg", "15 N s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):
+        assert words in page
+
+
+def test_design_speaks_in_the_units_of_its_axis():
+    design = presets.clutch_observer()
+    text = design.summary()
+    assert "N m/inc" in text and " inc, drift" in text.replace("\n", " ")
+    assert "G [N m/inc]" in design._repr_html_()
+    assert "N/m" not in text + design._repr_html_()
+
+
+def test_score_is_shown_with_four_digits():
+    text = repr(presets.clutch_experiment(duration=0.5).score)
+    assert text.startswith("EstimateScore(position=") and len(text) < 110
+
+
+def test_long_lines_are_wrapped():
+    design = presets.clutch_observer()
+    assert max(map(len, design.summary().splitlines())) <= WIDTH
+    words = "word " * 40 + "end"
+    lines = wrapped(["a   table", words]).splitlines()
+    assert lines[0] == "a   table" and max(map(len, lines)) <= WIDTH
+    assert " ".join(" ".join(lines[1:]).split()) == words
+
+
+def test_fit_warns_where_it_was_called_and_says_how_runs_start():
+    u = 20.0 * np.sin(6.0 * T)
+    x = 1e-6 * np.round(1e6 * AXIS.simulate(u, dt=1e-3).y[0])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = dfc.fit(
+            AXIS, dfc.Record(T, u, x), free=("mass", "input_gain", "viscous", "coulomb")
+        )
+    told = [one for one in caught if issubclass(one.category, dfc.FitWarning)]
+    assert told and all(one.filename == __file__ for one in told)
+    assert "started from the smoothed record" in found.training[0].summary()
+    assert max(map(len, found.summary().splitlines())) <= WIDTH

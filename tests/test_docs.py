@@ -146,7 +146,7 @@ def bench(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_code_of_the_pages_runs(page, bench):
-    """Blocks of one page in turn: plain code is run, a session is compared as well."""
+    """Blocks of one page in turn: plain code is run, a transcript is compared as well."""
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
     space = {}
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)

@@ -34,7 +34,6 @@ class Start:
 
     axis: FrictionAxis
     free: tuple[str, ...]
-    base: dict[str, float]
 
 
 def catalogue(axis: FrictionAxis, found: tuple[str, ...] = ()) -> tuple[type[Effect], ...]:
@@ -71,9 +70,7 @@ def other_numbers(axis: FrictionAxis, effect: type[Effect]) -> list[dict[str, fl
     return [now, now | {first: 0.2 * now[first]}, now | {first: 2.0 * now[first]}]
 
 
-def with_effect(
-    axis: FrictionAxis, effect: type[Effect], values: dict[str, float], base: dict[str, float]
-) -> Start:
+def with_effect(axis: FrictionAxis, effect: type[Effect], values: dict[str, float]) -> Start:
     """Axis with one effect more or another in its place, a Stribeck peak as its own field.
 
     A guess outside the bounds of its parameter is moved to the nearer one.
@@ -83,10 +80,9 @@ def with_effect(
             low, high = meta["bounds"]
             values[name] = min(max(values[name], low), high)
     if effect.slug == "stribeck":
-        return Start(
-            axis.replace(stribeck=Stribeck(**values)), ("stribeck.excess", "stribeck.speed"), base
-        )
+        free = ("stribeck.excess", "stribeck.speed")
+        return Start(axis.replace(stribeck=Stribeck(**values)), free)
     held = HELD.get(effect.slug, ())
-    free = tuple(f"{effect.slug}.{p}" for p in values if p not in held)
+    own = tuple(f"{effect.slug}.{p}" for p in values if p not in held)
     others = tuple(e for e in axis.effects if e.slug != effect.slug)
-    return Start(axis.replace(effects=(*others, effect(**values))), free, base)
+    return Start(axis.replace(effects=(*others, effect(**values))), own)

@@ -457,7 +457,7 @@ def _tried(effect: type[Effect], v: View) -> Iterator[tuple[Values, Values]]:
 def _column(effect: type[Effect], v: View, values: Values) -> FloatArray:
     """Force that an effect adds to the sliding samples; zeros where it has no such values."""
     try:
-        axis = with_effect(v.axis, effect, dict(values), {}).axis
+        axis = with_effect(v.axis, effect, dict(values)).axis
     except ValueError:
         return np.zeros(v.x.size)
     model = []

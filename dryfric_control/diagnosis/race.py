@@ -155,8 +155,20 @@ class Race:
     ) -> Fitted:
         h = self.hypothesis(axis, free, base)
         z = h.search(dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True)))
-        scales = h.scales(z, fit)
-        z, at, loss = h.minimise(z, fit, scales, 4)
+        return self._finished(slug, h, z, fit, h.scales(z, fit), None, search)
+
+    def _finished(
+        self,
+        slug: str,
+        h: Hypothesis,
+        z: FloatArray,
+        fit: BoolArray,
+        scales: Sequence[float],
+        starts: FloatArray | None,
+        search: bool,
+    ) -> Fitted:
+        """A fit to its end, from coordinates and start states, and its scores."""
+        z, at, loss = h.minimise(z, fit, scales, 4, starts)
         if h.rugged.size and search and not self._settled(loss, fit):
             z, at = h.scatter(z, fit, at.starts, _TRIES)
         z, at, loss = h.minimise(z, fit, scales[-1:], 10, at.starts, 2)
@@ -243,7 +255,7 @@ class Race:
             for values, regressed in guesses(effect, seen):
                 origin = known | regressed
                 try:
-                    start = with_effect(base.axis, effect, values, origin)
+                    start = with_effect(base.axis, effect, values)
                     h = self.hypothesis(start.axis, [*free, *start.free])
                     here = dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True))
                     z = h.search(here | {n: v for n, v in origin.items() if n in h.names})
@@ -302,10 +314,6 @@ class Race:
     def _second(self, one: Fitted, settled: bool) -> Fitted:
         """The same to the end of its fit, on all windows that fit."""
         h = one.hypothesis
-        scales = h.scales(one.z, self.fit)
+        scales = h.scales(one.z, self.fit)[-3:]
         starts = one.starts if settled else None
-        z, at, loss = h.minimise(one.z, self.fit, scales[-3:], 4, starts)
-        if h.rugged.size and not self._settled(loss, self.fit):
-            z, at = h.scatter(z, self.fit, at.starts, _TRIES)
-        z, at, loss = h.minimise(z, self.fit, scales[-1:], 10, at.starts, 2)
-        return self.judged(Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
+        return self._finished(one.slug, h, one.z, self.fit, scales, starts, True)

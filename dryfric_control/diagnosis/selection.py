@@ -14,6 +14,7 @@ from dryfric_control.diagnosis.floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, ROBUST, Evaluation
 from dryfric_control.effects import REGISTRY, Effect
+from dryfric_control.identification.parameters import with_values
 from dryfric_control.identification.uncertainty import block_labels, jackknife
 
 FloatArray = NDArray[np.float64]
@@ -430,8 +431,6 @@ class Selector:
 
     def hold(self, axis: FrictionAxis, names: Sequence[str]) -> FrictionAxis:
         """The axis with base parameters back at their believed values."""
-        from dryfric_control.identification.parameters import with_values
-
         return with_values(axis, list(names), [self.race.believed[n] for n in names])
 
 

@@ -28,13 +28,6 @@ BASE_SPREAD, BASE_COST = 0.02, 3.0
 _STEPS = (2e-5, 2e-3)
 # What acts by break-away alone needs a step that moves one over a sample.
 _BY_BREAK_AWAY = ("stribeck.", "dwell_time.", "stick_speed")
-# Effects that know no place: a run from another position is the same run there.
-_EVERYWHERE = frozenset((
-    "inertia", "viscous", "coulomb", "stribeck", "bias_force", "viscous_asymmetry",
-    "coulomb_asymmetry", "quadratic_drag", "input_delay", "actuator_lag", "input_gain", "dead_zone",
-    "saturation", "load_dependence", "drift", "dwell_time", "time_periodic", "presliding",
-    "backlash", "compliance",
-))  # fmt: skip
 # Other speeds at a start, in multiples of its error.
 _OFFSETS = np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 # A drive later than this is no drive for a position loop [s].
@@ -173,14 +166,12 @@ class Bench:
 def uniform(axis: FrictionAxis) -> bool:
     """Whether an axis is the same at every position."""
     constant = len(axis.coulomb.plus) == 1 and len(axis.coulomb.minus) == 1
-    return constant and all(e.slug in _EVERYWHERE for e in axis.effects)
+    return constant and not any(e.depends_on_place for e in axis.effects)
 
 
 def linked(axis: FrictionAxis) -> bool:
-    """Whether windows hand on an internal memory that nobody measures."""
-    return any(
-        e.action in ("contact", "transmission") or e.slug == "dwell_time" for e in axis.effects
-    )
+    """Whether windows hand on an internal memory; a drive's is known from its command."""
+    return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
 
 class Hypothesis:

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from .readers import MAX_ROWS, si_unit
+from .readers.channels import si_unit
+from .readers.sources import MAX_ROWS
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -24,14 +24,10 @@ import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from .files import replacing
-from .readers import (
-    FORMAT,
-    MAX_ROWS,
-    SIGNATURE,
-    Channels,
-    read_bam_entries,
-    read_channels,
-)
+from .readers.bam_log import read_bam_entries
+from .readers.channels import Channels
+from .readers.sources import MAX_ROWS, read_channels
+from .readers.text_file import FORMAT, SIGNATURE
 from .record_checks import (
     MIN_SAMPLES,
     FloatArray,

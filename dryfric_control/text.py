@@ -1,7 +1,8 @@
-"""Lines of text that fit a page."""
+"""Words for the user: lines that fit a page, the word that was meant."""
 
 from __future__ import annotations
 
+import difflib
 import textwrap
 from collections.abc import Iterable
 
@@ -38,3 +39,28 @@ def wrapped(lines: Iterable[str], indent: int = 4) -> str:
         else line
         for line in lines
     )  # fmt: skip
+
+
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """Question that names the nearest choice; nothing where none is near.
+
+    Parameters
+    ----------
+    word : str
+        What was asked for.
+    choices : iterable of str
+        What there is.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from dryfric_control.text import did_you_mean
+    >>> did_you_mean("posiiton", ["time", "Position"])
+    ". Did you mean 'Position'?"
+    """
+    lowered = {c.lower(): c for c in choices}
+    close = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.5)
+    return f". Did you mean {lowered[close[0]]!r}?" if close else ""

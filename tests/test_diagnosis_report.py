@@ -490,7 +490,7 @@ EFFECTS = (
 numbers_above_zero = st.floats(1e-12, 1e12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     mass=numbers_above_zero,
     viscous=st.floats(0.0, 1e9),

@@ -16,7 +16,7 @@ from typing import Any
 import damage
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import dryfric_control as dfc
@@ -347,11 +347,7 @@ def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
     sound = damage.sound_files(folder)[kind]
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
-    @seed(7)
-    @settings(
-        max_examples=500, deadline=None, database=None, phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    @settings(max_examples=500, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
     @given(st.sampled_from(sound), damage.damages)
     def one(content, changes):  # type: ignore[no-untyped-def]
         broken = damage.damaged(content, changes)

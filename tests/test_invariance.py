@@ -163,7 +163,7 @@ def same(new, old, units, kinds=KINDS):
         )
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(st.data())
 def test_simulation(data):
     axis = data.draw(axes())
@@ -199,7 +199,7 @@ LAWFUL = tuple(
 
 
 @pytest.mark.parametrize("name", LAWS)
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=8)
 @given(st.data())
 def test_laws_of_the_literature(name, data):
     axis = data.draw(axes(LAWFUL, most=2))
@@ -213,7 +213,7 @@ def test_laws_of_the_literature(name, data):
 MEMORYLESS = tuple(s for s in LAWFUL if not EFFECTS[s].remembers)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=6)
 @given(st.data())
 def test_blocks(data):
     axis = data.draw(axes(MEMORYLESS, most=3))
@@ -238,7 +238,7 @@ def test_blocks(data):
 
 
 @pytest.mark.parametrize("method", ["euler", "zoh"])
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(st.data())
 def test_sampled_modes(method, data):
     axis, units = data.draw(axes(("inertia", "viscous"))), data.draw(scales())
@@ -251,7 +251,7 @@ def test_sampled_modes(method, data):
             np.testing.assert_array_equal(new.B[:, 0] / state * units.force, old.B[:, 0])
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(st.data())
 def test_closed_loop(data):
     axis = data.draw(axes(most=2))
@@ -351,7 +351,7 @@ def test_synthesis(method, spec, units):
 
 
 @pytest.mark.parametrize("switching", ["reading", "paper", "filippov"])
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=10)
 @given(scales(), st.integers(0, 1000))
 def test_observer(switching, units, seed):
     old = designed("slack", "sensor")

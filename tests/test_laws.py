@@ -389,7 +389,7 @@ def test_mirrored_axis_gives_the_mirrored_motion(law, hold):
         np.testing.assert_array_equal(a, -b)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     amplitude=st.floats(0.0, 20.0),
     frequency=st.floats(0.5, 40.0),

@@ -314,7 +314,7 @@ def test_motion_is_seen_when_the_reading_leaves():
     seed=st.integers(0, 1000),
     rule=st.sampled_from(RULES),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_mirrored_axis_gives_the_mirrored_estimate(plus, minus, seed, rule):
     """Turning x, v and u round and exchanging the directions changes only signs."""
     quantum = 1e-4

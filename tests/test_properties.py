@@ -57,7 +57,7 @@ def cases(draw):
     return Case(axis, u, v0, draw(st.sampled_from(["zero", "first"])))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(cases())
 def test_run_is_finite_dissipative_and_balanced(case):
     axis, u, v0, hold = case
@@ -84,7 +84,7 @@ def test_run_is_finite_dissipative_and_balanced(case):
     np.testing.assert_allclose(v[1:][calm], expected, rtol=1e-12)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(cases())
 def test_switching_is_well_posed(case):
     axis, u, v0, _ = case
@@ -101,7 +101,7 @@ def test_switching_is_well_posed(case):
             ) * DT + DT * (1.0 - 1e-9) or math.isclose(resp.events.time[k] % DT, DT, rel_tol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cases(), st.floats(-6, 6), st.floats(-6, 6))
 def test_units_of_force_and_length_do_not_matter(case, force_power, length_power):
     axis, u, v0, hold = case

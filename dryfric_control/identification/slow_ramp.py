@@ -13,7 +13,7 @@ from dryfric_control.axis import FrictionAxis
 from dryfric_control.files import replacing
 from dryfric_control.friction import finite, instance, positive
 from dryfric_control.loops import PositionController, simulate_loop
-from dryfric_control.readers import MAX_ROWS
+from dryfric_control.readers.sources import MAX_ROWS
 from dryfric_control.record_checks import MIN_SAMPLES
 from dryfric_control.records import Record
 from dryfric_control.responses import SimulationResponse

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,3 +123,35 @@ def _mat_matrix(payload: memoryview, order: str, depth: int) -> tuple[str, Any]:
             f"variable {name[:40]!r} has {value.size} numbers for shape {shape[:8]}"
         )
     return name, value.reshape(shape, order="F")
+
+
+def read_mat(path: Path) -> dict[str, Any]:
+    """Numeric variables of a MAT-file up to version 7, structs flattened."""
+    with path.open("rb") as file:
+        head = file.read(128)
+    if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3"):
+        raise ValueError(
+            f"{path.name} is a MAT-file of version 7.3 (HDF5), which is not read; save it in "
+            "MATLAB with save(..., '-v7'), or read it with h5py and pass a dict of arrays"
+        )
+    try:
+        table: dict[str, Any] = {}
+        _flatten("", mat_variables(path.read_bytes()), table)
+    except DamagedMatError as err:
+        raise ValueError(
+            f"{path.name} is damaged or no MAT-file of version 5 to 7 ({err})"
+        ) from err
+    if not table:
+        raise ValueError(f"{path.name} holds no numeric variable")
+    return table
+
+
+def _flatten(prefix: str, content: Mapping[str, Any], table: dict[str, Any]) -> None:
+    """Vectors and scalars as 1-D arrays; matrices as ``name.j``."""
+    for key, value in content.items():
+        if isinstance(value, dict):
+            _flatten(f"{prefix}{key}.", value, table)
+        elif value.ndim == 2 and 1 < value.shape[1] <= 64 and value.shape[0] > 1:
+            table.update({f"{prefix}{key}.{j}": value[:, j] for j in range(value.shape[1])})
+        elif value.size:
+            table[f"{prefix}{key}"] = value.ravel() if max(value.shape) == value.size else value

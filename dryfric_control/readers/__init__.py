@@ -1,0 +1,1 @@
+"""Columns of numbers out of files, frames and mappings, in SI units."""

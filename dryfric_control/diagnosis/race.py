@@ -290,7 +290,10 @@ class Race:
             scales = h.scales(z, self.sieve)
             z, at, _ = h.minimise(z, self.sieve, scales[:1], _TURNS[settled], starts)
             axis = h.axis_at(z)
-            at = self.bench.evaluate(axis, self.sieve, None, at.starts, 1)
+            # A break-away hit by luck from other starts must not hide a likeness to the base.
+            known = [at.starts] if starts is None else [at.starts, starts]
+            ends = [self.bench.evaluate(axis, self.sieve, None, s, 1) for s in known]
+            at = min(ends, key=lambda end: self.bench.loss(end.costs, self.sieve))
             loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
             runs.append(Fitted(effect.slug, h, z, axis, loss, at.starts, np.empty(0)))
         # Fits that tie may differ in what they ask of the base parameters.

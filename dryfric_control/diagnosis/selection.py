@@ -54,6 +54,8 @@ class Selection:
         For each cause, what explains the record as well in its place.
     first : dict of str to float
         Mean held-out score of every candidate of the first round.
+    earlier : dict of frozenset to Fitted
+        Fit with each set of causes that the search went on from.
     """
 
     best: Fitted
@@ -62,6 +64,7 @@ class Selection:
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
+    earlier: dict[frozenset[str], Fitted] = field(default_factory=dict)
 
 
 class Selector:
@@ -145,18 +148,19 @@ class Selector:
     def earns(self, without: Fitted, fitted: Fitted, floor: Floor, causes: int) -> bool:
         """Whether a fit with one cause more is worth it.
 
-        It tells more; or else one of the two leaves nothing to tell, but the
-        fit without it bends base parameters, which is the bolder claim.
-        Either way it must fit the better, on the data that it was fitted to.
+        It tells more; or else the fit without it bends base parameters, which
+        is the bolder claim: by a whole cause, unless one of the two leaves
+        nothing to tell.  Either way it must fit the better, on the data that it
+        was fitted to.
         """
         if fitted.loss >= without.loss:
             return False
         if self.better(without.scores, fitted.scores, floor):
             return True
-        return (
-            any(floor.reached(r.scores, self.known) for r in (without, fitted))
-            and self.ties(fitted.scores, without.scores, floor)
-            and self.cost(fitted, causes) < self.cost(without, causes - 1)
+        bolder = self.cost(without, causes - 1) - self.cost(fitted, causes)
+        complete = any(floor.reached(r.scores, self.known) for r in (without, fitted))
+        return bolder > (0.0 if complete else CAUSE_COST) and self.ties(
+            fitted.scores, without.scores, floor
         )
 
     def rids(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
@@ -222,7 +226,7 @@ class Selector:
         found.first[""] = float(best.scores[self.race.judge].mean())
         while len(found.causes) < _MOST_CAUSES:
             settled = self.nothing_left(best.scores, floor)
-            if settled and (found.causes or self.cost(best, 0) < CAUSE_COST):
+            if settled and self.cost(best, 0) < CAUSE_COST:
                 break
             self.tell(f"cause {len(found.causes) + 1}")
             step = self._step(found, floor)
@@ -248,7 +252,7 @@ class Selector:
         if not judged:
             return None
         count = len(found.causes)
-        for _ in range(_PROPOSED):
+        for _ in range(min(_PROPOSED, len(judged))):
             winner, rivals = self._choose(judged, found.best, floor, count)
             if winner is None:
                 return None
@@ -257,11 +261,12 @@ class Selector:
             less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
             if less.loss < found.best.loss:
                 found.best = less
-            if all(self.earns(r, winner, floor, count + 1) for r in (found.best, less)):
+            if self.earns(found.best, winner, floor, count + 1):
                 break
             judged.remove(winner)
         else:
             return None
+        found.earlier[frozenset(found.causes)] = found.best
         found.causes.append(winner.slug)
         found.free[winner.slug] = self._own(winner)
         found.alternatives[winner.slug] = tuple(r.slug for r in rivals if r.slug)
@@ -281,8 +286,8 @@ class Selector:
         if self.ties(current.scores, best.scores, floor) or not self.better(
             current.scores, best.scores, floor
         ):
-            plain = self._plainest(level, causes + 1, floor)
-            if not self.earns(current, plain, floor, causes + 1):
+            level = [r for r in level if self.earns(current, r, floor, causes + 1)]
+            if not level:
                 return None, []
         winner = self._plainest(level, causes + 1, floor)
         most = self.cost(winner, causes + 1) + _PLAIN
@@ -337,6 +342,9 @@ class Selector:
                 less = self.race.alone(
                     self.without(found.best.axis, slug), self._names(found, slug)
                 )
+                earlier = found.earlier.get(frozenset(found.causes) - {slug}, less)
+                if earlier.loss < less.loss:
+                    less = earlier
                 if not self.earns(less, found.best, floor, len(found.causes)):
                     found.causes.remove(slug)
                     for table in (found.free, found.alternatives, found.rivals):

@@ -165,3 +165,8 @@ __all__ = [
     "switched_axis",
     "write_axis",
 ]
+
+
+def __dir__() -> list[str]:
+    """Public names alone, for tab completion."""
+    return __all__

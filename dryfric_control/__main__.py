@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,9 +44,38 @@ def parser() -> argparse.ArgumentParser:
     diagnose.add_argument(
         "--out", default="diagnosis", metavar="DIR", help="folder for the results"
     )
+    diagnose.add_argument(
+        "--columns",
+        type=_pairs,
+        metavar="t=..,u=..,x=..",
+        help="headings of time, input and position where they are not the usual ones",
+    )
+    diagnose.add_argument(
+        "--units",
+        type=_pairs,
+        metavar="t=..,u=..,x=..",
+        help="units as stored, such as t=ms,x=mm, where the headings do not tell them",
+    )
+    diagnose.add_argument(
+        "--gain", type=float, default=1.0, metavar="K", help="factor on the input, such as N per V"
+    )
+    diagnose.add_argument(
+        "--dt", type=float, metavar="S", help="resample irregular time stamps to this step [s]"
+    )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
     diagnose.set_defaults(run=_diagnose)
     return top
+
+
+def _pairs(text: str) -> dict[str, str]:
+    """Mapping from ``t=a,u=b``."""
+    pairs = {}
+    for part in text.split(","):
+        role, mark, value = (word.strip() for word in part.partition("="))
+        if not (mark and value):
+            raise argparse.ArgumentTypeError(f"{part!r} must be such as u=force")
+        pairs[role] = value
+    return pairs
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,6 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.run(chosen)
     except (ValueError, OSError) as problem:
         words = " ".join(str(problem).split())
+        words = re.sub(r'columns=\{"(\w+)": \.\.\.\}', r"--columns \1=...", words)
         print(f"{parser().prog}: {words}", file=sys.stderr)
         return 2
     return 0
@@ -90,8 +121,10 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")
     axis = read_axis(chosen.axis)
-    record = read_record(chosen.record)
-    found = diagnose(axis, record, progress=not chosen.quiet)
+    record = read_record(
+        chosen.record, chosen.columns, chosen.gain, units=chosen.units, dt=chosen.dt
+    )
+    found = diagnose(axis, record, progress=not chosen.quiet and sys.stderr.isatty())
     write_report(found, folder)
     print(found.summary())
     print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")

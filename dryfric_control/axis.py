@@ -523,6 +523,8 @@ class FrictionAxis:
         rows.append(
             f"  stick speed {self.stick_speed:.6g} {length}/s, stick rate {self.stick_rate:.6g} 1/s"
         )
+        if self.travel is not None:
+            rows.append(f"  travel {self.travel[0]:.6g} to {self.travel[1]:.6g} {length}")
         rows += [f"  {effect.describe()}" for effect in self.effects]
         return "\n".join(rows)
 

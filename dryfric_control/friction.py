@@ -84,8 +84,9 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
         If `value` is not a `kind`; `mend` says where to get one.
     """
     if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ValueError(
-            f"{name} must be a {kind.__name__}{mend and f' ({mend})'}, got {_short(value)}"
+            f"{name} must be {article} {kind.__name__}{mend and f' ({mend})'}, got {_short(value)}"
         )
 
 
@@ -192,6 +193,8 @@ class CoulombMap:
         """
         if isinstance(coulomb, CoulombMap):
             return coulomb
+        if isinstance(coulomb, np.ndarray):
+            coulomb = coulomb.tolist()
         if isinstance(coulomb, (int, float, np.number)) and not isinstance(coulomb, bool):
             return cls(float(coulomb))  # type: ignore[arg-type]
         if isinstance(coulomb, (tuple, list)) and len(coulomb) == 2:

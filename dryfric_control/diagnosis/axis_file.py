@@ -8,12 +8,11 @@ import os
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
-from pathlib import Path
 from typing import Any
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.effects import REGISTRY, Effect
-from dryfric_control.files import replacing
+from dryfric_control.files import existing_file, replacing
 from dryfric_control.friction import CoulombMap, Stribeck, instance
 
 _KEYS = tuple(item.name for item in fields(FrictionAxis))
@@ -62,7 +61,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     >>> axis.coulomb, axis.effects
     (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
     """
-    raw = Path(path).read_bytes()
+    raw = existing_file(path).read_bytes()
     try:
         return _axis(tomllib.loads(raw.decode("utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:

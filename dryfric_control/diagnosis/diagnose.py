@@ -18,6 +18,7 @@ from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.effects import REGISTRY
 from dryfric_control.friction import instance, positive, whole
 from dryfric_control.identification.fit import typical
+from dryfric_control.identification.plausible import warn_if_implausible
 from dryfric_control.identification.windows import Windows, cut
 from dryfric_control.records import Record
 
@@ -124,6 +125,7 @@ def diagnose(
     window = positive("window", window, unit="s")
     axis = axis.effective()
     windows = cut(record, window, hold)
+    warn_if_implausible(axis, record)
     if len(windows) < _LEAST_WINDOWS:
         raise ValueError(
             f"record lasts {record.duration:.3g} s, which is {len(windows)} windows of "

@@ -17,6 +17,7 @@ from dryfric_control.axis import FrictionAxis
 from dryfric_control.friction import finite, instance, positive, whole
 from dryfric_control.identification.determined import cannot_tell
 from dryfric_control.identification.parameters import Parameter, Scales, choose, values_of
+from dryfric_control.identification.plausible import warn_if_implausible
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.identification.solve import Problem, minimise
 from dryfric_control.identification.start import force_start
@@ -317,6 +318,8 @@ def fit(
     -----
     FitWarning
         When the record cannot tell a parameter, or two of them apart.
+    RecordWarning
+        When a unit or a sign seems wrong, see `warn_if_implausible`.
 
     Notes
     -----
@@ -357,6 +360,8 @@ def fit(
     whole("seed", seed, least=0)
     whole("jobs", jobs)
     parts = [cut(r, window, hold) for r in records]
+    for r in records:
+        warn_if_implausible(axis, r)
     return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
 
 

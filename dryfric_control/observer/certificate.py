@@ -72,7 +72,7 @@ class Block:
     eigenvalue: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate:
     """What is proved about a design, and how close it comes.
 
@@ -126,6 +126,9 @@ class Certificate:
     def cost(self) -> float:
         """Relative distance from the limit of any observer."""
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
+
+    def __repr__(self) -> str:
+        return self.summary()
 
     def summary(self) -> str:
         """Readable statement of what is proved.
@@ -299,9 +302,9 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
             else "the promised gamma is not kept; relax gamma, uncertainty or noise"
         )
         raise CertificateError(
-            f"the {worst.kind} condition fails from ({worst.before}) to ({worst.after}): largest "
-            f"eigenvalue {worst.eigenvalue:.3g}, must be below {-LEAST_MARGIN:.0e}; {relax}, or "
-            "design again"
+            f"the {worst.kind} condition fails from mode ({worst.before}) to mode "
+            f"({worst.after}): largest eigenvalue {worst.eigenvalue:.3g}, must be below "
+            f"{-LEAST_MARGIN:.0e}; {relax}, or design again"
         )
     return -worst.eigenvalue
 

@@ -30,7 +30,9 @@ Array = NDArray[np.float64]
 _PLANT = ("x", "v", "F", "mode", "u", "y")
 
 
-def filter_reference(reference: ArrayLike, bandwidth: float, dt: float) -> Array:
+def filter_reference(
+    reference: ArrayLike, bandwidth: float, dt: float, start: float = 0.0
+) -> Array:
     """Reference behind the Butterworth low-pass of `reference_filter`.
 
     Parameters
@@ -41,6 +43,8 @@ def filter_reference(reference: ArrayLike, bandwidth: float, dt: float) -> Array
         Corner frequency [rad/s].
     dt : float
         Sampling time [s].
+    start : float, optional
+        Where the filter rests at first [m].
 
     Returns
     -------
@@ -57,17 +61,18 @@ def filter_reference(reference: ArrayLike, bandwidth: float, dt: float) -> Array
     >>> round(float(filter_reference([1.0] * 1000, 20.0, 1e-3)[-1]), 3)
     1.0
     """
-    r = samples("reference", reference)
+    start = finite("start", start)
+    r = samples("reference", reference) - start
     block = reference_filter(bandwidth, dt)
     state = np.zeros(block.nstates)
     out = np.empty(r.size)
     for k in range(r.size):
         out[k] = block.output(0.0, state, r[k : k + 1])[0]
         state = block.dynamics(0.0, state, r[k : k + 1])
-    return out
+    return out + start
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ObservedLoop:
     """A closed loop and what an observer made of it.
 
@@ -100,6 +105,9 @@ class ObservedLoop:
     def delays(self) -> tuple[Array, Array]:
         """Time of each switch of the plant and the observer's delay [s]."""
         return switch_delays(self.plant.y[3], self.estimate.y[4], self.design.dt)
+
+    def __repr__(self) -> str:
+        return self.summary()
 
     def summary(self) -> str:
         """Errors and switching delays in words.
@@ -209,7 +217,8 @@ def simulate_observed_loop(
     reference : array_like, shape (n,)
         Position reference at the samples [m].
     bandwidth : float or None, optional
-        Corner of the low-pass on the reference [rad/s]; None leaves it out.
+        Corner of the low-pass on the reference [rad/s], which rests at `x0` at
+        first; None leaves it out.
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
@@ -251,7 +260,7 @@ def simulate_observed_loop(
     first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
     r = samples("reference", reference)
     if bandwidth is not None:
-        r = filter_reference(r, bandwidth, design.dt)
+        r = filter_reference(r, bandwidth, design.dt, x0)
     plant = simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
     estimate = observe(
         design,

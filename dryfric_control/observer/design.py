@@ -39,7 +39,7 @@ METHODS = ("paper", "slack", "path", "dwell")
 DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ObserverDesign:
     """A switched PI observer: gains, specifications, certificate.
 
@@ -287,6 +287,9 @@ class ObserverDesign:
         from dryfric_control.observer.storage import save_design
 
         save_design(self, path)
+
+    def __repr__(self) -> str:
+        return self.summary()
 
     def summary(self) -> str:
         """Specifications, gains and certificate in words.

@@ -12,7 +12,7 @@ import numpy as np
 
 from dryfric_control.axis import MODES, FrictionAxis
 from dryfric_control.effects import REGISTRY
-from dryfric_control.files import replacing
+from dryfric_control.files import existing_file, replacing
 from dryfric_control.friction import CoulombMap, positive, whole
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
@@ -94,8 +94,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     True
     """
     try:
-        with open(path, encoding="utf-8") as file:
-            data = json.load(file)
+        data = json.loads(existing_file(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
@@ -109,7 +108,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
         design = _rebuild(data)
         return dataclasses.replace(design, certificate=design.check())
     except CertificateError as error:
-        raise CertificateError(f"{path} was changed: {error}; design again") from None
+        raise CertificateError(f"{path} was changed: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ValueError(
             f"{path} is damaged: {type(error).__name__}: {error}; save the design again"

@@ -15,11 +15,13 @@ from dryfric_control.text import did_you_mean
 
 ROLES = ("t", "u", "x", "reference")
 ALIASES = {
-    "t": ("t", "time", "timestamp", "time_stamp", "zeit", "seconds"),
-    "u": ("u", "input", "force", "torque", "vir", "effort", "command", "voltage", "current"),
-    "x": ("x", "position", "pos", "qm", "q", "angle", "theta", "y", "output"),
+    "t": ("t", "time", "timestamp", "time_stamp", "zeit", "temps", "seconds"),
+    "u": ("u", "input", "force", "torque", "vir", "effort", "command", "voltage", "current",
+          "kraft", "moment", "drehmoment", "couple"),
+    "x": ("x", "position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage",
+          "winkel"),
     "reference": ("reference", "ref", "r", "qg", "goal", "goal_position", "setpoint", "target",
-                  "x_ref", "xref", "desired"),
+                  "x_ref", "xref", "desired", "soll", "sollwert", "consigne"),
 }  # fmt: skip
 
 # unit -> (factor to SI, SI unit, kind)

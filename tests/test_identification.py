@@ -72,6 +72,33 @@ def test_levels_without_knowing_the_axis():
         assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
 
 
+@pytest.mark.parametrize("options", [{}, {"duration": 120.0}])
+def test_a_crawl_within_the_peak_is_told(options):
+    record, _ = bench(4, speed=0.04, omega=25.0, **options)
+    with pytest.warns(FitWarning, match="the levels are friction at .* m/s, with"):
+        raised = identify_coulomb(record)
+    peak = dfc.Stribeck(excess=0.3, speed=0.04)
+    axis = dfc.FrictionAxis(2.0, 15.0, 8.0, stribeck=peak, stick_speed=1e-4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = identify_coulomb(record, axis=axis)
+    for s in (1, -1):
+        assert np.all(raised(PLACES, s) > 1.1 * level(PLACES, s))
+        np.testing.assert_allclose(found(PLACES, s), level(PLACES, s), rtol=0.02)
+
+
+def test_an_experiment_within_the_peak_is_told():
+    axis = dfc.FrictionAxis(
+        mass=4.0, viscous=30.0, coulomb=12.0, stribeck=dfc.Stribeck(0.25, 0.02), travel=(0.0, 0.5)
+    )
+    with pytest.warns(FitWarning, match="stays within the Stribeck peak .* Lower bandwidth"):
+        slow_ramp_experiment(axis, duration=300.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        slow_ramp_experiment(axis, duration=60.0, bandwidth=3.0)
+        slow_ramp_experiment(axis, duration=20.0)
+
+
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("options", [{}, {"omega": 25.0}, {"quantum": 2e-5}, {"duration": 30.0}])
 def test_levels_from_the_record_alone(seed, options):

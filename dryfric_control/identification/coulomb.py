@@ -226,8 +226,8 @@ def identify_coulomb(
         error on held-out stretches is within one standard error of the least,
         and at most one coefficient for three independent stretches.
     axis : FrictionAxis, optional
-        Axis whose mass, viscous coefficient and force effects are taken off the
-        drive force.  Default: mass and viscous coefficient are found along
+        Axis whose mass, viscous coefficient, Stribeck peak and force effects are
+        taken off the drive force.  Default: mass and viscous coefficient are found along
         the way where the speed varies enough to show them, else neglected.
 
     Returns
@@ -243,7 +243,8 @@ def identify_coulomb(
     Warns
     -----
     FitWarning
-        When a level rests on a few slips only.
+        When a level rests on a few slips only, or on one speed, or on speeds
+        within a Stribeck peak.
 
     Notes
     -----
@@ -255,7 +256,8 @@ def identify_coulomb(
     that of the Stribeck peak.
 
     A crawl in which every speed lies within the peak measures the raised
-    level: nothing in the record tells the difference.
+    level.  Where it does not stick and slip, nothing in the record tells the
+    difference, except that friction may fall with speed: then a warning says so.
 
     Examples
     --------
@@ -289,11 +291,15 @@ def identify_coulomb(
     known = axis is not None
     if axis is not None:
         taken = axis.viscous * pieces.v + axis.mass * pieces.rise + _effects(axis, pieces)
-        pieces = pieces._replace(u=pieces.u - taken)
+        pieces = pieces._replace(u=(pieces.u - taken) / _raised(axis, np.abs(pieces.v)))
     elif _varies(fine):
         viscous, mass = _along_the_way(fine, travel)
+        if viscous < 0.0:
+            _tell(fine, record, "friction falls with speed, as within a Stribeck peak")
+        viscous, mass = max(viscous, 0.0), max(mass, 0.0)
     else:
         known = True  # as far as it matters
+        _tell(fine, record, "the record crawls at one speed")
     force = pieces.u
     if viscous is not None and mass is not None:
         force = force - viscous * pieces.v - mass * pieces.rise
@@ -341,6 +347,26 @@ def identify_coulomb(
     )
 
 
+def _tell(pieces: Pieces, record: Record, what: str) -> None:
+    """Warn that levels are friction at the speed of the crawl."""
+    speed = float(np.average(np.abs(pieces.v), weights=pieces.way))
+    warnings.warn(
+        f"{what}: the levels are friction at {speed:.3g} {record.units.get('x', 'm')}/s, with "
+        "viscous friction and whatever a Stribeck peak adds there in them. Give axis= to take both off, or let the "
+        "axis stick and slip (a softer loop) or move faster",
+        FitWarning,
+        stacklevel=3,
+    )
+
+
+def _raised(axis: FrictionAxis, speed: FloatArray) -> FloatArray:
+    """Friction at a speed over its Coulomb level."""
+    if axis.stribeck is None:
+        return np.ones_like(speed)
+    past = (speed - axis.stick_speed) / axis.stribeck.speed
+    return np.asarray(1.0 + axis.stribeck.excess * np.exp(-(past**2)))
+
+
 def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:
     """Minus the force of the axis' effects at the pieces, friction aside."""
     from dryfric_control.identification.start import forces
@@ -364,7 +390,7 @@ def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, 
     table = np.column_stack([*columns, pieces.v, pieces.rise])
     root = np.sqrt(pieces.way)
     found = np.linalg.lstsq(table * root[:, None], pieces.u * root, rcond=None)[0]
-    return max(float(found[-2]), 0.0), max(float(found[-1]), 0.0)
+    return float(found[-2]), float(found[-1])
 
 
 def _levels(
@@ -381,7 +407,7 @@ def _levels(
     """
     force = pieces.u
     if fine is not None:
-        viscous, mass = _along_the_way(fine, travel)
+        viscous, mass = (max(value, 0.0) for value in _along_the_way(fine, travel))
         force = force - viscous * pieces.v - mass * pieces.rise
     found = {}
     for s in (1, -1):

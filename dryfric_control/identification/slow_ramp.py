@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.files import replacing
 from dryfric_control.friction import finite, instance, positive
+from dryfric_control.identification.fit import FitWarning
 from dryfric_control.loops import PositionController, simulate_loop
 from dryfric_control.readers.sources import MAX_ROWS
 from dryfric_control.record_checks import MIN_SAMPLES
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     import control as ct
 
 FloatArray = NDArray[np.float64]
+
+# Stribeck speeds beyond which the excess is gone (2 %), and switches below which
+# a crawl does not stick and slip.
+_CLEAR, _STEADY = 2.0, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +165,12 @@ def slow_ramp_experiment(
     ValueError
         If no travel is known or an argument is out of its range.
 
+    Warns
+    -----
+    FitWarning
+        If the crawl stays within the Stribeck peak without sticking: what it
+        measures is the raised friction then, not the Coulomb level.
+
     Notes
     -----
     The speed is small and nearly constant, so in m v' = u - f v - F(x) the
@@ -206,4 +218,16 @@ def slow_ramp_experiment(
         units={"x": axis.units[0], "u": axis.units[1]}, name=f"slow ramp of {axis.name}",
         quantum=quantum,
     )  # fmt: skip
-    return SlowRamp(axis, controller, record, response)
+    ramp = SlowRamp(axis, controller, record, response)
+    speed = 2.0 * (high - low) / duration
+    peak, unit = axis.effective().stribeck, f"{axis.units[0]}/s"
+    if peak is not None and speed < _CLEAR * peak.speed and len(response.events) < _STEADY:
+        warnings.warn(
+            f"the crawl at {speed:.3g} {unit} stays within the Stribeck peak (speed "
+            f"{peak.speed:.3g} {unit}) and does not stick: the drive force is the raised friction. "
+            f"Lower bandwidth = {bandwidth:g} rad/s until it sticks and slips, or crawl faster "
+            f"than {_CLEAR * peak.speed:.3g} {unit} by a shorter duration",
+            FitWarning,
+            stacklevel=2,
+        )
+    return ramp

@@ -119,8 +119,9 @@ class Record:
     Examples
     --------
     >>> import numpy as np
+    >>> import dryfric_control as dfc
     >>> t = 1e-3 * np.arange(2000)
-    >>> record = Record(t=t, u=np.cos(t), x=1e-6 * np.round(1e4 * np.sin(3 * t)))
+    >>> record = dfc.Record(t=t, u=np.cos(t), x=1e-6 * np.round(1e4 * np.sin(3 * t)))
     >>> record.dt, len(record), round(1e6 * record.quantum, 9)
     (0.001, 2000, 1.0)
     >>> train, test = record.split(0.6)
@@ -475,8 +476,10 @@ class Record:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
         >>> t = np.cumsum(np.tile([0.004, 0.005, 0.006], 40))
-        >>> Record.from_irregular(t, np.cos(t), np.sin(t)).dt
+        >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
         tv, uv, xv, rv = vectors(t, u, x, reference)
@@ -573,8 +576,10 @@ class Record:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
         >>> t = 1e-3 * np.arange(1000)
-        >>> d = Record(t, np.sin(t), 0.5 * 3.0 * t**2).derivatives(window=9)
+        >>> d = dfc.Record(t, np.sin(t), 0.5 * 3.0 * t**2).derivatives(window=9)
         >>> round(float(d.a[500]), 6)
         3.0
         """
@@ -810,8 +815,10 @@ def read_record(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
     >>> t = np.arange(0, 2000.0)
-    >>> record = read_record({"time [ms]": t, "force": np.cos(t), "pos [mm]": np.sin(t / 99)})
+    >>> record = dfc.read_record({"time [ms]": t, "force": np.cos(t), "pos [mm]": np.sin(t / 99)})
     >>> record.dt, dict(record.units)
     (0.001, {'t': 's', 'x': 'm'})
     >>> record.notes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
 import dataclasses
 import doctest
 import inspect
@@ -100,6 +102,30 @@ def test_has_an_example_that_the_doctests_run(name):
     examples = doctest.DocTestParser().get_examples(inspect.getdoc(item))
     assert any(example.want for example in examples)
     assert not any(doctest.SKIP in example.options for example in examples)
+
+
+def given_nowhere(source):
+    """Names that code reads and nothing in it binds."""
+    nodes = list(ast.walk(ast.parse(source)))
+    bound = set(dir(builtins))
+    for node in nodes:
+        if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+            bound.add(node.id)
+        elif isinstance(node, ast.alias):
+            bound.add((node.asname or node.name).partition(".")[0])
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef | ast.ExceptHandler):
+            bound.add(node.name)
+        elif isinstance(node, ast.arg):
+            bound.add(node.arg)
+    return {node.id for node in nodes if isinstance(node, ast.Name)} - bound
+
+
+@pytest.mark.parametrize("name", [*ITEMS, *METHODS])
+def test_an_example_can_be_pasted(name):
+    """Doctests find the names of their module; whoever pastes an example does not."""
+    text = inspect.getdoc(ITEMS[name] if name in ITEMS else METHODS[name])
+    code = "".join(example.source for example in doctest.DocTestParser().get_examples(text))
+    assert not given_nowhere(code)
 
 
 @pytest.mark.parametrize("slug", REGISTRY)

@@ -190,6 +190,22 @@ def test_design_speaks_in_the_units_of_its_axis():
     assert "N/m" not in text + design._repr_html_()
 
 
+def test_results_print_as_summaries():
+    design = presets.clutch_observer()
+    assert repr(design) == design.summary()
+    assert repr(design.certificate) == design.certificate.summary()
+    assert "travel 0 to 0.3 m" in AXIS.describe()
+
+
+def test_tab_completion_shows_public_names_alone():
+    assert dir(dfc) == sorted(dfc.__all__)
+
+
+def test_levels_may_come_as_an_array():
+    assert AXIS.replace(coulomb=np.array([8.0, 7.0])).coulomb == dfc.CoulombMap(8.0, 7.0)
+    assert AXIS.replace(coulomb=np.array(8.0)).coulomb == dfc.CoulombMap(8.0)
+
+
 def test_score_is_shown_with_four_digits():
     text = repr(presets.clutch_experiment(duration=0.5).score)
     assert text.startswith("EstimateScore(position=") and len(text) < 110

@@ -46,6 +46,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     Examples
     --------
     >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
     >>> text = '''
     ... mass = 2.0
     ... viscous = 15.0
@@ -57,7 +58,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "axis.toml")
     ...     _ = path.write_text(text)
-    ...     axis = read_axis(path)
+    ...     axis = dfc.read_axis(path)
     >>> axis.coulomb, axis.effects
     (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
     """
@@ -87,8 +88,8 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "axis.toml")
-    ...     write_axis(axis, path)
-    ...     read_axis(path) == axis
+    ...     dfc.write_axis(axis, path)
+    ...     dfc.read_axis(path) == axis
     True
     """
     instance("axis", axis, FrictionAxis)

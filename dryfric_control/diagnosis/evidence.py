@@ -150,6 +150,7 @@ def evidence(
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
+    >>> from dryfric_control.diagnosis.evidence import evidence
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> machine = axis.replace(effects=(dfc.BiasForce(force=0.5),))
     >>> u = 20.0 * np.sin(6e-3 * np.arange(4000))

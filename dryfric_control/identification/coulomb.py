@@ -266,7 +266,7 @@ def identify_coulomb(
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, travel=(0.0, 0.3),
     ...                         coulomb=dfc.CoulombMap([8.0, 10.0], 7.0))
     >>> ramp = slow_ramp_experiment(axis, quantum=1e-6)
-    >>> found = identify_coulomb(ramp.record, axis=axis)
+    >>> found = dfc.identify_coulomb(ramp.record, axis=axis)
     >>> found.degrees
     (1, 0)
     """
@@ -352,8 +352,8 @@ def _tell(pieces: Pieces, record: Record, what: str) -> None:
     speed = float(np.average(np.abs(pieces.v), weights=pieces.way))
     warnings.warn(
         f"{what}: the levels are friction at {speed:.3g} {record.units.get('x', 'm')}/s, with "
-        "viscous friction and whatever a Stribeck peak adds there in them. Give axis= to take both off, or let the "
-        "axis stick and slip (a softer loop) or move faster",
+        "viscous friction and whatever a Stribeck peak adds there in them. Give axis= to take "
+        "both off, or let the axis stick and slip (a softer loop) or move faster",
         FitWarning,
         stacklevel=3,
     )

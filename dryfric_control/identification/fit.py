@@ -343,7 +343,7 @@ def fit(
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
     >>> x = 1e-6 * np.round(1e6 * true.simulate(u, dt=1e-3).y[0])
-    >>> found = fit(true.replace(mass=3.0, coulomb=5.0), Record(t, u, x))
+    >>> found = dfc.fit(true.replace(mass=3.0, coulomb=5.0), dfc.Record(t, u, x))
     >>> round(found.axis.mass, 2), round(found.axis.viscous, 1)
     (2.0, 15.0)
     """

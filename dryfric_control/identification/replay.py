@@ -177,7 +177,7 @@ def replay(
     >>> t = 1e-3 * np.arange(2000)
     >>> u = 20.0 * np.sin(6.0 * t)
     >>> record = Record(t, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0]))
-    >>> bool(replay(axis, record).median < 10e-6)
+    >>> bool(dfc.replay(axis, record).median < 10e-6)
     True
     """
     instance("axis", axis, FrictionAxis)
@@ -300,7 +300,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     >>> r = 0.1 * np.sin(3e-3 * np.arange(3000))
     >>> done = dfc.simulate_loop(axis, loop, r)
     >>> record = Record(done.t, done.y[4], done.y[5], r)
-    >>> replay_loop(axis, record, loop).position_rms < 1e-6
+    >>> dfc.replay_loop(axis, record, loop).position_rms < 1e-6
     True
     """
     instance("axis", axis, FrictionAxis)

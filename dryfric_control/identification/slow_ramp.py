@@ -182,7 +182,7 @@ def slow_ramp_experiment(
     --------
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
-    >>> ramp = slow_ramp_experiment(axis, duration=20.0)
+    >>> ramp = dfc.slow_ramp_experiment(axis, duration=20.0)
     >>> len(ramp.record), round(float(ramp.record.x.max()), 2)
     (20000, 0.3)
     """

@@ -98,7 +98,7 @@ def ripple(record: Record) -> Ripple | None:
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import slow_ramp_experiment
+    >>> from dryfric_control.identification import ripple, slow_ramp_experiment
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
     >>> ripple(slow_ramp_experiment(axis, duration=20.0, quantum=1e-6).record).count > 3

@@ -182,7 +182,7 @@ def identify_stribeck(
     >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
     >>> ramp = slow_ramp_experiment(true, duration=20.0, quantum=1e-6)
-    >>> found = identify_stribeck(true.replace(stribeck=None), ramp.record, starts=2)
+    >>> found = dfc.identify_stribeck(true.replace(stribeck=None), ramp.record, starts=2)
     >>> round(found.stribeck.excess, 2), round(found.stribeck.speed, 3)
     (0.3, 0.01)
     """

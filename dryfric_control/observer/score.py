@@ -138,7 +138,7 @@ def switch_delays(mode: Array, estimated: Array, dt: float) -> tuple[Array, Arra
         there before, nan if it never is while the plant's mode lasts.
     """
     places = np.flatnonzero(np.diff(mode)) + 1
-    ends = np.append(places[1:], mode.size)
+    ends = np.append(places, mode.size)[1:]
     starts = np.concatenate([[0], places[:-1]]).astype(int)[: places.size]
     delay: Array = np.full(places.size, np.nan)
     for i, (start, place, end) in enumerate(zip(starts, places, ends, strict=True)):

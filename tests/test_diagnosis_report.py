@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+import sys
 from dataclasses import fields, replace
 from html.parser import HTMLParser
 
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
-from dryfric_control.diagnosis import figures
+from dryfric_control.diagnosis import candidate_bars, figures, findings
 from dryfric_control.diagnosis.axis_file import axis_text, read_axis, write_axis
 from dryfric_control.diagnosis.evidence import (
     autocorrelation,
@@ -103,6 +104,43 @@ def nothing(found):
         found, axis=found.extended, verdict="nothing to find", causes=(), scores={"": 0.2},
         unexplained=Unexplained(0.0, False, ()), next_experiment=None, messages=(),
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def uneven(found):
+    """Friction uneven in place and direction, and believed numbers a little off."""
+    believed = found.axis.replace(stribeck=dfc.Stribeck(0.2, 0.01), name="uneven")
+    machine = believed.replace(
+        mass=3.06, coulomb=5.4, stribeck=dfc.Stribeck(0.201, 0.0099),
+        effects=(
+            dfc.PositionDependence(slope=1.5, curvature=3.0, centre=0.15),
+            dfc.CoulombAsymmetry(force=-1.0),
+            dfc.ViscousAsymmetry(viscous=2.5),
+        ),
+    )  # fmt: skip
+    causes = (
+        cause("coulomb_asymmetry", {"force": -1.0}, {"force": 3.8e-5}),
+        cause("position_dependence", {"slope": 1.5, "curvature": 3.0},
+              {"slope": 4e-4, "curvature": 0.005}),
+        cause("viscous_asymmetry", {"viscous": 2.5}, {"viscous": 0.02}),
+        cause("stribeck", {"excess": 0.201, "speed": 0.0099}, {"excess": 5e-5, "speed": 4e-5}),
+        # 10 % is more than a correction, 2 % is one.
+        replace(cause("coulomb", {}, {}), parameters={"coulomb": 5.4},
+                standard_errors={"coulomb": 1e-4}, units={"coulomb": "N"}),
+        replace(cause("inertia", {}, {}), parameters={"mass": 3.06},
+                standard_errors={"mass": 3e-5}, units={"mass": "kg"}),
+    )  # fmt: skip
+    # The peak alone does worse than other base parameters.
+    scores = {"": 6.95, "coulomb_asymmetry": 1.2, "spring": 7.26, "stribeck": 10.0}
+    return replace(
+        found, axis=believed, extended=machine, causes=causes, scores=scores, verdict="explained",
+        unexplained=Unexplained(0.0, False, ()), next_experiment=None, messages=(),
+    )  # fmt: skip
+
+
+def words_of(text):
+    """Text of a page with blanks as they are seen."""
+    return re.sub(r"\s+", " ", " ".join(Page(text).text))
 
 
 @pytest.fixture(scope="module")
@@ -364,12 +402,38 @@ def test_errors_are_those_of_the_windows(found, shown):
 def test_bars_are_sorted_and_the_named_stand_out(found):
     ax = found.plot().axes.ravel()[-2]
     bars = [patch for patch in ax.patches if patch.get_width() > 0.0]
-    # Finite ones, best on top: 3 less the score.
-    assert [bar.get_width() for bar in bars] == pytest.approx([1.9, 1.88, 1.0])
+    # Finite ones, best on top: a score lower by g is an error exp(g/2) times smaller.
+    ends = [bar.get_x() + bar.get_width() for bar in bars]
+    assert ends == pytest.approx([math.exp(g / 2.0) for g in (1.9, 1.88, 1.0)])
+    assert [bar.get_x() for bar in bars] == [1.0] * 3
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert labels == ["1. spring", "gravity", "2. bias_force"]
+    assert labels == ["1. spring", "gravity on a rotary axis", "2. bias force"]
     assert bars[1].get_hatch() and not bars[0].get_hatch()
     assert bars[0].get_facecolor() == bars[2].get_facecolor() != bars[1].get_facecolor()
+
+
+def test_what_does_no_good_alone_has_no_bar(uneven):
+    ax = uneven.plot().axes.ravel()[-2]
+    bars = [patch for patch in ax.patches if patch.get_width() != 0.0]
+    assert [bar.get_width() > 0.0 for bar in bars] == [True]
+    labels = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert labels == ["1. Coulomb asymmetry", "spring", "Stribeck peak"]
+    told = [text.get_text() for text in ax.texts]
+    assert " helps beside the others only" in told
+    assert any(text.startswith("no bar: alone no better") for text in told)
+    assert ax.get_xlim()[0] == 1.0
+
+
+def test_no_bar_at_all_is_told_in_a_sentence(found):
+    d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
+    ax = d.plot().axes.ravel()[-2]
+    assert not ax.patches and not ax.axison
+    sentence = candidate_bars.NO_BAR
+    assert " ".join(ax.texts[0].get_text().split()) == sentence
+    page = html_page(d)
+    assert sentence in words_of(page)
+    assert "Bars:" not in page
+    assert sentence not in words_of(html_page(found))
 
 
 def test_page_without_causes_shows_one_axis(nothing):
@@ -387,6 +451,234 @@ def test_page_draws_into_given_axes(found):
         found.plot(given[:1])
     with pytest.raises(ValueError, match="by must be one of"):
         figures.draw_residual(None, None, "mass", given[0, 0])
+
+
+def medians(ax):
+    return [line for line in ax.lines if line.get_label() in ("its median", "with the causes")]
+
+
+@pytest.mark.parametrize("which", ["found", "uneven"])
+def test_scale_of_the_force_holds_zero_and_every_median(which, request):
+    axes = request.getfixturevalue(which).plot().axes.ravel()[2:6]
+    for ax in axes:
+        low, high = ax.get_ylim()
+        assert low < 0.0 < high
+        assert len(medians(ax)) == 2
+        for line in ax.lines:
+            if line.get_marker() != ".":
+                values = np.asarray(line.get_ydata(), float)
+                assert low < np.nanmin(values) and np.nanmax(values) < high, line.get_label()
+
+
+def test_scale_of_the_force_holds_what_lies_off_the_dots(found, shown):
+    """A push that is missing all the time: the dots alone leave zero out."""
+    pushed = replace(shown, residual=shown.residual + 8.0)
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(pushed, evidence(found.extended, found.record), "speed", ax)
+    low, high = ax.get_ylim()
+    line = next(li for li in ax.lines if li.get_label() == "with the causes").get_ydata()
+    assert low < 0.0 and low < np.min(line) and np.max(line) < high
+    assert high > np.quantile(pushed.residual, 0.99)
+    alone = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(pushed, None, "speed", alone)
+    assert alone.get_ylim()[0] < 0.0
+
+
+def test_medians_over_position_do_not_jump_between_the_directions(found):
+    """A level 1 N off both ways: the residual is -1 N forwards, +1 N backwards."""
+    low = found.extended.replace(coulomb=found.extended.coulomb.scaled(5.0 / 6.0))
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(evidence(low, found.record), None, "position", ax)
+    lines = {line.get_marker(): line for line in ax.lines if line.get_gid() == "median"}
+    assert set(lines) == {">", "<"}
+    # Noise of a median of some 25 samples is a few hundredths of a newton.
+    for way, sign in ((">", -1.0), ("<", 1.0)):
+        np.testing.assert_allclose(lines[way].get_ydata(), sign, atol=0.4)
+    assert "> forwards, < backwards" in ax.get_xlabel()
+
+
+def test_title_of_many_causes_stays_on_the_page(uneven):
+    figure = uneven.plot().figure
+    figure.canvas.draw()
+    title = figure.axes[0].texts[0]
+    assert "Coulomb asymmetry, position-dependent friction and 2 more" in " ".join(
+        title.get_text().split()
+    )
+    box = title.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 < figure.bbox.x1
+    # The list below starts where the title ends.
+    assert figure.axes[0].texts[1].get_window_extent().y1 <= box.y0 + 1.0
+    wide = tuple(replace(c, title=30 * "M ") for c in uneven.causes)
+    long = replace(uneven, causes=wide)
+    figure = long.plot().figure
+    figure.canvas.draw()
+    assert figure.axes[0].texts[0].get_window_extent().x1 < figure.bbox.x1
+
+
+# ------------------------------------------- what a cause means in the axis
+
+
+def test_small_corrections_stand_apart_everywhere(uneven, found):
+    assert [c.effect for c in uneven.small_corrections] == ["stribeck", "inertia"]
+    assert [c.effect for c in uneven.main_causes] == [
+        "coulomb_asymmetry", "position_dependence", "viscous_asymmetry", "coulomb",
+    ]  # fmt: skip
+    assert found.small_corrections == ()
+    assert "Stribeck" not in figures.headline(uneven) and "inertia" not in figures.headline(uneven)
+    heading = "small corrections of believed numbers"
+    for text in (uneven.summary(), words_of(html_page(uneven)), words_of(html_summary(uneven))):
+        text = re.sub(r"\s+", " ", text).replace("\u2192", "->").replace("\u00b1", "+-")
+        causes, _, small = text.partition(heading if heading in text else heading.capitalize())
+        for change in (
+            "excess 0.2 -> 0.201000 +- 0.000050 (+0.5 %)",
+            "speed 0.01 -> 0.009900 +- 0.000040 m/s (-1 %)",
+            "mass 3 -> 3.060000 +- 0.000030 kg (+2 %)",
+        ):
+            assert change in small and change not in causes, change
+        assert "coulomb 6 -> 5.40000 +- 0.00010 N (-10 %)" in causes
+        assert heading.capitalize() not in words_of(html_summary(found))
+    told = uneven.to_dict()
+    assert told["small_corrections"] == ["stribeck", "inertia"]
+    assert told["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
+    assert told["causes"][0]["believed"] == {}
+    only = replace(uneven, causes=uneven.small_corrections)
+    assert figures.headline(only) == "explained: small corrections of believed numbers"
+    Page(html_page(only))
+
+
+def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
+    believed = found.axis.replace(effects=(dfc.Spring(stiffness=12.0, rest=1e-4),))
+    near = cause("spring", {"stiffness": 12.1, "rest": 2e-4}, {"stiffness": 0.1, "rest": 1e-5})
+    far = replace(near, parameters={"stiffness": 12.1, "rest": 0.1})
+    d = replace(found, axis=believed, causes=(near,))
+    assert findings.is_small(d, near) and not findings.is_small(d, far)
+    assert "rest 0.0001 -> (2.00 +- 0.10)e-04 m (+0.0001 m)" in " ".join(d.summary().split())
+
+
+def law_level(x, way):
+    """Level of the machine of `uneven`, by hand."""
+    q = x - 0.15
+    return 5.4 * (1.0 + 1.5 * q + 3.0 * q**2) - way * 1.0
+
+
+def test_levels_are_those_of_the_laws(uneven):
+    x = np.linspace(0.0, 0.3, 7)
+    for way in (1, -1):
+        # Rounding alone: both are the same few operations.
+        np.testing.assert_allclose(
+            findings.levels(uneven.extended, x, way), law_level(x, way), rtol=1e-12
+        )
+        np.testing.assert_allclose(findings.levels(uneven.axis, x, way), 6.0, rtol=1e-12)
+    table = uneven.to_dict()["coulomb_level"]
+    ends = uneven.record.x.min(), uneven.record.x.max()
+    np.testing.assert_allclose(table["x"], [ends[0], 0.5 * sum(ends), ends[1]])
+    np.testing.assert_allclose(table["found"]["backwards"], law_level(np.array(table["x"]), -1))
+
+
+def test_a_force_and_a_load_are_no_part_of_the_level(uneven):
+    loaded = uneven.axis.replace(
+        effects=(dfc.Spring(stiffness=100.0), dfc.LoadDependence(coefficient=0.2))
+    )
+    assert findings.levels(loaded, [0.2], 1) == pytest.approx([6.0])
+
+
+def test_which_way_is_harder_is_told_in_newtons(uneven):
+    x = np.array(uneven.to_dict()["coulomb_level"]["x"])
+    flat = re.sub(r"\s+", " ", uneven.summary())
+    page = words_of(html_page(uneven))
+    for text in (flat, page, words_of(html_summary(uneven))):
+        for way, name in ((1, "forwards"), (-1, "backwards")):
+            places = ", ".join(f"{law_level(p, way):.3g} N at x = {p:.3g} m" for p in x)
+            assert f"{name}: {places}" in text
+        assert "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5" in text
+        assert "centre = 0.15 m" in text and "q = x - centre" in text
+        # Two causes act on the level: it is told once.
+        assert text.count("Coulomb level found") == 1
+    for i, p in enumerate(x):
+        assert f"Coulomb level backwards at x = {p:.3g} m 6 N {law_level(p, -1):.4g} N" in page, i
+    assert "viscous friction backwards 14 N s/m 11.5 N s/m -18 %" in page
+    assert "Coulomb + , Coulomb -" not in page and "the effects listed under them add to it" in page
+
+
+def test_asymmetry_alone_is_told_in_two_numbers(uneven):
+    d = replace(
+        uneven, causes=uneven.causes[:1],
+        extended=uneven.axis.replace(effects=(dfc.CoulombAsymmetry(force=-1.0),)),
+    )  # fmt: skip
+    assert "forwards 5 N, backwards 7 N" in d.summary()
+    assert "Coulomb level believed (x grows forwards): 6 N, both ways" in d.summary()
+
+
+def test_levels_are_drawn_where_they_vary(uneven, found):
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_levels(uneven, ax)
+    lines = {line.get_label(): line for line in ax.lines}
+    for way, name in ((1, "forwards"), (-1, "backwards")):
+        line = lines[f"with the causes, {name}"]
+        np.testing.assert_allclose(line.get_ydata(), law_level(line.get_xdata(), way))
+        np.testing.assert_allclose(lines[f"as believed, {name}"].get_ydata(), 6.0)
+    assert {line.get_marker() for line in ax.lines} == {">", "<"}
+    assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
+    assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
+    alt = "Coulomb level over position; as believed: 6 N, both ways"
+    assert alt in html_page(uneven)
+    assert "Coulomb level over position" not in html_page(found)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (12.0, 0.1, "12.00 +- 0.10"),
+        (-1.010704, 3.78e-5, "-1.010704 +- 0.000038"),
+        (5.0, 0.0996, "5.00 +- 0.10"),
+        (123456.0, 996.0, "123500 +- 1000"),
+        (48.3, 120.0, "50 +- 120"),
+        (3.0e-7, 2e-9, "(3.000 +- 0.020)e-07"),
+        (2.5e9, 3e7, "(2.500 +- 0.030)e+09"),
+        (0.0, 2e-6, "(0.0 +- 2.0)e-06"),
+        (0.123456, math.inf, "0.123 (undetermined)"),
+        (0.5, 0.0, "0.5"),
+    ],
+)
+def test_errors_have_two_digits(value, error, text):
+    assert findings.with_error(value, error) == text
+
+
+def test_page_says_once_what_an_error_covers(found, uneven):
+    for d in (found, uneven):
+        for text in (html_page(d), html_summary(d)):
+            assert words_of(text).count("random error of this record alone, not that of") == 1
+
+
+def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
+    page = words_of(html_page(found))
+    assert "axis_file" not in page
+    code = re.search(r"(import dryfric_control as dfc.*?)Its file", "".join(Page(
+        html_page(found)).text), re.DOTALL)[1]  # fmt: skip
+    asked = []
+    monkeypatch.setattr(
+        dfc, "design_pi_observer", lambda axis, **given: asked.append((axis, given))
+    )
+    monkeypatch.chdir(tmp_path)
+    write_axis(found.extended, "extended.toml")
+    names = {"u": found.record.u[:100]}
+    exec(code, names)
+    assert asked == [(found.extended, {"dt": DT, "encoder_quantum": QUANTUM})]
+    assert names["run"].time[1] == pytest.approx(DT)
+
+
+def test_words_are_those_of_a_user(found, uneven):
+    for d in (found, uneven):
+        figure = d.plot().figure
+        drawn_words = " ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
+        for text in (d.summary(), words_of(html_page(d)), words_of(html_summary(d)), drawn_words):
+            for insider in ("held-out", "looks the same", "log(1", "log score", "told wrongly"):
+                assert insider not in text, insider
+    page = words_of(html_page(found))
+    assert "no other cause does as well" in page
+    # A gain of 1.5 (1.2 to 1.8) is an error exp(0.75) times smaller.
+    assert "2.12 times smaller (1.82 to 2.46)" in page
+    assert "motion or rest seen otherwise *" in page and "the verdict does not rest on it" in page
 
 
 # -------------------------------------------------------------------- HTML
@@ -440,9 +732,9 @@ def test_page_tells_everything(found):
     words = " ".join(Page(html_page(found)).text)
     for part in (
         "partly explained",
-        "stiffness = 12 \u00b1 0.1 N/m",
+        "stiffness = 12.00 \u00b1 0.10 N/m",
         "rest = 0.1 m (undetermined)",
-        "gravity",
+        "gravity on a rotary axis",
         "between x = 0.12 and 0.15 m",
         "parts <spring> from gravity",
         "hardly determined",
@@ -614,15 +906,16 @@ def asked(found, monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize("quiet", [True, False])
-def test_command_writes_the_report(files, asked, found, capsys, quiet):
+@pytest.mark.parametrize(("quiet", "terminal"), [(True, True), (False, True), (False, False)])
+def test_command_writes_the_report(files, asked, found, capsys, monkeypatch, quiet, terminal):
     record, axis, out = files
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     command = ["diagnose", str(record), "--axis", str(axis), "--out", str(out)]
     assert main(command + ["--quiet"] * quiet) == 0
     ((given_axis, given_record, options),) = asked
     assert given_axis == found.axis
     np.testing.assert_allclose(given_record.x, found.record.x, atol=1e-9)
-    assert options == {"progress": not quiet}
+    assert options == {"progress": terminal and not quiet}
     assert {path.name for path in out.iterdir()} == FILES
     assert found.summary() in capsys.readouterr().out
     assert read_axis(out / "extended.toml") == found.extended
@@ -636,7 +929,7 @@ def test_command_writes_the_report(files, asked, found, capsys, quiet):
     [
         ("record", None, "no file|not exist|No such file"),
         ("record", "t,u,x\n0,1,2\n0.001,abc,2\n", "row|line"),
-        ("axis", None, "No such file"),
+        ("axis", None, "no file|No such file"),
         ("axis", "mass = ", "is no TOML"),
         ("axis", BASE + "masss = 1.0", "did you mean 'mass'"),
         ("out", "a file", "is a file: name a folder"),

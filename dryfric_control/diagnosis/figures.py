@@ -10,7 +10,9 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.diagnosis.candidate_bars import FOUND, draw_candidates
 from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
+from dryfric_control.diagnosis.findings import WAYS, level_table
 from dryfric_control.diagnosis.result import summary_lines
 from dryfric_control.drawing import axes_of, control_plot, legend_above
 
@@ -22,7 +24,7 @@ FloatArray = NDArray[np.float64]
 GREY = "0.65"
 #: Believed axis and axis with the causes: told apart by colour, dash and marker.
 BEFORE = {"color": "#D55E00", "linestyle": "--"}
-AFTER = {"color": "#0072B2", "linestyle": "-"}
+AFTER = {"color": FOUND, "linestyle": "-"}
 #: What a window was used for, with the grey behind it.
 ROLES = ((1, "judge", "0.92"), (2, "measure", "0.80"))
 #: What the force residual is drawn against.
@@ -34,8 +36,14 @@ _SHOWN = 5
 _TEXT_WIDTH = 132
 # Bins of the medians of the force residual.
 _BINS = 24
-# Range of the candidates' bars, at least.
-_LEAST_FALL = 0.5
+# Letters of the title in a line, its lines, and the causes that it names.
+_TITLE_WIDTH, _TITLE_LINES, _NAMED = 76, 2, 2
+# Marks of motion forwards and backwards, for those who see no colour.
+_MARKS = {1: ">", -1: "<"}
+# Name of the lines that the scale of the force must hold.
+_MEDIAN = "median"
+# Points of the lines of the Coulomb level.
+_LEVEL_POINTS = 49
 
 
 def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> ct.ControlPlot:
@@ -79,15 +87,34 @@ def sides(diagnosis: Diagnosis) -> tuple[Evidence, Evidence | None]:
     return before, None if same else evidence(d.extended, d.record, d.window)
 
 
-def headline(diagnosis: Diagnosis) -> str:
-    """Verdict with the names of the causes, in one line."""
-    names = [cause.title or cause.effect for cause in diagnosis.causes]
-    return f"{diagnosis.verdict}: {', '.join(names)}" if names else diagnosis.verdict
+def headline(diagnosis: Diagnosis, most: int | None = None) -> str:
+    """Verdict with the names of the causes, in one line.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+    most : int, optional
+        Names given at most; what is left out is counted.
+
+    Returns
+    -------
+    str
+    """
+    names = [cause.title or cause.effect for cause in diagnosis.main_causes]
+    if not names:
+        small = ": small corrections of believed numbers" if diagnosis.causes else ""
+        return f"{diagnosis.verdict}{small}"
+    shown = ", ".join(names[:most])
+    if most is not None and len(names) > most:
+        shown += f" and {len(names) - most} more"
+    return f"{diagnosis.verdict}: {shown}"
 
 
 def typeset(text: str) -> str:
     """Plain text with the signs that print has for it."""
     text = text.replace("+-", "\N{PLUS-MINUS SIGN}")
+    text = text.replace("->", "\N{RIGHTWARDS ARROW}")
     return re.sub(r"(?<=\d) um\b", " \N{MICRO SIGN}m", text)
 
 
@@ -96,14 +123,25 @@ def _page(diagnosis: Diagnosis) -> NDArray[Any]:
 
     # The first line is the verdict, which the headline says.
     lines = [
-        "\n".join(textwrap.wrap(typeset(line), _TEXT_WIDTH, subsequent_indent="     "))
+        "\n".join(
+            textwrap.wrap(
+                typeset(line),
+                _TEXT_WIDTH,
+                subsequent_indent=(10 if line.startswith(" ") else 5) * " ",
+            )
+        )
         for line in summary_lines(diagnosis)[1:]
     ]
     text = "\n".join(lines)
     rows = min(text.count("\n") + 1, 14)
     if text.count("\n") + 1 > rows:
         text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
-    head = 0.45 + 0.165 * rows
+    name = f"{diagnosis.record.name}: " if diagnosis.record.name else ""
+    heading = textwrap.wrap(
+        name + headline(diagnosis, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
+    )
+    above = 0.08 + 0.25 * len(heading)
+    head = 0.12 + above + 0.165 * rows
     figure = plt.figure(figsize=(10.0, 11.2 + head), layout="constrained")
     figure.get_layout_engine().set(h_pad=0.08, w_pad=0.08)
     grid = figure.add_gridspec(5, 1, height_ratios=(head, 2.0, 1.9, 2.2, 4.0))
@@ -111,9 +149,8 @@ def _page(diagnosis: Diagnosis) -> NDArray[Any]:
     title.set_axis_off()
     # Dollar signs are no formulas here.
     words = {"va": "top", "transform": title.transAxes, "parse_math": False, "in_layout": False}
-    name = f"{diagnosis.record.name}: " if diagnosis.record.name else ""
-    title.text(0.0, 1.0, name + headline(diagnosis), fontsize=13, weight="bold", **words)
-    title.text(0.0, 1.0 - 0.33 / head, text, fontsize=8.5, linespacing=1.25, **words)
+    title.text(0.0, 1.0, "\n".join(heading), fontsize=13, weight="bold", **words)
+    title.text(0.0, 1.0 - above / head, text, fontsize=8.5, linespacing=1.25, **words)
     wide = [figure.add_subplot(grid[row]) for row in (1, 2)]
     middle, bottom = grid[3].subgridspec(1, len(AGAINST)), grid[4].subgridspec(1, 2)
     forces: list[Any] = []
@@ -250,18 +287,17 @@ def draw_residual(
     for shown, style, name in ((before, BEFORE, "its median"), (after, AFTER, "with the causes")):
         if shown is None:
             continue
+        if by == "position":
+            _draw_both_ways(shown, bins, style, name, ax)
+            continue
         found = binned(shown.residual, place(shown), bins)
-        ax.plot(found.centre, found.median, **style, lw=1.6, label=name)
+        ax.plot(found.centre, found.median, **style, lw=1.6, label=name, gid=_MEDIAN)
     if by == "reversal" and np.any(place(before) > 0.0):
         ax.set_xscale("log")
-    if before.residual.size:
-        # A few wild samples must not flatten the rest.
-        low, high = np.quantile(before.residual, [0.005, 0.995])
-        room = 0.15 * max(high - low, 1e-12 * max(abs(high), 1e-12))
-        ax.set_ylim(low - room, high + room)
+    _fit_force(before, ax)
     names = {
         "speed": f"speed [{length}/s]",
-        "position": f"position [{length}]",
+        "position": f"position [{length}]\n(marks: > forwards, < backwards)",
         "time": "Time [s]",
         "reversal": "since reversal [s]",
     }
@@ -276,6 +312,39 @@ def draw_residual(
         ).set_in_layout(False)  # fmt: skip
 
 
+def _draw_both_ways(
+    shown: Evidence, bins: FloatArray | int, style: dict[str, str], name: str, ax: Any
+) -> None:
+    """Medians over position, one line for each direction.
+
+    One line for both would jump between their branches.
+    """
+    for way, _ in WAYS:
+        here = shown.v * way > 0.0
+        number = max(_BINS, bins // 2) if isinstance(bins, int) else bins
+        found = binned(shown.residual[here], shown.x[here], number)
+        # An underscore keeps the second one out of the legend.
+        label = name if way > 0 else f"_{name} backwards"
+        every = max(1, found.centre.size // 6)
+        ax.plot(
+            found.centre, found.median, **style, lw=1.4, marker=_MARKS[way], ms=5,
+            markevery=(every // 2, every), label=label, gid=_MEDIAN,
+        )  # fmt: skip
+
+
+def _fit_force(before: Evidence, ax: Any) -> None:
+    """Scale of the force: the dots but the wildest, zero, and every median."""
+    seen = [np.zeros(1)]
+    if before.residual.size:
+        # A few wild samples must not flatten the rest.
+        seen.append(np.quantile(before.residual, [0.005, 0.995]))
+    for one in ax.get_shared_y_axes().get_siblings(ax):
+        seen += [np.asarray(li.get_ydata(), float) for li in one.lines if li.get_gid() == _MEDIAN]
+    low, high = float(np.min(np.concatenate(seen))), float(np.max(np.concatenate(seen)))
+    room = 0.1 * max(high - low, 1e-12 * max(abs(high), abs(low), 1e-12))
+    ax.set_ylim(low - room, high + room)
+
+
 def _reversal_bins(since: FloatArray) -> FloatArray | int:
     known = since[np.isfinite(since) & (since > 0.0)]
     if known.size < 10:
@@ -283,51 +352,29 @@ def _reversal_bins(since: FloatArray) -> FloatArray | int:
     return np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
 
 
-def draw_candidates(diagnosis: Diagnosis, ax: Any) -> None:
-    """How much every candidate lowers the held-out score as the first cause.
+def draw_levels(diagnosis: Diagnosis, ax: Any) -> None:
+    """Coulomb level over the range of the record, as believed and with the causes.
 
     Parameters
     ----------
     diagnosis : Diagnosis
     ax : Axes
     """
-    d = diagnosis
-    table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
-    # Beside the axis with its base parameters fitted, or else the worst of all.
-    reference = d.scores.get("", max(table.values(), default=0.0))
-    order = sorted(table, key=table.__getitem__)
-    rank = {cause.effect: i for i, cause in enumerate(d.causes, start=1)}
-    rivals = {slug for cause in d.causes for slug in cause.alternatives} - set(rank)
-    labelled: set[str] = set()
-    for row, slug in enumerate(order):
-        if slug in rank:
-            what, style = "named a cause", {"color": AFTER["color"]}
-        elif slug in rivals:
-            what, style = "alternative", {"color": "#56B4E9", "hatch": "///"}
-        else:
-            what, style = "other candidate", {"color": "0.8"}
-        # An underscore keeps a second one of a kind out of the legend.
-        label = f"_{what}" if what in labelled else what
-        labelled.add(what)
-        fall = reference - table[slug]
-        ax.barh(row, fall, height=0.75, edgecolor="white", lw=0.5, label=label, **style)
-    ax.set_xlabel("fall of the held-out score as first cause [1]")
-    if not order:
-        ax.text(0.5, 0.5, "no candidate had to be tried", ha="center", transform=ax.transAxes)
-        ax.set_axis_off()
-        return
-    ax.set_yticks(
-        range(len(order)),
-        [f"{rank[slug]}. {slug}" if slug in rank else slug for slug in order],
-        fontsize=min(8.0, 180.0 / len(order)),
-        parse_math=False,
-    )
-    for tick, slug in zip(ax.get_yticklabels(), order, strict=True):
-        tick.set_weight("bold" if slug in rank else "normal")
-    ax.axvline(0.0, color="k", lw=0.8)
-    ax.set_ylim(len(order) - 0.4, -0.6)
-    # Bars that are next to nothing shall look it.
-    ax.set_xlim(right=max(ax.get_xlim()[1], _LEAST_FALL))
+    length, force = diagnosis.axis.units
+    table = level_table(diagnosis, _LEVEL_POINTS)
+    sides = (("believed", BEFORE, "as believed"), ("found", AFTER, "with the causes"))
+    for side, style, name in sides:
+        for way, word in WAYS:
+            # Marks of the two ways stand side by side where their lines coincide.
+            ax.plot(
+                table["x"], table[side][word], **style, lw=1.6, marker=_MARKS[way], ms=6,
+                markevery=(2 if way > 0 else 5, 9), label=f"{name}, {word}",
+            )  # fmt: skip
+    most = max(float(np.max(line.get_ydata())) for line in ax.lines)
+    ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
+    ax.margins(x=0.01)
+    ax.set_xlabel(f"position [{length}]")
+    ax.set_ylabel(f"Coulomb level [{force}]")
     legend_above(ax)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dryfric_control._version import __version__
-from dryfric_control.diagnosis import figures
+from dryfric_control.axis import mass_unit
+from dryfric_control.diagnosis import candidate_bars, figures, findings
 from dryfric_control.diagnosis.axis_file import axis_text
 from dryfric_control.diagnosis.evidence import Evidence
 from dryfric_control.files import replacing
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # What each verdict means, for whoever sees the word for the first time.
 MEANING = {
     "nothing to find": "The simulation differs from the record by no more than noise does.",
-    "explained": "With the causes below, what is left is what noise makes.",
+    "explained": "With the causes below, free runs err by no more than noise makes them err.",
     "partly explained": "The causes below are real, but structure is left that none explains.",
     "unexplained": "The simulation is wrong, and no cause in the catalogue explains how.",
 }
@@ -68,43 +68,68 @@ def _headings(names: Iterable[str]) -> str:
     return f"<thead><tr>{cells}</tr></thead>"
 
 
-def _values(cause: Cause) -> str:
-    lines = []
-    for name, value in cause.parameters.items():
-        error, unit = cause.standard_errors[name], cause.units[name]
-        unit = "" if unit == "1" else f" {unit}"
-        known = math.isfinite(error)
-        spread = f" +- {error:.2g}{unit}" if known else f"{unit} (undetermined)"
-        lines.append(_text(f"{name} = {value:.5g}{spread}"))
-    return "<br>".join(lines)
+def _lines(texts: Iterable[str]) -> str:
+    return "<br>".join(map(_text, texts))
+
+
+def _brings(cause: Cause) -> str:
+    """What a cause brings in words: times by which the typical error falls."""
+    values = (cause.held_out_gain, *cause.interval)
+    times, low, high = (findings.plain(findings.times_smaller(value)) for value in values)
+    return f"{times} times smaller ({low} to {high})"
+
+
+def _rivals(cause: Cause) -> str:
+    names = ", ".join(map(findings.title_of, cause.alternatives))
+    return _text(names or "nothing: no other cause does as well")
 
 
 def _causes_table(d: Diagnosis) -> str:
+    """Causes, small corrections apart from them, and one footnote for both."""
     if not d.causes:
         return ""
-    head = _headings(("", "cause", "parameters", "held-out gain (90 %)", "looks the same here"))
-    rows = []
-    for i, cause in enumerate(d.causes, start=1):
-        gain = f"{_number(cause.held_out_gain)} ({_number(cause.interval[0])} to "
-        gain += f"{_number(cause.interval[1])})"
-        rows.append(
+    parts = []
+    if d.main_causes:
+        head = _headings(
+            ("", "cause", "parameters", "typical error with it (90 %)", "could as well be")
+        )
+        rows = []
+        for i, cause in enumerate(d.main_causes, start=1):
+            name = f"{_text(cause.title)}<br><code>{_text(cause.effect)}</code>"
+            numbers = _lines(findings.parameter_texts(cause, d.axis))
+            means = findings.meaning(d, cause)
+            numbers += f"<br><small>{_lines(means)}</small>" if means else ""
+            rows.append(_row((str(i), name, numbers, _text(_brings(cause)), _rivals(cause))))
+        caption = "<caption>Causes, in the order found.</caption>"
+        parts.append(f"<table>{caption}{head}<tbody>{''.join(rows)}</tbody></table>")
+    if d.small_corrections:
+        words = (
+            "Each number moves by "
+            f"{100.0 * findings.SMALL:g} % or less: nothing new in the machine."
+        )
+        head = _headings(("", "believed -> found (change)", "typical error with it (90 %)"))
+        body = "".join(
             _row(
                 (
-                    str(i),
                     f"{_text(cause.title)}<br><code>{_text(cause.effect)}</code>",
-                    _values(cause),
-                    _text(gain),
-                    _text(", ".join(cause.alternatives)) or "nothing",
+                    _lines(findings.parameter_texts(cause, d.axis)),
+                    _text(_brings(cause)),
                 )
             )
+            for cause in d.small_corrections
         )
-    caption = (
-        "Causes, in the order found; errors are standard errors. Gain: fall of the mean log "
-        "score of free runs that the fit did not see, when the cause joins the others."
-    )
-    return f"<table><caption>{caption}</caption>{head}<tbody>{''.join(rows)}</tbody></table>"
+        parts.append(f"<h3>Small corrections of believed numbers</h3><p>{_text(words)}</p>")
+        parts.append(f"<table>{head}<tbody>{body}</tbody></table>")
+    parts.append(f"<p><small>{_text(_FOOTNOTE)}</small></p>")
+    return "".join(parts)
 
 
+_FOOTNOTE = (
+    "After +-: one standard error. It covers the random error of this record alone, not that of "
+    "the model: what the model leaves out can move a number by more. Typical error: of free runs "
+    "that the fit did not see, each counted together with the noise (geometric mean), with all "
+    "causes, beside the same without this one."
+)
 _FREE_RUNS = "Free runs, each from its most likely start"
 
 
@@ -116,8 +141,8 @@ def _gain_sentence(d: Diagnosis) -> str:
     words = (
         f"{_FREE_RUNS}, on data that neither search nor fit has seen: {before} RMS error with the "
         f"axis as believed, {after} with the causes, {floor} is the noise floor; "
-        f"{_number(g.ratio)} times smaller (90 %: {_number(g.interval[0])} to "
-        f"{_number(g.interval[1])})."
+        f"{findings.plain(g.ratio)} times smaller (90 %: {findings.plain(g.interval[0])} to "
+        f"{findings.plain(g.interval[1])})."
     )
     return f"<p>{_text(words)}</p>"
 
@@ -183,6 +208,8 @@ def html_page(d: Diagnosis) -> str:
         _evidence_table(before, after),
         _stories(d),
         "<h2>The axis</h2>",
+        _acting_table(d),
+        f"<p><small>{_text(_MAP_ALONE)}</small></p>" if d.extended.effects else "",
         '<div class="pair">',
         f"<div><h3>as believed</h3><pre>{_text(d.axis.describe())}</pre></div>",
         f"<div><h3>with the causes</h3><pre>{_text(d.extended.describe())}</pre></div>",
@@ -247,7 +274,6 @@ def _pictures(d: Diagnosis, before: Evidence, after: Evidence | None) -> list[st
     rms = f"RMS {_number(before.force_rms)} {force} as believed"
     if after is not None:
         rms += f", {_number(after.force_rms)} {force} with the causes"
-    best = [cause.effect for cause in d.causes]
     pictures = [
         _picture(
             _png((9.0, 2.8), 1, lambda axes: figures.draw_errors(d, before, after, axes[0])),
@@ -264,20 +290,41 @@ def _pictures(d: Diagnosis, before: Evidence, after: Evidence | None) -> list[st
             _png((9.0, 2.8), len(figures.AGAINST), residuals),
             f"Force residual against speed, position, time and time since reversal; {rms}.",
             "Force that the model would need beside its drive to move as measured. Grey dots: "
-            "sliding samples with the axis as believed; lines: medians.",
+            "sliding samples with the axis as believed; lines: medians, over position one for "
+            "each direction.",
         ),
     ]
-    if len(d.scores) > 1:
+    table = findings.level_table(d)
+    if findings.level_varies(table):
+        unit = d.axis.units
         pictures.append(
             _picture(
-                _png((9.0, 4.2), 1, lambda axes: figures.draw_candidates(d, axes[0])),
-                "Bars: how much each candidate lowers the held-out score; named: "
-                f"{', '.join(best) or 'none'}.",
-                "How much each candidate, as the first, lowers the mean of "
-                "log(1 + (error/noise)^2 / 4) over free runs that the fit did not see. A later "
-                "cause need not stand out here.",
+                _png((9.0, 3.2), 1, lambda axes: figures.draw_levels(d, axes[0])),
+                "Coulomb level over position; as believed: "
+                f"{findings.level_text(table, 'believed', unit)}; with the causes: "
+                f"{findings.level_text(table, 'found', unit)}.",
+                "Coulomb level, without Stribeck peak and load, with every effect that changes it, "
+                "over the range that the record visited. Marks tell the direction: > forwards (x "
+                "grows), < backwards.",
             )
         )
+    times = candidate_bars.falls(d)
+    if candidate_bars.any_bar(d):
+        best = next(iter(times))
+        pictures.append(
+            _picture(
+                _png((9.0, 4.2), 1, lambda axes: candidate_bars.draw_candidates(d, axes[0])),
+                "Bars: how many times smaller each candidate alone makes the typical error; the "
+                f"longest: {findings.title_of(best)}, {findings.plain(times[best])} times.",
+                "How many times smaller each candidate, as the only cause, makes the typical "
+                "error of free runs that the fit did not see, beside an axis that only gets "
+                "other numbers for mass, viscous friction and Coulomb level (1: no better, and "
+                "no bar for what is no better or worse). A cause that helps beside the others "
+                "only need not stand out here.",
+            )
+        )
+    elif times:
+        pictures.append(f"<p>{_text(candidate_bars.NO_BAR)}</p>")
     pictures.append(
         _picture(
             _png((9.0, 2.8), 1, lambda axes: figures.draw_autocorrelation(before, after, axes[0])),
@@ -299,18 +346,71 @@ def _evidence_table(before: Evidence, after: Evidence | None) -> str:
             "free runs, median error",
             [length_text(float(np.median(s.error_by_window)), length) for s in sides],
         ),
-        ("motion or rest told wrongly", [f"{100.0 * s.disagreement:.2g} %" for s in sides]),
+        ("motion or rest seen otherwise *", [f"{100.0 * s.disagreement:.2g} %" for s in sides]),
     ]
     head = _headings(("whole record", "as believed", "with the causes")[: len(sides) + 1])
     body = "".join(_row([_text(name), *map(_text, cells)]) for name, cells in rows)
+    return f"<table>{head}<tbody>{body}</tbody></table><p><small>{_text(_MODES)}</small></p>"
+
+
+_MODES = (
+    "* Part of the samples at which record and free run, both read through the encoder, differ in "
+    "whether the axis moves. Near a start or stop steps of the encoder come seldom, so that a "
+    "right model differs there too, by some samples each; the verdict does not rest on it."
+)
+_MAP_ALONE = (
+    "Below, the lines Coulomb +, Coulomb - and viscous are the base of the axis alone; the effects "
+    "listed under them add to it. The table above has both in it."
+)
+
+
+def _acting_table(d: Diagnosis) -> str:
+    """Numbers that act in each direction, all effects included."""
+    length, force = d.axis.units
+    believed, found = d.axis.effective(), d.extended.effective()
+    rows: list[tuple[str, float, float, str]] = [
+        ("mass", believed.mass, found.mass, mass_unit(d.axis.units))
+    ]
+    for sign, way in findings.WAYS:
+        before, after = (findings.viscous_coefficient(axis, sign) for axis in (believed, found))
+        rows.append((f"viscous friction {way}", before, after, f"{force} s/{length}"))
+    table = findings.level_table(d)
+    places = range(3) if findings.level_moves(table) else (1,)
+    for _, way in findings.WAYS:
+        for i in places:
+            where = f" at x = {table['x'][i]:.3g} {length}" if len(places) > 1 else ""
+            before, after = (table[side][way][i] for side in ("believed", "found"))
+            rows.append((f"Coulomb level {way}{where}", before, after, force))
+    if believed.stribeck and found.stribeck:
+        peaks = believed.stribeck, found.stribeck
+        rows.append(("Stribeck excess", peaks[0].excess, peaks[1].excess, "1"))
+        rows.append(("Stribeck speed", peaks[0].speed, peaks[1].speed, f"{length}/s"))
+
+    def differ(before: float, after: float) -> bool:
+        return abs(after - before) > 1e-9 * abs(before)
+
+    head = _headings(("friction effects included", "as believed", "with the causes", "change"))
+    body = "".join(
+        _row(
+            map(
+                _text,
+                (
+                    name,
+                    *(f"{v:.4g}{'' if unit == '1' else ' ' + unit}" for v in (before, after)),
+                    findings.change_text("", before, after) if differ(before, after) else "none",
+                ),
+            )
+        )
+        for name, before, after, unit in rows
+    )
     return f"<table>{head}<tbody>{body}</tbody></table>"
 
 
 def _stories(d: Diagnosis) -> str:
-    if not d.causes:
+    if not d.main_causes:
         return ""
     parts = ["<h2>What it means</h2>"]
-    for cause in d.causes:
+    for cause in d.main_causes:
         parts.append(
             f"<h3>{_text(cause.title)}</h3><p>{_text(cause.explanation)}<br>"
             f"<em>To expose it:</em> {_text(cause.experiment)}</p>"
@@ -319,13 +419,14 @@ def _stories(d: Diagnosis) -> str:
 
 
 def _usage(d: Diagnosis) -> str:
+    r = d.record
+    quantum = f", encoder_quantum={r.quantum:.4g}" if r.quantum else ""
     code = f"""\
 import dryfric_control as dfc
-from dryfric_control.diagnosis.axis_file import read_axis
 
-axis = read_axis("extended.toml")          # or d.extended, right after dfc.diagnose
-run = axis.simulate(u, dt={d.record.dt:g})
-design = dfc.design_pi_observer(axis, dt={d.record.dt:g})
+axis = dfc.read_axis("extended.toml")      # or d.extended, right after dfc.diagnose
+run = axis.simulate(u, dt={r.dt:.6g})              # u: the drive force, one value a sample
+design = dfc.design_pi_observer(axis, dt={r.dt:.6g}{quantum})
 """
     return (
         "<h2>Going on with it</h2><p>The axis with the causes simulates, makes blocks and "

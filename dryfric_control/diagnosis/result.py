@@ -11,6 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.findings import (
+    SMALL,
+    believed_values,
+    cause_text,
+    is_small,
+    level_table,
+    meaning,
+    plain,
+)
 from dryfric_control.files import replacing
 from dryfric_control.records import Record
 from dryfric_control.text import wrapped
@@ -61,11 +70,11 @@ class Cause:
     >>> cause = dfc.Cause(
     ...     effect="bias_force", title="bias force", parameters={"force": 2.0},
     ...     standard_errors={"force": 0.1}, units={"force": "N"}, held_out_gain=1.5,
-    ...     interval=(1.2, 1.8), alternatives=("coulomb_asymmetry",),
+    ...     interval=(1.2, 1.8), alternatives=("spring",),
     ...     explanation=dfc.BiasForce.explanation, experiment=dfc.BiasForce.experiment,
     ... )
     >>> print(cause.summary())
-    bias force (bias_force): force = 2 +- 0.1 N; this record cannot tell it from coulomb_asymmetry
+    bias force (bias_force): force = 2.00 +- 0.10 N; this record cannot tell it from spring
     """
 
     effect: str
@@ -81,16 +90,7 @@ class Cause:
 
     def summary(self) -> str:
         """Cause, parameters and alternatives in one line."""
-        parts = []
-        for name, value in self.parameters.items():
-            error, unit = self.standard_errors[name], self.units[name]
-            spread = f" +- {error:.2g}" if np.isfinite(error) else " (undetermined)"
-            parts.append(f"{name} = {value:.5g}{spread} {unit}".removesuffix(" 1"))
-        name = self.title if self.title == self.effect else f"{self.title} ({self.effect})"
-        text = f"{name}: {', '.join(parts)}"
-        if self.alternatives:
-            text += f"; this record cannot tell it from {', '.join(self.alternatives)}"
-        return text
+        return cause_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and words, ready for JSON."""
@@ -248,9 +248,20 @@ class Diagnosis:
     roles: NDArray[np.int64]
     hold: str = "zero"
 
+    @property
+    def small_corrections(self) -> tuple[Cause, ...]:
+        """Causes that only move believed numbers by a few per cent."""
+        return tuple(cause for cause in self.causes if is_small(self, cause))
+
+    @property
+    def main_causes(self) -> tuple[Cause, ...]:
+        """Causes that are more than small corrections, in the order found."""
+        return tuple(cause for cause in self.causes if not is_small(self, cause))
+
     def summary(self) -> str:
         """Verdict, causes, gain and what is left, in plain lines."""
-        return wrapped(summary_lines(self))
+        lines = summary_lines(self)
+        return "\n".join(wrapped([line], 8 if line.startswith(" ") else 4) for line in lines)
 
     def __repr__(self) -> str:
         return self.summary()
@@ -259,7 +270,12 @@ class Diagnosis:
         """Everything found, ready for JSON."""
         return {
             "verdict": self.verdict,
-            "causes": [cause.to_dict() for cause in self.causes],
+            "causes": [
+                cause.to_dict() | {"believed": believed_values(self.axis, cause)}
+                for cause in self.causes
+            ],
+            "small_corrections": [cause.effect for cause in self.small_corrections],
+            "coulomb_level": level_table(self),
             "axis": self.axis.describe(),
             "extended": self.extended.describe(),
             "gain": self.gain.to_dict(),
@@ -338,7 +354,14 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
 
     g, unit = diagnosis.gain, diagnosis.axis.units[0]
     lines = [f"verdict: {diagnosis.verdict}"]
-    lines += [f"{i}. {cause.summary()}" for i, cause in enumerate(diagnosis.causes, start=1)]
+    for i, cause in enumerate(diagnosis.main_causes, start=1):
+        lines.append(f"{i}. {cause_text(cause, diagnosis.axis)}")
+        lines += [f"    {line}" for line in meaning(diagnosis, cause)]
+    small = diagnosis.small_corrections
+    if small:
+        lines.append(f"small corrections of believed numbers ({100.0 * SMALL:g} % or less):")
+    for cause in small:
+        lines.append(f"    {cause_text(cause, diagnosis.axis)}")
     errors = (
         "error of free runs on unseen data, each from its most likely start: "
         f"{length_text(g.before, unit)} RMS"
@@ -346,7 +369,8 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.causes:
         errors += (
             f" before, {length_text(g.after, unit)} after; "
-            f"{g.ratio:.3g} times smaller (90 %: {g.interval[0]:.3g} to {g.interval[1]:.3g})"
+            f"{plain(g.ratio)} times smaller "
+            f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])})"
         )
     lines.append(f"{errors}; noise floor {length_text(g.floor, unit)}")
     if diagnosis.unexplained.significant:

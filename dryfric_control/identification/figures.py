@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dryfric_control.identification.stribeck import StribeckIdentification
 
 GREY = "0.6"
+# Part of the encoder quantum below which an error is none.
+_NOTHING = 1e-2
 
 
 def plot_fit(
@@ -60,6 +62,10 @@ def _window_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
         ax.semilogy(run.windows.start_times, run.rms_by_window, "o-", ms=3, lw=0.8,
                     color=f"C{i}", label=label)  # fmt: skip
     ax.axhline(runs[0].quantum, color="k", lw=0.8, ls=":", label="encoder quantum")
+    least = min(float(run.rms_by_window.min()) for run in runs)
+    if least < _NOTHING * runs[0].quantum:
+        # Windows at rest, which every model holds, must not squeeze the others together.
+        ax.set_ylim(bottom=_NOTHING * runs[0].quantum)
     ax.set_xlabel("Time [s]")
     ax.set_ylabel(f"RMS error [{unit}]")
     legend_above(ax)

@@ -212,9 +212,10 @@ def cut(
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
     length = round(window / record.dt)
     if not 5 <= length <= len(record):
+        slow = "" if record.dt < 0.1 else f" (dt = {record.dt:g} s: is its time in ms?)"
         raise ValueError(
-            f"window = {window:g} s is {length} samples of this record of {len(record)}: choose "
-            f"between {5 * record.dt:g} and {len(record) * record.dt:g} s"
+            f"window = {window:g} s is {length} samples of this record of {len(record)}{slow}: "
+            f"choose between {5 * record.dt:g} and {len(record) * record.dt:g} s"
         )
     if edges is None:
         edges = np.arange(0, len(record), length, dtype=np.int64)

@@ -861,7 +861,7 @@ CASES += [
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 files(
     "read_axis",
-    ("empty.toml", "", "mass", "give at least"),
+    ("empty.toml", "", "empty.toml", "is empty"),
     ("torn.toml", "mass = ", "torn.toml", "TOML"),
     ("latin.toml", b"name = '\xff'", "latin.toml", "TOML"),
     ("deep.toml", "mass=" + "[" * 9999, "deep", "TOML"),
@@ -900,7 +900,7 @@ CASES += [
         kind=FileNotFoundError,
         says="nowhere",
     ),
-    Case("read_axis", dict(path=3), "PathLike", "int", kind=TypeError),
+    Case("read_axis", dict(path=3), "is no file name", "3"),
     Case("write_axis", dict(axis="axis"), "FrictionAxis"),
     Case("write_axis", {}, "axis.toml", "nowhere", kind=FileNotFoundError),
 ]

@@ -258,6 +258,7 @@ def simulate_observed_loop(
     instance("axis", axis, FrictionAxis)
     tables(design, switching, quantum)
     first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
+    x0 = finite("x0", x0)
     r = samples("reference", reference)
     if bandwidth is not None:
         r = filter_reference(r, bandwidth, design.dt, x0)

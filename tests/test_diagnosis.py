@@ -119,6 +119,21 @@ def test_both_causes_of_a_pair_are_found():
     assert max(parameter_errors(case, found).values()) < 0.15
 
 
+@pytest.mark.parametrize(
+    ("effects", "seed", "condition"),
+    [
+        (("input_gain",), 7, "exact"),
+        (("input_gain",), 4, "short"),
+        (("input_gain", "stribeck"), 5, "exact"),
+    ],
+)
+def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
+    # The very same machine; one cause is plainer than three.
+    case = make_case(effects, seed, condition)
+    found = diagnose(believed(case), record(case), jobs=1)
+    assert sorted(causes(found)) == sorted(effects), str(found)
+
+
 # -- the blind test would catch a diagnosis that cheats -----------------------------
 
 

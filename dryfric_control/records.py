@@ -705,7 +705,12 @@ class Record:
 
     def __repr__(self) -> str:
         title = f"{self.name!r}, " if self.name else ""
-        return f"Record({title}{len(self)} samples, dt={self.dt:.6g} s)"
+        unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
+        return (
+            f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, "
+            f"u {self.u.min():.4g} to {self.u.max():.4g}{unit_u}, "
+            f"x {self.x.min():.4g} to {self.x.max():.4g}{unit_x})"
+        )
 
     def _repr_html_(self) -> str:
         cells = "".join(

@@ -6,6 +6,7 @@ import ast
 import builtins
 import dataclasses
 import doctest
+import importlib.util
 import inspect
 import re
 import warnings
@@ -134,6 +135,16 @@ def test_an_effect_says_its_equation(slug):
     cls = REGISTRY[slug]
     if cls.__module__.startswith("dryfric_control."):
         assert any(".. math::" in line for line in parsed(cls)["Notes"])
+
+
+def test_the_catalogue_of_effects_is_up_to_date():
+    """``sphinx-build docs docs/_build/html`` writes it."""
+    spec = importlib.util.spec_from_file_location(
+        "catalogue", ROOT / "docs" / "_extensions" / "effects_catalogue.py"
+    )
+    catalogue = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(catalogue)
+    assert (ROOT / "docs" / catalogue.PAGE).read_text(encoding="utf-8") == catalogue.page()
 
 
 def test_reference_lists_every_public_name():

@@ -322,3 +322,20 @@ class Stribeck:
     def __post_init__(self) -> None:
         object.__setattr__(self, "excess", positive("stribeck.excess", self.excess, zero=True))
         object.__setattr__(self, "speed", positive("stribeck.speed", self.speed, unit="m/s"))
+
+    def factor(self, speed: ArrayLike, stick_speed: float = 0.0) -> NDArray[np.float64]:
+        """Friction over its Coulomb level, by the law of the class.
+
+        Parameters
+        ----------
+        speed : array_like, shape (n,)
+            Speed in the direction of motion [m/s].
+        stick_speed : float, optional
+            Stick speed of the axis [m/s].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        past = (np.asarray(speed, dtype=float) - stick_speed) / self.speed
+        return np.asarray(1.0 + self.excess * np.exp(-(past**2)))

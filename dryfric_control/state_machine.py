@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -184,8 +183,7 @@ def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
         rf"and  $-F_{{c-}} \leq {force} \leq F_{{c+}}$",
     ]
     if axis.stribeck and axis.switching == "filippov":
-        slip = axis.stick_speed / axis.stribeck.speed
-        top = 1.0 + axis.stribeck.excess * math.exp(-(slip**2))
+        top = float(axis.stribeck.factor(0.0, axis.stick_speed))
         hold = rf"{force} \leq F_+(0)" if s > 0 else rf"{force} \geq -F_-(0)"
         peak = _levels(axis, axis.coulomb.scaled(top), s)
         rows += [rf"or  $v = 0$ and ${hold}$,", rf"$F_{sign}(0)$ = {peak}"]

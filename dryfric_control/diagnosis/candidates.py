@@ -56,7 +56,12 @@ def holds(axis: FrictionAxis, slug: str) -> bool:
     """Whether an axis has an effect, a Stribeck peak as its own field."""
     if slug == "stribeck":
         return axis.stribeck is not None
-    return any(e.slug == slug for e in axis.effects)
+    return effect_of(axis, slug) is not None
+
+
+def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:
+    """The effect of an axis by its slug."""
+    return next((e for e in axis.effects if e.slug == slug), None)
 
 
 def other_numbers(axis: FrictionAxis, effect: type[Effect]) -> list[dict[str, float]]:

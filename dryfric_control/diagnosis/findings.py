@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.diagnosis.candidates import BASE, holds
-from dryfric_control.effects import REGISTRY
+from dryfric_control.diagnosis.candidates import BASE, effect_of, holds
+from dryfric_control.effects import REGISTRY, PositionDependence
 from dryfric_control.identification.parameters import values_of
 
 if TYPE_CHECKING:
@@ -340,12 +340,11 @@ def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
             )
         lines.append(f"viscous friction (x grows forwards): {sides[0]}; believed: {sides[1]}")
     if cause.effect == "position_dependence":
-        effect = next((e for e in d.extended.effects if e.slug == cause.effect), None)
-        if effect is not None:
-            centre = effect.values[list(effect.parameters()).index("centre")]
+        effect = effect_of(d.extended, cause.effect)
+        if isinstance(effect, PositionDependence):
             lines.append(
                 "level = Coulomb level of the axis * (1 + slope q + curvature q^2) with "
-                f"q = x - centre, centre = {centre:.4g} {d.axis.units[0]}"
+                f"q = x - centre, centre = {effect.centre:.4g} {d.axis.units[0]}"
             )
     # The level is that of all causes: it is told once.
     first = next((one.effect for one in d.main_causes if acts_on_level(one)), None)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
-from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue
+from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue, effect_of
 from dryfric_control.diagnosis.floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, ROBUST, Evaluation
-from dryfric_control.effects import REGISTRY, Effect
+from dryfric_control.effects import REGISTRY
 from dryfric_control.identification.parameters import with_values
 from dryfric_control.identification.uncertainty import block_labels, jackknife
 
@@ -450,8 +450,3 @@ def in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis
     effect = effect_of(rival, slug)
     others = tuple(e for e in axis.effects if e.slug != slug)
     return axis.replace(effects=(*others, *([effect] if effect else [])), **base)
-
-
-def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:
-    """The effect of an axis by its slug."""
-    return next((e for e in axis.effects if e.slug == slug), None)

@@ -291,7 +291,10 @@ def identify_coulomb(
     known = axis is not None
     if axis is not None:
         taken = axis.viscous * pieces.v + axis.mass * pieces.rise + _effects(axis, pieces)
-        pieces = pieces._replace(u=(pieces.u - taken) / _raised(axis, np.abs(pieces.v)))
+        force = pieces.u - taken
+        if axis.stribeck is not None:
+            force = force / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)
+        pieces = pieces._replace(u=force)
     elif _varies(fine):
         viscous, mass = _along_the_way(fine, travel)
         if viscous < 0.0:
@@ -357,14 +360,6 @@ def _tell(pieces: Pieces, record: Record, what: str) -> None:
         FitWarning,
         stacklevel=3,
     )
-
-
-def _raised(axis: FrictionAxis, speed: FloatArray) -> FloatArray:
-    """Friction at a speed over its Coulomb level."""
-    if axis.stribeck is None:
-        return np.ones_like(speed)
-    past = (speed - axis.stick_speed) / axis.stribeck.speed
-    return np.asarray(1.0 + axis.stribeck.excess * np.exp(-(past**2)))
 
 
 def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:

@@ -44,8 +44,7 @@ def plot_fit(
         v = np.linspace(0.0, fastest, 400)
         level = axis.coulomb([middle], s)[0] * np.ones_like(v)
         if axis.stribeck is not None:
-            q = (v - axis.stick_speed) / axis.stribeck.speed
-            level = level * (1.0 + axis.stribeck.excess * np.exp(-(q**2)))
+            level = level * axis.stribeck.factor(v, axis.stick_speed)
         top.plot(s * v, s * (level + axis.viscous * v), "k-", lw=1.5,
                  label="fitted" if s == 1 else None)  # fmt: skip
     top.set_xlabel(f"speed [{length}/s]")

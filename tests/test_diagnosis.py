@@ -245,9 +245,12 @@ def registered(effect):
 def test_a_candidate_that_learns_by_heart_is_refused():
     """A friction level for every second fits any record; it says nothing of the others."""
     # Bounds that keep the level of 8 N positive.
-    every = dfc.parameter("N", "level in one second", default=0.0, bounds=(-6.0, 6.0))
+    every = {
+        f"second{k:02d}": dfc.parameter("N", "level", default=0.0, bounds=(-6.0, 6.0))
+        for k in range(SECONDS)
+    }
     heart = make_dataclass(
-        "Heart", [(f"second{k:02d}", float, every) for k in range(SECONDS)],
+        "Heart", [(name, float, one) for name, one in every.items()],
         bases=(dfc.Effect,), frozen=True,
         namespace={"slug": "by_heart", "title": "learned by heart", "action": "friction",
                    "law": staticmethod(by_heart_law)},

@@ -1,7 +1,7 @@
 """Every effect against its equation, integrated by someone else."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, make_dataclass
 
 import numpy as np
 import pytest
@@ -233,6 +233,41 @@ def test_user_effect_runs_like_a_built_in_one():
             Magnet(11.0)
     finally:
         REGISTRY.pop("test_magnet", None)
+
+
+def declared(count, law, shared=False):
+    """An effect with `count` parameters, which share one declaration or have their own."""
+    one = dfc.parameter("N", "level", default=0.0)
+    names = [(f"p{k}", float, one if shared else dfc.parameter("N", "l")) for k in range(count)]
+    return make_dataclass(
+        "Reader", names, bases=(dfc.Effect,), frozen=True,
+        namespace={"slug": "reader", "action": "force", "law": staticmethod(law)},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (
+            declared(1, lambda t, x, v, u, level, s, rest, p: p[1]),
+            r"reads p\[1\].*p\[0\] to p\[0\]",
+        ),
+        (declared(2, lambda t, x, v, u, level, s, rest, p: p[-1]), r"reads p\[-1\]"),
+        (declared(2, lambda t, x, v, u, level, s, rest, p: p[int(t)] / v), r"reads p\[2\]"),
+        (declared(0, lambda t, x, v, u, level, s, rest, p: p[0]), "declares no parameter"),
+        (
+            declared(3, lambda t, x, v, u, level, s, rest, p: p[2], True),
+            "p0 is no field.*for each parameter",
+        ),
+    ],
+)
+def test_a_law_that_reads_numbers_not_its_own_is_refused(effect, words):
+    """Compiled, it would read whatever lies behind them in memory."""
+    with pytest.raises(ValueError, match=words):
+        dfc.register_effect(effect)
+    assert "reader" not in REGISTRY
+    with pytest.raises(ValueError, match=words):
+        axis_with(effect(*[0.0] * len(fields(effect)))).simulate(np.zeros(3), DT)
 
 
 def test_every_effect_tells_what_it_is():

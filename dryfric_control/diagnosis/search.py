@@ -238,7 +238,8 @@ class Hypothesis:
         for i, believed in self._believed:
             p = self.parameters[i]
             value = p.value(z[i])
-            change = (value / believed - 1.0) / BASE_SPREAD
+            # Beyond that, what a number costs says nothing more.
+            change = min((value / believed - 1.0) / BASE_SPREAD, 1e100)
             slope = p.slope(value) / believed / BASE_SPREAD
             total += BASE_COST * np.log1p(change**2)
             weight = BASE_COST / (1.0 + change**2)

@@ -8,6 +8,8 @@ documentation all read the same class.
 
 from __future__ import annotations
 
+import inspect
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
@@ -175,8 +177,8 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Raises
     ------
     ValueError
-        If the class lacks a slug, a known action, a law or an `alter`, or
-        takes the slug of another effect.
+        If the class lacks a slug, a known action, a law or an `alter`, takes the
+        slug of another effect, or its law reads a parameter that it does not declare.
 
     Examples
     --------
@@ -209,8 +211,50 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     known = REGISTRY.get(cls.slug)
     if known is not None and known.__qualname__ != cls.__qualname__:
         raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
+    _check_numbers(cls)
     REGISTRY[cls.slug] = cls
     return cls
+
+
+class _Numbers(tuple[float, ...]):
+    """Parameters as a law may read them: one by one, each that there is."""
+
+    def __getitem__(self, place: Any) -> Any:
+        if not 0 <= place < len(self):
+            raise IndexError(place)
+        return super().__getitem__(place)
+
+
+# Where a law is tried: t, x, v, u, level, rest; each in both directions.
+_TRIED = tuple(
+    itertools.product((0.0, 2.5), (-1.0, 1.0), (-1.0, 0.0, 1.0), (-9.0, 9.0), (5.0,), (0.0, 1.0))
+)
+
+
+def _check_numbers(cls: type[Effect]) -> None:
+    """Refuse a law that reads numbers which are not its own; compiled, it would take any."""
+    for name in inspect.get_annotations(cls):
+        if name not in cls.__dataclass_fields__:
+            raise ValueError(
+                f"{cls.__name__}.{name} is no field: put @dataclass(frozen=True) above the class "
+                "and call dfc.parameter(...) for each parameter"
+            )
+    if cls.action not in _BY_LAW:
+        return
+    law = getattr(cls.law, "py_func", cls.law)
+    bounds = [item.metadata["bounds"] for item in fields(cls)]
+    p = _Numbers(min(max(1.0, low), high) for low, high in bounds)
+    has = f"p[0] to p[{len(p) - 1}]" if p else "no parameter"
+    for *state, rest in _TRIED:
+        for direction in (-1.0, 1.0):
+            try:
+                law(*state, direction, rest, p)
+            except IndexError as wrong:
+                raise ValueError(
+                    f"{cls.__name__}.law reads p[{wrong}], but the class declares {has}"
+                ) from None
+            except Exception:  # its own numbers, or what only the compiler knows
+                continue
 
 
 # Compiled laws stay alive here: the kernel holds only their addresses.
@@ -230,6 +274,7 @@ def law_address(cls: type[Effect]) -> int:
     int
     """
     if cls not in _COMPILED:
+        _check_numbers(cls)
         try:
             _COMPILED[cls] = cfunc(LAW, cache=True)(cls.law)
         except RuntimeError as problem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import joblib
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.candidates import BASE, with_effect
-from dryfric_control.diagnosis.guesses import guesses, view
+from dryfric_control.diagnosis.guesses import View, guesses, view
 from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesis
 from dryfric_control.effects import Effect
 from dryfric_control.identification.parameters import Scales, choose, values_of, with_values
@@ -106,7 +107,10 @@ class Race:
         self.jobs = jobs
         names = list(BASE.values())
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
+        # What was asked before: the same question comes up on several ways, and all
+        # of a search again where another follows.
         self._known: dict[tuple, Fitted] = {}
+        self._answers: dict[tuple, Any] = {}
 
     def hypothesis(
         self, axis: FrictionAxis, free: Sequence[str], base: Sequence[str] | None = None
@@ -119,10 +123,16 @@ class Race:
         return Hypothesis(self.bench, axis, parameters, self.believed)
 
     def _run(self, function, items: Iterable):  # type: ignore[no-untyped-def]
+        """Fits side by side, those that are not known yet."""
+        asked = [(function.__name__, *item) for item in items]
+        new = [key for key in dict.fromkeys(asked) if key not in self._answers]
         if self.jobs == 1:
-            return [function(*item) for item in items]
-        run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
-        return run(joblib.delayed(function)(*item) for item in items)
+            answers = [function(*key[1:]) for key in new]
+        else:
+            run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
+            answers = run(joblib.delayed(function)(*key[1:]) for key in new)
+        self._answers |= zip(new, answers, strict=True)
+        return [self._answers[key] for key in asked]
 
     def alone(
         self,
@@ -140,7 +150,7 @@ class Race:
         fit = self.fit if active is None else active
         of = None if base is None else tuple(base)
         key = (axis, tuple(free), slug, of, fit.tobytes(), search)
-        if key not in self._known:  # the same question comes up on several ways
+        if key not in self._known:
             self._known[key] = self._alone(axis, free, slug, base, fit, search)
         return self._known[key]
 
@@ -194,15 +204,7 @@ class Race:
         Those that are far behind after a short fit are not fitted further.
         """
         self.sieve = self.bench.sieve(self.fit, base.scores)
-        record = self.bench.windows.record
-        known = base.hypothesis.values(base.z)
-        views = [(view(base.axis, record, self.believed), known)]
-        if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
-            # The base may have bent only for want of the cause.
-            straight = known | {n: v for n, v in self.believed.items() if n in known}
-            names = [n for n in self.believed if n in known]
-            axis = with_values(base.axis, names, [straight[n] for n in names])
-            views.append((view(axis, record, self.believed), straight))
+        self._views(base)  # once, not in every fit that runs side by side
         # Elastic contacts and transmissions are slow to run: they are tried where
         # nothing simpler reaches the floor.
         slow = [e for e in effects if e.action in ("contact", "transmission")]
@@ -214,7 +216,7 @@ class Race:
         for group in ([e for e in effects if e not in slow], slow):
             if any(self._settled(r.loss, self.fit) for r in done.values()):
                 break
-            tried = self._run(self._first, ((base, e, views, free, settled) for e in group))
+            tried = self._run(self._first, ((base, e, tuple(free), settled) for e in group))
             started = sorted((r for runs in tried for r in runs), key=lambda r: r.loss)
             if settled:
                 # A fit that ends no lower than the one without has nothing to say.
@@ -234,6 +236,22 @@ class Race:
         left = {r.slug: r for r in reversed(runners) if r.slug not in first}
         return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
 
+    def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
+        """What first guesses look at, for a fitted axis and with the base as believed."""
+        key = ("views", base)
+        if key not in self._answers:
+            record = self.bench.windows.record
+            known = base.hypothesis.values(base.z)
+            views = [(view(base.axis, record, self.believed), known)]
+            if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
+                # The base may have bent only for want of the cause.
+                straight = known | {n: v for n, v in self.believed.items() if n in known}
+                names = [n for n in self.believed if n in known]
+                axis = with_values(base.axis, names, [straight[n] for n in names])
+                views.append((view(axis, record, self.believed), straight))
+            self._answers[key] = tuple(views)
+        return self._answers[key]
+
     def _near(self, runners: list[Fitted]) -> list[Fitted]:
         """Those of sorted runners that are worth a fit to its end."""
         if not runners:
@@ -247,10 +265,10 @@ class Race:
         n = self.bench.samples[active] * ROBUST**2
         return loss < _SETTLED * float(n.sum())
 
-    def _first(self, base, effect, views, free, settled):  # type: ignore[no-untyped-def]
+    def _first(self, base, effect, free, settled):  # type: ignore[no-untyped-def]
         """Best of the first guesses after a first fit, of every origin as good."""
         options = []
-        for number, (seen, known) in enumerate(views):
+        for number, (seen, known) in enumerate(self._views(base)):
             some = []
             for values, regressed in guesses(effect, seen):
                 origin = known | regressed

@@ -828,13 +828,14 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         history,
         sum(INNER[e.slug] for e in (*by_action["contact"], *by_action["transmission"])),
         0,
-        0,
+        kernels.rigid_task().address,
+        kernels.rigid_task().address,
         sum(effect.within_peak for effect in levels),
     ]
     if numbers[kernels.CONTACT_STIFFNESS] == 0.0:
         integers[kernels.STRUCTURE] &= ~kernels.CONTACT
     if integers[kernels.STRUCTURE]:
-        integers[kernels.INNER_TASK] = kernels.inner_task().address
+        integers[kernels.TASK] = kernels.inner_task().address
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values

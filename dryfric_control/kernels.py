@@ -60,8 +60,8 @@ LAW = types.float64(
 )
 
 _NUMBERS, _INTEGERS = types.CPointer(types.float64), types.CPointer(types.int64)
-#: What does the tasks of an axis with inner states, see `_inner_task`.
-_INNER = types.void(
+#: What moves and looks at an axis, see `_rigid_task` and `_inner_task`.
+_TASK = types.void(
     types.int64,  # task
     _NUMBERS,
     _INTEGERS,
@@ -98,7 +98,8 @@ FILIPPOV, PAPER = 0, 1
 #: level laws are raised by the Stribeck peak.
 #: STRUCTURE tells which inner states the axis has, 0 for none.  With two masses
 #: the numbers are there twice, N_NUMBERS each: with the whole mass, and with
-#: that of the load.
+#: that of the load.  RIGID_TASK and TASK are addresses of what moves the axis
+#: without its inner states, and with them.
 (
     RULE,
     N_PLUS,
@@ -110,10 +111,11 @@ FILIPPOV, PAPER = 0, 1
     N_HISTORY,
     STRUCTURE,
     N_NUMBERS,
-    INNER_TASK,
+    RIGID_TASK,
+    TASK,
     N_PEAKED,
     LAWS,
-) = range(13)
+) = range(14)
 
 #: What a STRUCTURE is made of, to be added up.
 CONTACT, PLAY, SPRING = 1, 2, 4
@@ -155,6 +157,17 @@ class Drive(NamedTuple):
     slope: float
     fade: float
     rate: float
+
+
+def part(function=None, **options):
+    """`njit` for a part of the kernels, which takes a `Plant` or addresses.
+
+    Python cannot call it: without the wrappers for Python an eighth less is compiled.
+    """
+    return njit(
+        function, cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
+        **options,
+    )  # fmt: skip
 
 
 @intrinsic
@@ -209,12 +222,12 @@ def _scratch(typingctx):
 
 
 @intrinsic
-def _call_inner(typingctx, address, *arguments):
-    """Call `_inner_task` by its address."""
-    signature = types.void(types.int64, types.Tuple(_INNER.args))
+def _call_task(typingctx, address, *arguments):
+    """Call `_rigid_task` or `_inner_task` by its address."""
+    signature = types.void(types.int64, types.Tuple(_TASK.args))
 
     def codegen(context, builder, signature, args):
-        kinds = [context.get_value_type(kind) for kind in _INNER.args]
+        kinds = [context.get_value_type(kind) for kind in _TASK.args]
         function = ir.FunctionType(ir.VoidType(), kinds)
         callee = builder.inttoptr(args[0], function.as_pointer())
         builder.call(callee, cgutils.unpack_tuple(builder, args[1]))
@@ -229,7 +242,7 @@ def point(numbers, integers):
     return Plant(pointer(numbers), pointer(integers))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _law(plant, i, t, x, v, u, level, direction, rest):
     address, offset = plant.integers[LAWS + 2 * i], plant.integers[LAWS + 2 * i + 1]
     return _call(address, t, x, v, u, level, direction, rest, plant.numbers, offset)
@@ -244,7 +257,7 @@ def polynomial(coefficients, first, count, x):
     return value
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def drive_force(drive, tau):
     """Drive force at time tau of the interval."""
     force = drive.start + drive.slope * tau
@@ -253,7 +266,7 @@ def drive_force(drive, tau):
     return force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _place_force(plant, t, x, s, rest):
     """Sum of the force laws that depend on place and time alone."""
     force = 0.0
@@ -262,7 +275,7 @@ def _place_force(plant, t, x, s, rest):
     return force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _motion_force(plant, t, x, v, u, s, rest):
     """Sum of the force laws that depend on speed or drive as well."""
     force = 0.0
@@ -272,7 +285,7 @@ def _motion_force(plant, t, x, v, u, s, rest):
     return force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def load(plant, drive, t0, tau, x, v, s, rest):
     """Net force on the mass without friction."""
     u = drive_force(drive, tau)
@@ -280,7 +293,7 @@ def load(plant, drive, t0, tau, x, v, s, rest):
     return (u + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _base_level(plant, x, s):
     """Coulomb level of the map in direction s."""
     place = min(max(x, plant.numbers[LOW]), plant.numbers[HIGH])
@@ -291,7 +304,7 @@ def _base_level(plant, x, s):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _full_level(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, without it, given the map's level."""
     level = base
@@ -301,7 +314,7 @@ def _full_level(plant, t, x, v, w, base, s, rest):
     return max(level, 0.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _further_level(plant, t, x, v, w, base, s, rest):
     """Friction of other contacts, which the Stribeck peak does not raise."""
     level = 0.0
@@ -311,7 +324,7 @@ def _further_level(plant, t, x, v, w, base, s, rest):
     return level
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def coulomb_level(plant, t, x, v, w, s, rest):
     """Friction level without Stribeck peak in direction s, a magnitude."""
     base = _base_level(plant, x, s)
@@ -319,7 +332,7 @@ def coulomb_level(plant, t, x, v, w, s, rest):
     return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _stribeck(plant, level, v, s):
     """Level raised by the Stribeck peak at speed v."""
     if plant.numbers[EXCESS] > 0.0:
@@ -330,20 +343,20 @@ def _stribeck(plant, level, v, s):
     return level
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _peaked_level(plant, t, x, v, slip, w, base, s, rest):
     """Friction level with its Stribeck peak at the speed `slip`, a magnitude."""
     own = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, rest), slip, s)
     return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def sliding_level(plant, t, x, v, w, s):
     """Friction magnitude F_s(x, v) while sliding in direction s."""
     return _peaked_level(plant, t, x, v, v, w, _base_level(plant, x, s), s, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def breakaway_level(plant, t, x, w, s, rest):
     """Friction that a stuck axis can hold against motion in direction s."""
     base = _base_level(plant, x, s)
@@ -351,7 +364,7 @@ def breakaway_level(plant, t, x, w, s, rest):
     return max(own + _further_level(plant, t, x, 0.0, w, base, s, rest), 0.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _rate(plant, t, x, v, s, u, placed, base):
     """Acceleration, given the drive, the place forces and the map's level."""
     w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
@@ -359,7 +372,7 @@ def _rate(plant, t, x, v, s, u, placed, base):
     return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _acceleration(plant, drive, t0, tau, x, v, s):
     u = drive_force(drive, tau)
     t = t0 + tau
@@ -367,7 +380,7 @@ def _acceleration(plant, drive, t0, tau, x, v, s):
     return _rate(plant, t, x, v, s, u, placed, _base_level(plant, x, s))
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _slide(plant, drive, t0, tau, x, v, s, k1, d):
     """One sliding step of length d: state, stages 2 to 4, place acceleration.
 
@@ -388,7 +401,7 @@ def _slide(plant, drive, t0, tau, x, v, s, k1, d):
     return x1, v1, k2, k3, k4, (placed - u) * plant.numbers[INVERSE_MASS]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     """Estimate of the speed error of one step from its stages; 0 if surely allowed.
 
@@ -436,7 +449,7 @@ def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     return d * (stiff + uneven + coupled)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _peak_step(plant, v, v1, s, d):
     """Length of a step that does not pass the Stribeck peak unseen."""
     if plant.numbers[EXCESS] == 0.0:
@@ -452,7 +465,7 @@ def _peak_step(plant, v, v1, s, d):
     return d * min(1.0, max(above, 0.7) / change)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _band_excess(plant, drive, t0, tau, x, v, s):
     """How far the load lies outside the Coulomb band, negative inside it."""
     w = load(plant, drive, t0, tau, x, v, s, 0.0)
@@ -465,7 +478,7 @@ def _band_excess(plant, drive, t0, tau, x, v, s):
 _OUTER, _ZERO, _BAND = 0, 1, 2
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _surface(plant, drive, t0, tau, x, v, s, kind):
     """Switching function that falls through zero at the switch."""
     if kind == _OUTER:
@@ -475,7 +488,7 @@ def _surface(plant, drive, t0, tau, x, v, s, kind):
     return _band_excess(plant, drive, t0, tau, x, v, s)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     """Length of the step that ends on a switching surface.
 
@@ -512,7 +525,7 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     return b
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _hold_excess(plant, drive, t0, tau, x, v, rest):
     """How far the load exceeds what a stuck axis can hold, and its direction."""
     w = load(plant, drive, t0, tau, x, v, 0.0, rest)
@@ -520,7 +533,7 @@ def _hold_excess(plant, drive, t0, tau, x, v, rest):
     return s * w - breakaway_level(plant, t0 + tau, x, w, s, rest), s
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _decay(plant, x, v, d):
     """Stuck motion over d: v' = -p v, exactly."""
     if v == 0.0:
@@ -531,7 +544,7 @@ def _decay(plant, x, v, d):
     return x + v * fall / plant.numbers[STICK_RATE], after if abs(after) > 1e-250 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def resolve(plant, t, x, v, mode, rest, w):
     """Mode at an instant where the load may have jumped.
 
@@ -556,7 +569,7 @@ def resolve(plant, t, x, v, mode, rest, w):
     return mode, v
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def begin(plant, drive, t, x, v, mode, rest):
     """Mode, speed, friction force and acceleration as an interval starts."""
     w = load(plant, drive, t, 0.0, x, v, float(mode), rest)
@@ -575,7 +588,7 @@ def begin(plant, drive, t, x, v, mode, rest):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _at_zero(plant, t, x, w, mode):
     """Mode after a sliding speed has come down to zero (completed rule)."""
     s = float(mode)
@@ -595,7 +608,7 @@ def _record(events, count, t, before, after):
     count[0] = k + 1
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _varies(plant, drive):
     """Whether load or level can change while the axis is at rest."""
     i = plant.integers
@@ -607,7 +620,7 @@ def _varies(plant, drive):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     """Try the interval in one step; whether no switch is near, and the state."""
     if mode == 0:
@@ -637,7 +650,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     return calm, x1, v1
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     """Move over an interval with switches in it, or too rough for one step."""
     sigma = plant.numbers[STICK_SPEED]
@@ -777,7 +790,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _advance_rigid(plant, drive, t0, h, memory, events, count):
     """Move an axis without inner states, see `advance`."""
     x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
@@ -794,18 +807,42 @@ def _advance_rigid(plant, drive, t0, h, memory, events, count):
     return v, friction, first
 
 
-@njit(cache=True, error_model="numpy")
-def _structure(plant, task, drive, t0, h, memory, events, count):
-    """Do one task for an axis with inner states, by the address of `_inner_task`."""
+def _rigid_task(
+    task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
+):
+    """Whatever an axis without inner states is asked to do; speed, friction, mode."""
+    plant, drive = Plant(numbers, integers), Drive(start, slope, fade, rate)
+    if task == _ADVANCE:
+        v, friction, mode = _advance_rigid(plant, drive, t0, h, memory, events, count)
+    else:
+        mode, v, friction, _ = begin(
+            plant, drive, t0, memory[X], memory[V], int(memory[MODE]), memory[REST]
+        )
+    seen[0], seen[1], seen[2] = v, friction, mode
+
+
+@functools.cache
+def rigid_task():
+    """Compiled code that moves an axis without inner states, on first use."""
+    return cfunc(_TASK, cache=True)(_rigid_task)
+
+
+@part
+def _do(plant, place, task, drive, t0, h, memory, events, count):
+    """Have a task done, by the address at a place of the integers.
+
+    Called by its address, what moves an axis is compiled once, and not again
+    into everything that moves one.
+    """
     seen = _scratch()
-    _call_inner(
-        plant.integers[INNER_TASK], task, plant.numbers, plant.integers, drive.start, drive.slope,
+    _call_task(
+        plant.integers[place], task, plant.numbers, plant.integers, drive.start, drive.slope,
         drive.fade, drive.rate, t0, h, memory, events, count, seen,
     )  # fmt: skip
     return seen[0], seen[1], int(seen[2])
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def advance(plant, drive, t0, h, memory, events, count):
     """Move the axis over [t0, t0 + h] with one smooth piece of drive.
 
@@ -813,12 +850,10 @@ def advance(plant, drive, t0, h, memory, events, count):
     mode before, mode after) and is counted in `count`.  Returns speed, friction
     force and mode at t0.
     """
-    if plant.integers[STRUCTURE] != 0:
-        return _structure(plant, _ADVANCE, drive, t0, h, memory, events, count)
-    return _advance_rigid(plant, drive, t0, h, memory, events, count)
+    return _do(plant, TASK, _ADVANCE, drive, t0, h, memory, events, count)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def input_map(plant, t, memory, u):
     """Drive force after the static input effects."""
     for i in range(plant.integers[N_INPUT]):
@@ -826,7 +861,7 @@ def input_map(plant, t, memory, u):
     return u
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _piece(plant, memory, start, end, h):
     """Drive over one piece of length h, through the lag if there is one."""
     slope = (end - start) / h
@@ -846,7 +881,7 @@ def _whole_samples(delay, dt):
     return n, (part if part > 1e-9 else 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def sample(plant, t, dt, u0, u1, memory, events, count):
     """One sample: the input runs from u0 to u1 (equal for a held input).
 
@@ -888,7 +923,7 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     return seen if part > 0.0 else after
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def drive_now(plant, t, dt, memory, u):
     """Drive force that acts at the sample instant when the input is u."""
     a = input_map(plant, t, memory, u)
@@ -903,16 +938,16 @@ def drive_now(plant, t, dt, memory, u):
     return memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def settle(plant, t, dt, memory, u):
     """Set the inner states to those of an axis at rest, or sliding steadily."""
     if plant.integers[STRUCTURE] == 0:
         return
     drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
-    _structure(plant, _SETTLE, drive, t, 0.0, memory, memory, plant.integers)
+    _do(plant, TASK, _SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def outputs(plant, t, dt, memory, u):
     """Speed, friction force and mode at the sample instant, under the new input.
 
@@ -920,13 +955,8 @@ def outputs(plant, t, dt, memory, u):
     away against its leftover speed, which it loses.
     """
     drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
-    if plant.integers[STRUCTURE] != 0:
-        # Looking changes nothing, so that no list of switches is needed.
-        return _structure(plant, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
-    mode, v, friction, _ = begin(
-        plant, drive, t, memory[X], memory[V], int(memory[MODE]), memory[REST]
-    )
-    return v, friction, mode
+    # Looking changes nothing, so that no list of switches is needed.
+    return _do(plant, TASK, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @njit(cache=True, error_model="numpy")
@@ -1016,7 +1046,7 @@ def _held_force(force):
     return Drive(force, 0.0, 0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _later(drive, tau):
     """The same drive, its time counted from tau."""
     start = drive.start + drive.slope * tau
@@ -1025,36 +1055,36 @@ def _later(drive, tau):
     return Drive(start, drive.slope, drive.fade * math.exp(-drive.rate * tau), drive.rate)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@part(forceinline=True)
 def _load_side(plant):
     """The plant with the load's mass alone."""
     return Plant(_further(plant.numbers, plant.integers[N_NUMBERS]), plant.integers)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _transmitted(side, two, drive, tau, x, v, y, p):
+@part(forceinline=True)
+def _transmitted(side, drive, tau, x, v, y, p):
     """Force on the load: through the spring between two masses, or the drive."""
-    if two:
+    if side.integers[STRUCTURE] & SPRING:
         return side.numbers[STIFFNESS] * (x - y) + side.numbers[DAMPING] * (v - p)
     return drive_force(drive, tau)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _bound(side, t, y, p, w, s, rest):
     """Friction that an elastic contact can carry in direction s at speed p."""
     return _peaked_level(side, t, y, p, s * abs(p), w, _base_level(side, y, s), s, rest)
 
 
-@njit(cache=True, error_model="numpy")
-def _rates(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest):
+@part
+def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
     """Accelerations of motor and load in one mode.
 
     `anchor` is the position of the load at which an elastic contact is
     unstrained: its deflection is y - anchor.
     """
-    force = _transmitted(side, two, drive, tau, x, v, y, p)
+    force = _transmitted(side, drive, tau, x, v, y, p)
     motor = 0.0
-    if two:
+    if side.integers[STRUCTURE] & SPRING:
         motor = (drive_force(drive, tau) - force) * side.numbers[INVERSE_MOTOR]
     s, t = float(mode), t0 + tau
     if mode == 0 and not side.integers[STRUCTURE] & CONTACT:
@@ -1077,21 +1107,19 @@ def _wave_error(k1, k2, k3, k4, phi, d):
     return d * phi * phi * (phi * abs(k4 - k1) + 4.0 * abs((k1 - k2) - (k3 - k4))) / 120.0
 
 
-@njit(cache=True, error_model="numpy")
-def _stride(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
+@part
+def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
     """One step of motor and load: their states, last stages, and its error."""
     half = 0.5 * d
     ym, xm = y + half * (p + 0.25 * d * k1), x + half * (v + 0.25 * d * m1)
     m2, k2 = _rates(
-        side, two, drive, t0, tau + half, xm, v + half * m1, ym, p + half * k1, anchor, mode, rest
+        side, drive, t0, tau + half, xm, v + half * m1, ym, p + half * k1, anchor, mode, rest
     )
     m3, k3 = _rates(
-        side, two, drive, t0, tau + half, xm, v + half * m2, ym, p + half * k2, anchor, mode, rest
+        side, drive, t0, tau + half, xm, v + half * m2, ym, p + half * k2, anchor, mode, rest
     )
     x1, y1 = x + d * (v + half * m3), y + d * (p + half * k3)
-    m4, k4 = _rates(
-        side, two, drive, t0, tau + d, x1, v + d * m3, y1, p + d * k3, anchor, mode, rest
-    )
+    m4, k4 = _rates(side, drive, t0, tau + d, x1, v + d * m3, y1, p + d * k3, anchor, mode, rest)
     x1, y1 = x + d * (v + d * (m1 + m2 + m3) / 6.0), y + d * (p + d * (k1 + k2 + k3) / 6.0)
     v1 = v + d * (m1 + 2.0 * (m2 + m3) + m4) / 6.0
     p1 = p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
@@ -1102,7 +1130,7 @@ def _stride(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
         if side.integers[STRUCTURE] & CONTACT:
             turn = math.sqrt(numbers[CONTACT_STIFFNESS] * numbers[INVERSE_MASS])
     error = 0.0
-    if two:
+    if side.integers[STRUCTURE] & SPRING:
         inverse = numbers[INVERSE_MOTOR] + numbers[INVERSE_MASS]
         turn += math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
@@ -1111,15 +1139,15 @@ def _stride(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
     # through zero (the way given as endless) is left to the wave error.  Nothing is
     # allowed here: the estimate must not be waved through as zero.
     pull = numbers[INVERSE_MASS] * (
-        abs(_transmitted(side, two, drive, tau, x, v, y, p))
+        abs(_transmitted(side, drive, tau, x, v, y, p))
         + numbers[CONTACT_STIFFNESS] * abs(y - anchor)
     )
     error = max(error, _step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
     return x1, v1, y1, p1, m4, k4, error
 
 
-@njit(cache=True, error_model="numpy")
-def _switched(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
+@part
+def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
     """Whether a mode is over in this state."""
     s, t = float(mode), t0 + tau
     if side.integers[STRUCTURE] & CONTACT:
@@ -1129,38 +1157,38 @@ def _switched(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
         s = 1.0 if pull > 0.0 else -1.0
         if s * p <= 0.0:
             return False
-        force = _transmitted(side, two, drive, tau, x, v, y, p)
+        force = _transmitted(side, drive, tau, x, v, y, p)
         w = load(side, _held_force(force), t, 0.0, y, p, 0.0, rest)
         return s * pull >= _bound(side, t, y, p, w, s, rest)
     if mode == 0:
-        force = _transmitted(side, two, drive, tau, x, v, y, p)
+        force = _transmitted(side, drive, tau, x, v, y, p)
         return _hold_excess(side, _held_force(force), t, 0.0, y, p, rest)[0] > 0.0
     if s * p > side.numbers[STICK_SPEED]:
         return False
     if s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
         return True
-    force = _transmitted(side, two, drive, tau, x, v, y, p)
+    force = _transmitted(side, drive, tau, x, v, y, p)
     return _band_excess(side, _held_force(force), t, 0.0, y, p, s) <= 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def _eased(side, two, drive, t0, tau, x, v, y, p, z, rest):
+@part
+def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
     """Deflection of a contact that springs back, no more than the level holds."""
     s = 1.0 if z > 0.0 else -1.0
-    force = _transmitted(side, two, drive, tau, x, v, y, p)
+    force = _transmitted(side, drive, tau, x, v, y, p)
     w = load(side, _held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
     most = _bound(side, t0 + tau, y, p, w, s, rest) / side.numbers[CONTACT_STIFFNESS]
     return s * min(s * z, most)
 
 
-@njit(cache=True, error_model="numpy")
-def _begin_inner(side, two, drive, t0, x, v, y, p, z, mode, rest):
+@part
+def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     """Mode, speed and deflection of the load, friction force, accelerations."""
-    force = _transmitted(side, two, drive, 0.0, x, v, y, p)
+    force = _transmitted(side, drive, 0.0, x, v, y, p)
     w = load(side, _held_force(force), t0, 0.0, y, p, float(mode), rest)
     if not side.integers[STRUCTURE] & CONTACT:
         mode, p = resolve(side, t0, y, p, mode, rest, w)
-        motor, rate = _rates(side, two, drive, t0, 0.0, x, v, y, p, y, mode, rest)
+        motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y, mode, rest)
         if mode == 0:
             return mode, p, 0.0, w, motor, rate
         s = float(mode)
@@ -1182,17 +1210,18 @@ def _begin_inner(side, two, drive, t0, x, v, y, p, z, mode, rest):
         s = float(mode)
         w = load(side, _held_force(force), t0, 0.0, y, p, s, 0.0)
         friction = s * sliding_level(side, t0, y, p, w, s)
-    motor, rate = _rates(side, two, drive, t0, 0.0, x, v, y, p, y - z, mode, rest)
+    motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y - z, mode, rest)
     return mode, p, z, friction, motor, rate
 
 
-@njit(cache=True, error_model="numpy")
-def _advance_inner(side, two, drive, t0, h, memory, events, count):
+@part
+def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two masses on a spring.
 
-    `side` is the plant with the mass that carries the friction; `two` says
-    whether the spring drives it.  Else as `advance`.
+    `side` is the plant with the mass that carries the friction.  Else as
+    `advance`.
     """
+    two = side.integers[STRUCTURE] & SPRING != 0
     contact = side.integers[STRUCTURE] & CONTACT != 0
     stiffness, sigma = side.numbers[CONTACT_STIFFNESS], side.numbers[STICK_SPEED]
     x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
@@ -1200,7 +1229,7 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
     if two:
         y, p = x + memory[OFFSET], v + memory[SLIP]
     first, p, z, friction, m1, k1 = _begin_inner(
-        side, two, drive, t0, x, v, y, p, memory[DEFLECTION], mode, rest
+        side, drive, t0, x, v, y, p, memory[DEFLECTION], mode, rest
     )
     if first != mode:
         _record(events, count, t0, mode, first)
@@ -1216,11 +1245,11 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
     while tau < h:
         s = float(mode)
         if fresh:
-            m1, k1 = _rates(side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest)
+            m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
             fresh = False
         d = min(longest, h - tau)
         x1, v1, y1, p1, m4, k4, error = _stride(
-            side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
         )
         pace = abs(p) + sigma + d * abs(k1)
         if two:
@@ -1247,7 +1276,7 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
             elif contact and p * p1 < 0.0:
                 # The contact turns round in this step: stop where it is strained most.
                 part = p / (p - p1)
-                force = _transmitted(side, two, drive, tau + d, x1, v1, y1, p1)
+                force = _transmitted(side, drive, tau + d, x1, v1, y1, p1)
                 w = load(side, _held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
                 pull = stiffness * (y + 0.6 * part * d * p - anchor)
                 side_of_pull = 1.0 if pull > 0.0 else -1.0
@@ -1258,13 +1287,13 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
 
         after_rest = rest + d if mode == 0 else 0.0
         over = switches < _MAX_SWITCHES and _switched(
-            side, two, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips
+            side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips
         )
         if not over:
             x, v, y, p, rest, fresh = x1, v1, y1, p1, after_rest, True
             tau += d
             if fades and mode == 0:
-                anchor = y - _eased(side, two, drive, t0, tau, x, v, y, p, y - anchor, rest)
+                anchor = y - _eased(side, drive, t0, tau, x, v, y, p, y - anchor, rest)
             if tau + _SHORTEST * h >= h:
                 tau = h
             if longest < h:
@@ -1275,21 +1304,21 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
         while b - a > 1e-14 * d:
             c = 0.5 * (a + b)
             xc, vc, yc, pc, _, _, _ = _stride(
-                side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
+                side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
             )
             now = rest + c if mode == 0 else 0.0
-            if _switched(side, two, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips):
+            if _switched(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips):
                 b = c
             else:
                 a = c
         x, v, y, p, _, _, _ = _stride(
-            side, two, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, b
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, b
         )
         tau += b
         if tau + _SHORTEST * h >= h:
             tau = h
         fresh, longest = True, h
-        force = _transmitted(side, two, drive, tau, x, v, y, p)
+        force = _transmitted(side, drive, tau, x, v, y, p)
         held = _held_force(force)
         after = 0
         if mode == 0:
@@ -1311,7 +1340,7 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
                 after = -mode
             else:
                 if two:
-                    held = _held_force(_transmitted(side, two, drive, tau, x, v, y, p))
+                    held = _held_force(_transmitted(side, drive, tau, x, v, y, p))
                 w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
                 after = _at_zero(side, t0 + tau, y, w, mode)
                 if after == mode and b <= 2e-14 * d:
@@ -1326,7 +1355,7 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
         z = y - anchor
         if mode != 0:
             s = float(mode)
-            force = _transmitted(side, two, drive, h, x, v, y, p)
+            force = _transmitted(side, drive, h, x, v, y, p)
             w = load(side, _held_force(force), t0 + h, 0.0, y, p, s, 0.0)
             z = s * sliding_level(side, t0 + h, y, p, w, s) / stiffness
         memory[DEFLECTION] = z
@@ -1340,15 +1369,15 @@ def _advance_inner(side, two, drive, t0, h, memory, events, count):
     return seen, friction, first
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _advance_one(plant, drive, t0, h, memory, events, count):
     """Move one mass, on an elastic contact or not."""
     if plant.integers[STRUCTURE] & CONTACT:
-        return _advance_inner(plant, False, drive, t0, h, memory, events, count)
-    return _advance_rigid(plant, drive, t0, h, memory, events, count)
+        return _advance_inner(plant, drive, t0, h, memory, events, count)
+    return _do(plant, RIGID_TASK, _ADVANCE, drive, t0, h, memory, events, count)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _motor(plant, drive, v, tau):
     """Way and speed of the motor alone after tau, exactly."""
     inverse = plant.numbers[INVERSE_MOTOR]
@@ -1373,13 +1402,13 @@ def _state_of_load(memory, scratch):
     scratch[DEFLECTION] = memory[DEFLECTION]
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _seen_one(plant, drive, t, state):
     """Mode, speed, friction force and acceleration of one mass as it starts."""
     mode = int(state[MODE])
     if plant.integers[STRUCTURE] & CONTACT:
         mode, p, _, friction, _, rate = _begin_inner(
-            plant, False, drive, t, state[X], state[V], state[X], state[V],
+            plant, drive, t, state[X], state[V], state[X], state[V],
             state[DEFLECTION], mode, state[REST],
         )  # fmt: skip
         return mode, p, friction, rate
@@ -1389,14 +1418,14 @@ def _seen_one(plant, drive, t, state):
     return mode, p, friction, rate
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _push(plant, drive, t, state, side):
     """Force with which the motor, in contact at `side`, pushes the load."""
     rate = _seen_one(plant, drive, t, state)[3]
     return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _meeting(plant, memory):
     """Side on which motor and load touch without moving apart, 0 for none."""
     half = plant.numbers[HALF_GAP]
@@ -1406,7 +1435,7 @@ def _meeting(plant, memory):
     return side if side * memory[SLIP] <= 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _impact(plant, memory, side):
     """Plastic impact: one speed from here on, the momentum is kept."""
     share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
@@ -1416,7 +1445,7 @@ def _impact(plant, memory, side):
         memory[SLIP] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _joined(plant, drive, t, d, memory, side, scratch, events, count):
     """Move motor and load as one mass over d; the contact's push at the end."""
     _state_of_load(memory, scratch)
@@ -1424,7 +1453,7 @@ def _joined(plant, drive, t, d, memory, side, scratch, events, count):
     return _push(plant, _later(drive, d), t + d, scratch, side)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _apart(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
     _state_of_load(memory, scratch)
@@ -1434,7 +1463,7 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
     return moved - memory[OFFSET] - (scratch[X] - (memory[X] + memory[OFFSET]))
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`.
 
@@ -1568,7 +1597,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     return seen, friction, first
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _seen_play(plant, drive, t, memory, side):
     """Speed of the motor, friction force and mode, given the side of contact."""
     scratch = _scratch()
@@ -1580,7 +1609,7 @@ def _seen_play(plant, drive, t, memory, side):
     return memory[V], friction, mode
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _settle(plant, force, t, memory):
     """Inner states of an axis that has come to rest, or to steady sliding.
 
@@ -1603,18 +1632,18 @@ def _settle(plant, force, t, memory):
         memory[DEFLECTION] = pull / plant.numbers[CONTACT_STIFFNESS]
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _advance_structure(plant, drive, t0, h, memory, events, count):
     """Move an axis with inner states, see `advance`."""
     kind = plant.integers[STRUCTURE]
     if kind & PLAY:
         return _advance_play(plant, drive, t0, h, memory, events, count)
     if kind & SPRING:
-        return _advance_inner(_load_side(plant), True, drive, t0, h, memory, events, count)
-    return _advance_inner(plant, False, drive, t0, h, memory, events, count)
+        return _advance_inner(_load_side(plant), drive, t0, h, memory, events, count)
+    return _advance_inner(plant, drive, t0, h, memory, events, count)
 
 
-@njit(cache=True, error_model="numpy")
+@part
 def _outputs_structure(plant, drive, t, memory):
     """Speed of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]
@@ -1632,7 +1661,7 @@ def _outputs_structure(plant, drive, t, memory):
     if two:
         side_plant, y, p = _load_side(plant), x + memory[OFFSET], v + memory[SLIP]
     mode, p, _, friction, _, _ = _begin_inner(
-        side_plant, two, drive, t, x, v, y, p, memory[DEFLECTION], mode, memory[REST]
+        side_plant, drive, t, x, v, y, p, memory[DEFLECTION], mode, memory[REST]
     )
     return v, friction, mode
 
@@ -1655,4 +1684,4 @@ def _inner_task(
 @functools.cache
 def inner_task():
     """Compiled code of the inner states, on first use."""
-    return cfunc(_INNER, cache=True)(_inner_task)
+    return cfunc(_TASK, cache=True)(_inner_task)

@@ -23,7 +23,7 @@ _SLOPE = 0.1
 _PLACES, _CLOSER = 9, 12
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernels.part
 def begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner):
     """Memory at the first sample of a window; without inner states, an axis at rest.
 
@@ -58,14 +58,14 @@ def _end(memory, after):
     after[kernels.N_INNER] = memory[kernels.REST] if at_rest else 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernels.part
 def _placed(plant, place, inner):
     """Inner states with the load at a place of the play, -1 to 1, as fast as the motor."""
     inner[0], inner[1] = 0.0, place * plant.numbers[kernels.HALF_GAP]
     inner[2], inner[3] = 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernels.part
 def _free_run(plant, memory, events, count, u, t0, dt, first, a, b, x0, v0, rest, inner, out):
     """One free run over the samples a to b - 1, positions into out[a:b].
 
@@ -88,6 +88,13 @@ def _free_run(plant, memory, events, count, u, t0, dt, first, a, b, x0, v0, rest
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _copy(source, a, b, target):
+    """target[a:b] = source[a:b], whose check of shapes would take long to compile."""
+    for k in range(a, b):
+        target[k] = source[k]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def _cost(x, out, a, b, dx, dv, scale, x_error, v_error):
     total = 0.0
     for k in range(a, b):
@@ -96,7 +103,7 @@ def _cost(x, out, a, b, dx, dv, scale, x_error, v_error):
     return total / scale**2 + (dx / x_error) ** 2 + (dv / v_error) ** 2
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernels.part
 def _settle(
     plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0, v0, rest, inner, scale,
     xe, ve, rounds, dx, dv, out, tried, by_x, by_v, after,
@@ -164,8 +171,7 @@ def _settle(
                     fell = cost - new
                     again = again or fell > 0.3 * promised
                     dx, dv, cost = tx, tv, new
-                    for k in range(a, b):
-                        out[k] = tried[k]
+                    _copy(tried, a, b, out)
                     _end(memory, after)
                     break
             if fell < 0.5 * promised:
@@ -234,8 +240,8 @@ def project(
             )  # fmt: skip
             if new < cost:
                 dx, dv, cost = tx, tv, new
-                out[a:b] = better[a:b]
-                after[:] = other
+                _copy(better, a, b, out)
+                _copy(other, 0, n_inner + 1, after)
         play = plant.integers[kernels.STRUCTURE] & kernels.PLAY != 0
         if play and offsets.shape[0] > 0 and active[w] and cost > 2.0 * (b - a):
             # Nobody measures where in its play the load is.
@@ -259,14 +265,14 @@ def project(
                 )  # fmt: skip
                 if new < cost:
                     dx, dv, cost, best = tx, tv, new, place
-                    out[a:b] = better[a:b]
-                    after[:] = other
+                    _copy(better, a, b, out)
+                    _copy(other, 0, n_inner + 1, after)
             starts[2, w] = best
         starts[0, w], starts[1, w] = dx, dv
         costs[w] = cost if active[w] else 0.0
         for k in range(a, b):
             errors[k] = out[k] - x[k]
-        inner[:] = after
+        _copy(after, 0, n_inner + 1, inner)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

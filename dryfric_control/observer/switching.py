@@ -66,7 +66,7 @@ def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-unt
     """
     S = np.zeros((3, 3))
     out = np.empty((3, 3))
-    before = np.zeros((3, 3))
+    before = np.zeros(3)
     level = gamma * gamma
     place = 0
     for _ in range(longest):
@@ -87,17 +87,17 @@ def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-unt
                 S[2, 1] = S[1, 2]
                 S[2, 2] -= c * c / power
         _move(S, F[i], N[i], out)
-        S[:] = out
+        S, out = out, S
         place += 1
         if place == word.size:
             place = 0
             still = True
             for i in range(3):
-                if abs(S[i, i] - before[i, i]) > 1e-10 * S[i, i]:
+                if abs(S[i, i] - before[i]) > 1e-10 * S[i, i]:
                     still = False
+                before[i] = S[i, i]
             if still:
                 return False
-            before[:] = S
     return False
 
 

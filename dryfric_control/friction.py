@@ -288,6 +288,11 @@ class CoulombMap:
                 )
 
 
+#: Largest excess of a Stribeck peak: beyond ten times the Coulomb level, somebody
+#: has written per cent.
+MOST_EXCESS = 10.0
+
+
 @dataclass(frozen=True)
 class Stribeck:
     """Stribeck peak: friction that is higher at the slowest motion.
@@ -302,7 +307,7 @@ class Stribeck:
     Raises
     ------
     ValueError
-        If `excess` is negative or `speed` is not positive.
+        If `excess` is negative or beyond `MOST_EXCESS`, or `speed` not positive.
 
     Notes
     -----
@@ -320,7 +325,13 @@ class Stribeck:
     speed: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "excess", positive("stribeck.excess", self.excess, zero=True))
+        excess = positive("stribeck.excess", self.excess, zero=True)
+        if excess > MOST_EXCESS:
+            raise ValueError(
+                f"stribeck.excess is a share of the Coulomb level, at most {MOST_EXCESS:g}: for "
+                f"30 % give 0.3, got {excess:g}"
+            )
+        object.__setattr__(self, "excess", excess)
         object.__setattr__(self, "speed", positive("stribeck.speed", self.speed, unit="m/s"))
 
     def factor(self, speed: ArrayLike, stick_speed: float = 0.0) -> NDArray[np.float64]:

@@ -456,6 +456,7 @@ rows(
     "Stribeck",
     (dict(excess=-0.1), NOT_NEGATIVE),
     (dict(excess=NAN), NUMBER),
+    (dict(excess=30.0), "for 30 % give 0.3"),
     (dict(speed=0.0), POSITIVE),
     (dict(speed=-0.01), POSITIVE),
     (dict(speed=None), NUMBER),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dryfric_control.effects.effect import Effect, parameter, register_effect
-from dryfric_control.friction import Stribeck
+from dryfric_control.friction import MOST_EXCESS, Stribeck
 
 if TYPE_CHECKING:
     from dryfric_control.axis import FrictionAxis
@@ -189,7 +189,7 @@ class StribeckPeak(Effect):
     Stribeck(excess=0.3, speed=0.01)
     """
 
-    excess: float = parameter("1", "excess of breakaway over Coulomb", bounds=(0.0, math.inf))
+    excess: float = parameter("1", "excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS))
     speed: float = parameter("m/s", "speed over which it dies", bounds=(1e-300, math.inf))
 
     slug = "stribeck"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.axis import FrictionAxis
 from dryfric_control.effects import REGISTRY, Effect
-from dryfric_control.friction import CoulombMap, Stribeck
+from dryfric_control.friction import MOST_EXCESS, CoulombMap, Stribeck
 
 #: Names of base parameters, with the power of force, length and time in their unit.
 _BASE = {
@@ -373,7 +373,8 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
             reach = 10.0**_DECADES
             return Parameter(name, unit, value / reach, value * reach, True, value)
         scale = scales.of(_BASE[name])
-        return Parameter(name, unit, 0.0, math.inf, False, scale)
+        high = MOST_EXCESS if name == "stribeck.excess" else math.inf
+        return Parameter(name, unit, 0.0, high, False, scale)
     slug, _, part = name.partition(".")
     meta = REGISTRY[slug].parameters()[part]
     low, high = meta["bounds"]

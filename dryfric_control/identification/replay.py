@@ -26,6 +26,8 @@ def length_text(value: float, unit: str) -> str:
     for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
         if abs(value) >= 0.1 * factor:
             return f"{value / factor:.3g} {prefix}{unit}"
+    if abs(value) < 1e-13:  # round-off: no prefix makes it readable
+        return f"{value:.0e} {unit}" if value else f"0 {unit}"
     return f"{value / 1e-9:.3g} n{unit}"
 
 

@@ -54,9 +54,12 @@ class Target:
 
 
 _DIAGNOSIS = (
+    "tests/test_selection.py",
+    "tests/test_noise_floor.py",
     "tests/test_diagnosis.py",
     "-k",
-    "clean or hidden and spring or learns_by_heart or outside or explains or held or pair",
+    "test_selection or test_noise_floor or clean or hidden and spring or learns_by_heart or "
+    "outside or explains or held or pair",
 )
 # What follows in the kernels is the axes with inner states, compiled apart.
 _INNER = "# Axes with inner states."

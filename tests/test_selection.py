@@ -1,0 +1,337 @@
+"""The rules by which a cause is named, kept, exchanged or dropped, one at a time."""
+
+import numpy as np
+import pytest
+from diagnosis_cases import believed, record
+from truth import make_case
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.candidates import BASE
+from dryfric_control.diagnosis.diagnose import roles
+from dryfric_control.diagnosis.floor import Floor
+from dryfric_control.diagnosis.race import CAUSE_COST, Race
+from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, Bench
+from dryfric_control.diagnosis.selection import Selection, Selector, in_place
+from dryfric_control.identification.fit import typical
+from dryfric_control.identification.windows import cut
+
+SPRING = ("spring.stiffness", "spring.rest")
+DRAG = ("quadratic_drag.drag",)
+
+
+def selector_of(axis, measured):
+    bench = Bench(cut(measured))
+    part = roles(bench.windows)
+    race = Race(bench, axis, part == 0, part == 1, typical([measured]), jobs=1)
+    return Selector(race, axis, lambda word: None)
+
+
+@pytest.fixture(scope="module")
+def sprung():
+    """A search on a record with a hidden spring, before it begins."""
+    case = make_case("spring", 0, "exact")
+    return selector_of(believed(case), record(case)[:8000])
+
+
+@pytest.fixture(scope="module")
+def ideal(sprung):
+    """A floor of nothing: scores are what they are above it."""
+    return Floor(np.zeros((2, len(sprung.bench.windows))), np.zeros((2, len(sprung.known))))
+
+
+def spread(selector, values, of="judge"):
+    """Scores of all windows: `values` in turn on those that judge, zero elsewhere."""
+    scores = np.zeros(len(selector.bench.windows))
+    places = np.flatnonzero(getattr(selector.race, of))
+    scores[places] = np.resize(values, places.size)
+    return scores
+
+
+def single(selector, of, value, count):
+    """Scores with `value` in the first `count` windows of a kind, zero elsewhere."""
+    scores = np.zeros(len(selector.bench.windows))
+    scores[np.flatnonzero(getattr(selector.race, of))[:count]] = value
+    return scores
+
+
+def fitted(selector, *effects, free=()):
+    """The fit of the believed axis with effects in it."""
+    return selector.race.alone(selector.axis.replace(effects=effects), free)
+
+
+# -- scores -------------------------------------------------------------------------------------
+
+
+def test_a_gain_has_the_error_of_its_blocks(sprung):
+    judge = np.flatnonzero(sprung.race.judge)
+    before = np.zeros(len(sprung.bench.windows))
+    labels = sprung.labels[judge]
+    blocks = np.unique(labels)
+    before[judge] = 1.0 + np.searchsorted(blocks, labels)
+    mean, error = sprung.gain(before, np.zeros_like(before))
+    assert blocks.size > 2
+    values = [1.0 + np.flatnonzero(blocks == label)[0] for label in labels]
+    assert mean == pytest.approx(np.mean(values))
+    # Blocks of unequal size: what each holds above the mean, over the mean size.
+    above = [sum(v - mean for v, of in zip(values, labels, strict=True) if of == b) for b in blocks]
+    above = np.array(above) / (len(values) / blocks.size)
+    assert error == pytest.approx(np.std(above, ddof=1) / np.sqrt(blocks.size))
+    # Windows that do not judge have no say.
+    elsewhere = np.where(sprung.race.judge, 0.0, 9.0)
+    assert sprung.gain(elsewhere, 0.0 * elsewhere) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "better"),
+    [
+        ([0.5], True),  # everywhere
+        ([0.029], False),  # too little to be worth a word
+        ([0.031], True),
+        ([0.9, -0.8], False),  # as often worse as better
+    ],
+)
+def test_a_fall_of_the_scores_must_be_sure_and_worth_it(sprung, ideal, values, better):
+    fall = spread(sprung, values)
+    # Measured from scores that leave no window out of line.
+    after = np.full(fall.size, 0.0)
+    floor = Floor(np.full(ideal.scores.shape, 9.0), ideal.squares)
+    assert sprung.better(after + fall, after, floor) is better
+
+
+def test_what_is_rare_must_win_twice_and_cost_nowhere(sprung, ideal):
+    floor = Floor(np.full(ideal.scores.shape, 9.0), ideal.squares)  # nothing is out of line
+    none = np.zeros(len(sprung.bench.windows))
+    count = int(sprung.race.judge.sum())
+    once, twice = (single(sprung, "judge", 0.05 * count, n) for n in (1, 2))
+    assert not sprung.better(once, none, floor)
+    assert sprung.better(twice, none, floor)
+    last = np.flatnonzero(sprung.race.judge)[-1]
+    lost = none.copy()
+    lost[last] = 0.05 * count  # a third of what is won is the limit
+    assert not sprung.better(twice, lost, floor)
+
+
+def test_a_small_part_of_a_large_error_names_nothing(sprung, ideal):
+    large = spread(sprung, [10.0]) + 1e-9
+    floor = Floor(np.full(ideal.scores.shape, 0.0), ideal.squares)
+    assert not sprung.better(large, large - spread(sprung, [0.4]), floor)
+    assert sprung.better(large, large - spread(sprung, [0.6]), floor)
+
+
+def test_windows_that_fall_into_line_name_a_cause(sprung, ideal):
+    none = np.zeros(len(sprung.bench.windows))
+    bad = single(sprung, "judge", 2.0, 1) + single(sprung, "fit", 2.0, 2)
+    assert sprung.rids(bad, none, ideal)
+    assert not sprung.rids(
+        single(sprung, "judge", 2.0, 1) + single(sprung, "fit", 2.0, 1), none, ideal
+    )
+    assert not sprung.rids(single(sprung, "fit", 2.0, 3), none, ideal)  # none that judges
+    assert not sprung.rids(bad, single(sprung, "judge", 2.0, 1), ideal)  # that one stays
+    # A third of them may stay, if it is not among those that judge.
+    many = single(sprung, "judge", 2.0, 2) + single(sprung, "fit", 2.0, 4)
+    assert sprung.rids(many, single(sprung, "fit", 2.0, 2), ideal)
+    assert not sprung.rids(many, single(sprung, "fit", 2.0, 3), ideal)
+    # Below the line nothing falls into it.
+    assert not sprung.rids(0.45 * bad, none, ideal)
+
+
+def test_when_nothing_is_left_to_name(sprung, ideal):
+    none = np.zeros(len(sprung.bench.windows))
+    assert sprung.nothing_left(none, ideal)
+    assert sprung.nothing_left(single(sprung, "fit", 2.0, 2), ideal)
+    assert not sprung.nothing_left(single(sprung, "fit", 2.0, 3), ideal)
+    assert sprung.nothing_left(single(sprung, "judge", 2.0, 1), ideal)
+    assert not sprung.nothing_left(single(sprung, "judge", 2.0, 2), ideal)
+    assert sprung.nothing_left(none + 0.049, ideal)
+    assert not sprung.nothing_left(none + 0.051, ideal)
+
+
+def test_scores_tie_within_little_or_within_their_error(sprung, ideal):
+    none = np.zeros(len(sprung.bench.windows))
+    assert sprung.ties(spread(sprung, [0.029]), none, ideal)
+    assert not sprung.ties(spread(sprung, [0.031]), none, ideal)
+    # Two in a hundred of what the best leaves.
+    best = spread(sprung, [0.9])  # still in line
+    assert sprung.ties(best * 1.019 + 0.0, best, Floor(ideal.scores - 4.0, ideal.squares))
+    rough = spread(sprung, [0.9, -0.78])
+    mean, error = sprung.gain(rough, none)
+    assert 0.03 < mean < 2.0 * error and mean < 0.1
+    assert sprung.ties(rough, none, ideal)
+    rougher = spread(sprung, [0.9, -0.6])  # not sure either, but too much to shrug off
+    mean, error = sprung.gain(rougher, none)
+    assert 0.1 < mean < 2.0 * error
+    assert not sprung.ties(rougher, none, ideal)
+    # One that leaves windows out of line does not tie with one that mends them.
+    bad = single(sprung, "judge", 1.1, 1) + single(sprung, "fit", 1.1, 2)
+    assert not sprung.ties(bad, none, ideal)
+
+
+def test_excess_is_what_judges_above_the_floor(sprung, ideal):
+    floor = Floor(ideal.scores + 0.25, ideal.squares)
+    assert sprung.excess(spread(sprung, [1.0]), floor) == pytest.approx(0.75)
+
+
+# -- assumptions --------------------------------------------------------------------------------
+
+
+def test_a_wrong_base_parameter_costs_less_than_a_cause(sprung):
+    plain = fitted(sprung)
+    values = plain.hypothesis.values(plain.z)
+    expected = sum(
+        min(
+            BASE_COST * np.log1p(((values[n] / b - 1.0) / BASE_SPREAD) ** 2),
+            0.8 * CAUSE_COST,
+        )
+        for n, b in sprung.race.believed.items()
+    )
+    assert sprung.cost(plain, 0) == pytest.approx(expected)
+    assert sprung.cost(plain, 2) == pytest.approx(expected + 2.0 * CAUSE_COST)
+    assert 0.0 < expected < 3 * 0.8 * CAUSE_COST + 1e-9
+    held = sprung.race.alone(sprung.axis, (), base=())
+    assert sprung.cost(held, 1) == CAUSE_COST
+
+
+def test_changes_of_base_parameters_are_relative_to_what_was_believed(sprung):
+    plain = fitted(sprung)
+    values = plain.hypothesis.values(plain.z)
+    for name, was in sprung.race.believed.items():
+        assert sprung.change(plain, name) == pytest.approx(abs(values[name] / was - 1.0))
+    changes = {n: sprung.change(plain, n) for n in sprung.race.believed}
+    assert max(changes.values()) > 0.004  # the spring bends one of them
+    assert sprung.wrong(plain, list(changes)) == [n for n, c in changes.items() if c > 0.004]
+    assert sprung.wrong(plain, []) == []
+    back = sprung.hold(plain.axis, ["mass"])
+    assert back.mass == sprung.axis.mass and back.viscous == plain.axis.viscous
+
+
+# -- the passes ---------------------------------------------------------------------------------
+
+
+def selection(selector, best, **causes):
+    """A selection that named causes, given as slug=names of their parameters."""
+    return Selection(best, causes=list(causes), free=causes)
+
+
+@pytest.fixture(scope="module")
+def both(sprung):
+    """The spring, and a drag that is not there."""
+    case = make_case("spring", 0, "exact")
+    spring = dfc.Spring(**{"stiffness": case.truth["spring"]["stiffness"], "rest": 0.0})
+    return fitted(sprung, spring, dfc.QuadraticDrag(0.1), free=(*SPRING, *DRAG))
+
+
+def test_a_backward_pass_drops_what_is_superfluous(sprung, both):
+    found = selection(sprung, both, quadratic_drag=DRAG, spring=SPRING)
+    found.alternatives["quadratic_drag"] = ("viscous_asymmetry",)
+    found.rivals["quadratic_drag"] = {}
+    floor = sprung._backward(found, sprung.floor_of(both))
+    assert found.causes == ["spring"]
+    assert set(found.free) == {"spring"} and not found.alternatives and not found.rivals
+    assert [e.slug for e in found.best.axis.effects] == ["spring"]
+    # The floor is that of what is left.
+    np.testing.assert_array_equal(floor.scores, sprung.floor_of(found.best).scores)
+    assert floor.reached(found.best.scores, sprung.known)
+
+
+def test_an_earlier_fit_without_a_cause_counts_if_it_ended_lower(sprung, both):
+    less = sprung.race.alone(sprung.without(both.axis, "quadratic_drag"), SPRING)
+    worse = selection(sprung, both, quadratic_drag=DRAG, spring=SPRING)
+    bad = fitted(sprung)
+    worse.earlier[frozenset(["spring"])] = bad
+    assert bad.loss > less.loss
+    sprung._backward(worse, sprung.floor_of(both))
+    assert worse.best.loss == less.loss
+
+
+def test_a_cause_without_support_is_refuted_and_remembered(sprung, both):
+    fresh = Selector(sprung.race, sprung.axis, lambda word: None)
+    real = selection(sprung, both, spring=SPRING)
+    best = fresh.race.alone(fresh.without(both.axis, "quadratic_drag"), SPRING)
+    real.best = best
+    floor = fresh.floor_of(best)
+    assert not fresh.refutes(real, best, [], floor) and fresh.refuted == set()
+    false = selection(sprung, both, quadratic_drag=DRAG, spring=SPRING)
+    assert fresh.refutes(false, both, list(BASE.values()), floor)
+    assert fresh.refuted == {"quadratic_drag"}
+
+
+def test_base_parameters_that_nothing_speaks_for_go_back(sprung, both):
+    found = selection(sprung, both, quadratic_drag=DRAG, spring=SPRING)
+    sprung._backward(found, sprung.floor_of(both))
+    best, kept = sprung.base(found, sprung.floor_of(found.best))
+    assert kept == []  # all three were believed right, and are
+    assert best.axis.mass == sprung.axis.mass and best.axis.viscous == sprung.axis.viscous
+
+
+def test_a_wrong_mass_is_kept_and_nothing_else():
+    case = make_case("inertia", 0, "exact")
+    selector = selector_of(believed(case), record(case)[:8000])
+    best = fitted(selector)
+    found = Selection(best)
+    best, kept = selector.base(found, selector.floor_of(best))
+    assert kept == ["mass"] and selector.wrong(best, kept) == ["mass"]
+
+
+def exchanged(selector, both, effect, names):
+    """What becomes of a cause beside a drag when the spring is its alternative."""
+    stand_in = fitted(selector, effect, dfc.QuadraticDrag(0.1), free=(*names, *DRAG))
+    found = selection(selector, stand_in, **{effect.slug: names, "quadratic_drag": DRAG})
+    found.rivals = {effect.slug: {"spring": both.axis, "quadratic_drag": both.axis}}
+    found.alternatives = {effect.slug: ("spring",)}
+    floor = selector._swap(found, selector.floor_of(stand_in))
+    np.testing.assert_array_equal(floor.scores, selector.floor_of(found.best).scores)
+    assert found.causes[1] == "quadratic_drag" and found.free["quadratic_drag"] == DRAG
+    return found, stand_in
+
+
+def test_a_rival_takes_the_place_of_a_cause_that_fits_worse(sprung, both):
+    """Once the other cause is known, the spring in the place of what stood in for it."""
+    found, stand_in = exchanged(sprung, both, dfc.BiasForce(0.1), ("bias_force.force",))
+    judge = sprung.race.judge
+    assert both.scores[judge].mean() < stand_in.scores[judge].mean() - 0.03
+    assert found.causes[0] == "spring" and found.free["spring"] == SPRING
+    assert "bias_force" not in found.free
+    assert found.alternatives["spring"] == () and found.rivals["spring"] == {}
+    assert {e.slug for e in found.best.axis.effects} == {"spring", "quadratic_drag"}
+
+
+def test_a_rival_that_fits_as_well_stays_an_alternative(sprung, both):
+    """A spring and gravity are the same over a short way: the plainer is named."""
+    gravity = dfc.Gravity(amplitude=0.1, phase=0.0)
+    found, _ = exchanged(sprung, both, gravity, ("gravity.amplitude", "gravity.phase"))
+    other = {"spring": "gravity", "gravity": "spring"}[found.causes[0]]
+    assert found.alternatives[found.causes[0]] == (other,)
+    assert {e.slug for e in found.rivals[found.causes[0]][other].effects} == {
+        other, "quadratic_drag",
+    }  # fmt: skip
+
+
+def test_the_axis_without_a_cause_is_as_believed(sprung, both):
+    spring = both.axis.effects[0]
+    assert sprung.without(both.axis, "quadratic_drag").effects == (spring,)
+    had = sprung.axis.replace(effects=(dfc.Spring(1.0, 0.0),), stribeck=dfc.Stribeck(0.2, 0.01))
+    selector = Selector(sprung.race, had, lambda word: None)
+    assert selector.without(both.axis, "spring").effects[-1] == dfc.Spring(1.0, 0.0)
+    assert selector.without(both.axis, "stribeck").stribeck == dfc.Stribeck(0.2, 0.01)
+
+
+def test_an_alternative_brings_the_base_that_goes_with_it(sprung):
+    rival = sprung.axis.replace(mass=9.0, viscous=8.0, coulomb=7.0, effects=(dfc.BiasForce(1.0),))
+    axis = sprung.axis.replace(effects=(dfc.BiasForce(3.0), dfc.Spring(1.0, 0.0)))
+    there = in_place(axis, rival, "bias_force")
+    assert there.mass == 9.0 and there.viscous == 8.0 and there.coulomb == rival.coulomb
+    assert there.effects == (dfc.Spring(1.0, 0.0), dfc.BiasForce(1.0))
+    peaked = rival.replace(stribeck=dfc.Stribeck(0.4, 0.02))
+    assert in_place(axis, peaked, "stribeck").stribeck == dfc.Stribeck(0.4, 0.02)
+    assert in_place(axis, peaked, "stribeck").effects == axis.effects
+
+
+def test_a_search_finds_the_spring_and_stops(sprung):
+    words = []
+    selector = Selector(sprung.race, sprung.axis, words.append)
+    found, floor = selector.run()
+    assert found.causes == ["spring"] and floor.reached(found.best.scores, selector.known)
+    assert found.first[""] > found.first["spring"] and len(found.first) > 15
+    assert words[:2] == ["base parameters", "cause 1"] and "cause 2" not in words
+    # What the search went on from is kept for the backward pass.
+    assert found.earlier[frozenset()].loss > found.best.loss

@@ -335,3 +335,35 @@ def test_a_search_finds_the_spring_and_stops(sprung):
     assert words[:2] == ["base parameters", "cause 1"] and "cause 2" not in words
     # What the search went on from is kept for the backward pass.
     assert found.earlier[frozenset()].loss > found.best.loss
+
+
+class Hasty(Selector):
+    """A search whose only step names two causes at once."""
+
+    named = None
+
+    def _step(self, found, floor):
+        if found.causes:
+            return None
+        best, found.causes, found.free, found.rivals = self.named
+        return best
+
+
+def test_a_search_ends_with_a_backward_pass(sprung, both):
+    hasty = Hasty(sprung.race, sprung.axis, lambda word: None)
+    free = {"quadratic_drag": DRAG, "spring": SPRING}
+    hasty.named = (both, ["quadratic_drag", "spring"], free, {})
+    found, floor = hasty.run()
+    assert found.causes == ["spring"] and floor.reached(found.best.scores, hasty.known)
+
+
+def test_a_search_ends_by_weighing_the_alternatives(sprung, both):
+    hasty = Hasty(sprung.race, sprung.axis, lambda word: None)
+    hasty._backward = lambda found, floor: floor
+    free = {"bias_force": ("bias_force.force",), "quadratic_drag": DRAG}
+    names = [n for own in free.values() for n in own]
+    stand_in = fitted(sprung, dfc.BiasForce(0.1), dfc.QuadraticDrag(0.1), free=names)
+    hasty.named = (stand_in, [*free], free, {"bias_force": {"spring": both.axis}})
+    found, floor = hasty.run()
+    assert found.causes == ["spring", "quadratic_drag"]
+    assert floor.reached(found.best.scores, hasty.known)

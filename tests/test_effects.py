@@ -270,6 +270,16 @@ def test_a_law_that_reads_numbers_not_its_own_is_refused(effect, words):
         axis_with(effect(*[0.0] * len(fields(effect)))).simulate(np.zeros(3), DT)
 
 
+def test_a_law_may_fail_where_it_is_tried():
+    """Its own table may end before the places that are tried."""
+    table = (1.0, 2.0)
+    reader = declared(1, lambda t, x, v, u, level, s, rest, p: p[0] * table[int(t)])
+    try:
+        assert dfc.register_effect(reader) is reader
+    finally:
+        REGISTRY.pop("reader", None)
+
+
 def test_every_effect_tells_what_it_is():
     for slug, cls in REGISTRY.items():
         assert cls.slug == slug

@@ -216,12 +216,16 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     return cls
 
 
+class _NumberError(IndexError):
+    """A law reads a parameter that its class does not declare."""
+
+
 class _Numbers(tuple[float, ...]):
     """Parameters as a law may read them: one by one, each that there is."""
 
     def __getitem__(self, place: Any) -> Any:
         if not 0 <= place < len(self):
-            raise IndexError(place)
+            raise _NumberError(place)
         return super().__getitem__(place)
 
 
@@ -249,7 +253,7 @@ def _check_numbers(cls: type[Effect]) -> None:
         for direction in (-1.0, 1.0):
             try:
                 law(*state, direction, rest, p)
-            except IndexError as wrong:
+            except _NumberError as wrong:
                 raise ValueError(
                     f"{cls.__name__}.law reads p[{wrong}], but the class declares {has}"
                 ) from None

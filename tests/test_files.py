@@ -183,6 +183,8 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("node_gains", 0, 0), "NaN", "node_gains"),
         (("node_gains", 0), [1.0, 2.0], "node_gains|inhomogeneous"),
         (("state_scale", 0), 0.0, "state_scale must be positive"),
+        (("state_scale", 0), 1e-320, "damaged: .*overflow"),
+        (("node_gains", 0, 2), 1e308, "damaged: .*overflow|changed"),
         (("lyapunov", 0, 0, 0), -1.0, "changed: .*not positive definite"),
         (("uncertainty", "1"), -1.0, r"uncertainty\[1\]"),
         (("performance", 0), -1.0, "performance"),

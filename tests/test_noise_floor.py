@@ -53,6 +53,7 @@ def test_replays_give_each_window_its_mean_and_its_worst():
     both = np.array([True, True])
     assert floor.outliers(np.array([1.29, 1.51]), both).tolist() == [False, True]
     assert floor.outliers(np.array([1.29, 1.51]), ~both).tolist() == [False, False]
+    assert not np.any(QUIET.outliers(raised(1.0, 1), ALL))  # as far as that is no outlier
 
 
 def test_one_window_in_forty_may_be_out_of_line():
@@ -69,6 +70,9 @@ def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
     assert not QUIET.reached(np.full(80, 0.151), ALL)
     # The one out of line has no say in the mean.
     assert QUIET.reached(np.full(80, 0.14) + raised(9.0, 1), ALL)
+    # Windows not asked for have none either.
+    half = np.arange(80) < 40
+    assert QUIET.reached(np.where(half, 0.0, 0.9), half)
     # Scores that scatter say less: four standard errors.
     rough = np.tile([0.9, -0.5], 40)
     assert QUIET.excess(rough, ALL) == pytest.approx((0.2, 0.7 / np.sqrt(80)))
@@ -101,6 +105,8 @@ def test_a_true_model_leaves_the_noise_of_the_encoder():
     rms = np.sqrt(floor.squares[:, bench.moving].mean())
     # Two coordinates of the start are fitted in each window, and correct little of 250 samples.
     assert rms == pytest.approx(QUANTUM / np.sqrt(12.0), rel=0.05)
+    # log(1 + 1/c^2) is the score of noise alone; a start beside the truth would cost more.
+    assert floor.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
     assert np.all(floor.scores >= 0.0) and floor.scores.shape == (4, len(bench.windows))
 
 
@@ -135,6 +141,16 @@ def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
     # The same wrong model, scored on replays of the truth.
     lifted, _ = floor_of(record, model=wrong)
     assert lifted.expected.mean() > 5.0 * floor.expected.mean()
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_replays_start_where_the_model_was_found_to_start(row):
+    bench = Bench(cut(made()))
+    known = np.ones(len(bench.windows), bool)
+    at = bench.evaluate(AXIS, known)
+    at.starts[row] += 30.0 * (bench.windows.x0_error, bench.windows.v0_error)[row]
+    moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
 
 
 def test_only_windows_asked_for_are_scored():

@@ -1,5 +1,7 @@
 """The rules by which a cause is named, kept, exchanged or dropped, one at a time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_cases import believed, record
@@ -161,6 +163,10 @@ def test_scores_tie_within_little_or_within_their_error(sprung, ideal):
     mean, error = sprung.gain(rougher, none)
     assert 0.1 < mean < 2.0 * error
     assert not sprung.ties(rougher, none, ideal)
+    sure = spread(sprung, [0.2, -0.04])  # small, but three times its error
+    mean, error = sprung.gain(sure, none)
+    assert 2.0 * error < mean < min(4.0 * error, 0.1)
+    assert not sprung.ties(sure, none, ideal)
     # One that leaves windows out of line does not tie with one that mends them.
     bad = single(sprung, "judge", 1.1, 1) + single(sprung, "fit", 1.1, 2)
     assert not sprung.ties(bad, none, ideal)
@@ -202,6 +208,101 @@ def test_changes_of_base_parameters_are_relative_to_what_was_believed(sprung):
     assert sprung.wrong(plain, []) == []
     back = sprung.hold(plain.axis, ["mass"])
     assert back.mass == sprung.axis.mass and back.viscous == plain.axis.viscous
+
+
+# -- the choice ---------------------------------------------------------------------------------
+
+
+def runner(selector, scores, assumes=0.0, slug=""):
+    """What the choice looks at in a fit; `assumes` is what it costs beside its causes."""
+    return SimpleNamespace(scores=np.asarray(scores), assumes=assumes, slug=slug, loss=assumes)
+
+
+@pytest.fixture
+def judge(sprung, monkeypatch):
+    """The choice among runners, each with a plain cost; the first that is level wins."""
+    selector = Selector(sprung.race, sprung.axis, lambda word: None)
+    monkeypatch.setattr(selector, "cost", lambda r, causes: CAUSE_COST * causes + r.assumes)
+    monkeypatch.setattr(selector, "_plainest", lambda level, causes, floor: level[0])
+    return selector
+
+
+def test_of_those_level_only_the_plain_are_rivals(judge, ideal):
+    quiet = Floor(ideal.scores + 9.0, ideal.squares)  # nothing is out of line
+    current = runner(judge, spread(judge, [0.8]))
+    best, tied, bold = (
+        runner(judge, spread(judge, [v]), a) for v, a in ((0.1, 0.0), (0.11, 3.9), (0.1, 4.1))
+    )
+    behind = runner(judge, spread(judge, [0.3]))
+    winner, rivals = judge._choose([best, tied, bold, behind], current, quiet, 0)
+    assert winner is best and rivals == [tied]
+    assert judge._choose([behind], current, quiet, 2) == (behind, [])
+
+
+def test_a_rival_does_something_or_assumes_less(judge, ideal):
+    quiet = Floor(ideal.scores + 9.0, ideal.squares)
+    current = runner(judge, spread(judge, [0.8, 0.1]), assumes=2.0 * CAUSE_COST)
+    best = runner(judge, spread(judge, [0.1]), assumes=2.0 * CAUSE_COST)
+    scores = spread(judge, [0.8, 0.1])
+    assert judge.better(current.scores, best.scores, quiet)
+    idle, cheap = runner(judge, scores, 1.5 * CAUSE_COST), runner(judge, scores, 0.5 * CAUSE_COST)
+    judge.ties = lambda one, other, floor: one is not current.scores
+    assert judge._choose([best, idle, cheap], current, quiet, 1) == (best, [cheap])
+
+
+def test_where_the_fit_without_is_as_good_a_cause_must_earn_its_name(judge, ideal):
+    quiet = Floor(ideal.scores + 9.0, ideal.squares)
+    scores = spread(judge, [0.1])
+    bent = runner(judge, scores, assumes=2.5 * CAUSE_COST)
+    plain, dear = runner(judge, scores, 0.0), runner(judge, scores, 2.0 * CAUSE_COST)
+    # Everything here is at the floor, where any saving counts.
+    assert judge._choose([plain, dear], bent, quiet, 1) == (plain, [])
+    assert judge._choose([dear], bent, quiet, 1) == (None, [])
+    assert judge._choose([plain], runner(judge, scores, 0.9 * CAUSE_COST), quiet, 1)[0] is None
+
+
+def likeliest(sprung, runs, on_all, floor, costs=None):
+    """The plainest of runs, whose fits on all windows have the scores `on_all`."""
+    selector = Selector(sprung.race, sprung.axis, lambda word: None)
+    selector.cost = lambda r, causes: (costs or {}).get(r.slug, 0.0)
+    for run in runs:
+        run.hypothesis, run.axis = SimpleNamespace(names=["mass", f"{run.slug}.x"]), run.slug
+    asked = []
+
+    def alone(axis, own, slug, base, active):
+        asked.append((axis, tuple(own), slug, tuple(base)))
+        assert active is selector.known
+        return SimpleNamespace(scores=on_all[slug])
+
+    race = sprung.race
+    selector.race = SimpleNamespace(judge=race.judge, believed=race.believed, alone=alone)
+    return selector._plainest(runs, 1, floor), asked
+
+
+def test_the_likeliest_of_those_level_needs_no_further_look(sprung, ideal):
+    none = np.zeros(len(sprung.bench.windows))
+    spring, gravity = runner(sprung, none, slug="spring"), runner(sprung, none, slug="gravity")
+    best, asked = likeliest(sprung, [gravity, spring], {}, ideal, {"gravity": 5.0})
+    assert best is spring and asked == []
+
+
+def test_all_that_may_be_looked_at_tells_two_apart_but_no_stroke_of_luck(sprung, ideal):
+    none = np.zeros(len(sprung.bench.windows))
+    spring, gravity = runner(sprung, none, slug="spring"), runner(sprung, none, slug="gravity")
+    # As likely: the plainer.
+    best, asked = likeliest(sprung, [gravity, spring], {"spring": none, "gravity": none}, ideal)
+    assert best is spring
+    assert ("gravity", ("gravity.x",), "gravity", ("mass",)) in asked and len(asked) == 2
+    # Everywhere a little better: the likelier.
+    rough = none + 0.05
+    best, _ = likeliest(sprung, [gravity, spring], {"spring": rough, "gravity": none}, ideal)
+    assert best is gravity
+    # One window that only the other hits has no say.
+    known = np.flatnonzero(sprung.known)
+    lucky, missed = none + 0.05, none.copy()
+    missed[known[3]] = 9.0
+    best, _ = likeliest(sprung, [spring, gravity], {"spring": lucky, "gravity": missed}, ideal)
+    assert best is gravity
 
 
 # -- the passes ---------------------------------------------------------------------------------
@@ -335,6 +436,8 @@ def test_a_search_finds_the_spring_and_stops(sprung):
     assert words[:2] == ["base parameters", "cause 1"] and "cause 2" not in words
     # What the search went on from is kept for the backward pass.
     assert found.earlier[frozenset()].loss > found.best.loss
+    # Asked all the same, it has no more to name.
+    assert selector._step(found, floor) is None and found.causes == ["spring"]
 
 
 class Hasty(Selector):

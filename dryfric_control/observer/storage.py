@@ -105,11 +105,13 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
             "again, or use a newer package"
         )
     try:
-        design = _rebuild(data)
-        return dataclasses.replace(design, certificate=design.check())
+        # Numbers beyond all reason overflow somewhere; a sound design does nowhere.
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            design = _rebuild(data)
+            return dataclasses.replace(design, certificate=design.check())
     except CertificateError as error:
         raise CertificateError(f"{path} was changed: {error}") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         raise ValueError(
             f"{path} is damaged: {type(error).__name__}: {error}; save the design again"
         ) from None

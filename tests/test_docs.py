@@ -185,7 +185,8 @@ def bench(tmp_path, monkeypatch):
 def test_code_of_the_pages_runs(page, bench):
     """Blocks of one page in turn: plain code is run, a transcript is compared as well."""
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
-    space = {}
+    # As in a script; numba would write all globals of nameless code into its cache.
+    space = {"__name__": "__main__"}
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
     for i, block in enumerate(blocks):
         if block.startswith(">>>"):

@@ -159,10 +159,10 @@ class Drive(NamedTuple):
     rate: float
 
 
-def part(function=None, **options):
-    """`njit` for a part of the kernels, which takes a `Plant` or addresses.
+def internal(function=None, **options):
+    """`njit` for what takes a `Plant` or addresses, and compiled code alone can call.
 
-    Python cannot call it: without the wrappers for Python an eighth less is compiled.
+    Without its wrappers for Python there is less to compile.
     """
     return njit(
         function, cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
@@ -242,7 +242,7 @@ def point(numbers, integers):
     return Plant(pointer(numbers), pointer(integers))
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _law(plant, i, t, x, v, u, level, direction, rest):
     address, offset = plant.integers[LAWS + 2 * i], plant.integers[LAWS + 2 * i + 1]
     return _call(address, t, x, v, u, level, direction, rest, plant.numbers, offset)
@@ -257,7 +257,7 @@ def polynomial(coefficients, first, count, x):
     return value
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def drive_force(drive, tau):
     """Drive force at time tau of the interval."""
     force = drive.start + drive.slope * tau
@@ -266,7 +266,7 @@ def drive_force(drive, tau):
     return force
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _place_force(plant, t, x, s, rest):
     """Sum of the force laws that depend on place and time alone."""
     force = 0.0
@@ -275,7 +275,7 @@ def _place_force(plant, t, x, s, rest):
     return force
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _motion_force(plant, t, x, v, u, s, rest):
     """Sum of the force laws that depend on speed or drive as well."""
     force = 0.0
@@ -285,7 +285,7 @@ def _motion_force(plant, t, x, v, u, s, rest):
     return force
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def load(plant, drive, t0, tau, x, v, s, rest):
     """Net force on the mass without friction."""
     u = drive_force(drive, tau)
@@ -293,7 +293,7 @@ def load(plant, drive, t0, tau, x, v, s, rest):
     return (u + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _base_level(plant, x, s):
     """Coulomb level of the map in direction s."""
     place = min(max(x, plant.numbers[LOW]), plant.numbers[HIGH])
@@ -304,7 +304,7 @@ def _base_level(plant, x, s):
     )
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _full_level(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, without it, given the map's level."""
     level = base
@@ -314,7 +314,7 @@ def _full_level(plant, t, x, v, w, base, s, rest):
     return max(level, 0.0)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _further_level(plant, t, x, v, w, base, s, rest):
     """Friction of other contacts, which the Stribeck peak does not raise."""
     level = 0.0
@@ -324,7 +324,7 @@ def _further_level(plant, t, x, v, w, base, s, rest):
     return level
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def coulomb_level(plant, t, x, v, w, s, rest):
     """Friction level without Stribeck peak in direction s, a magnitude."""
     base = _base_level(plant, x, s)
@@ -332,7 +332,7 @@ def coulomb_level(plant, t, x, v, w, s, rest):
     return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _stribeck(plant, level, v, s):
     """Level raised by the Stribeck peak at speed v."""
     if plant.numbers[EXCESS] > 0.0:
@@ -343,20 +343,20 @@ def _stribeck(plant, level, v, s):
     return level
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _peaked_level(plant, t, x, v, slip, w, base, s, rest):
     """Friction level with its Stribeck peak at the speed `slip`, a magnitude."""
     own = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, rest), slip, s)
     return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def sliding_level(plant, t, x, v, w, s):
     """Friction magnitude F_s(x, v) while sliding in direction s."""
     return _peaked_level(plant, t, x, v, v, w, _base_level(plant, x, s), s, 0.0)
 
 
-@part
+@internal
 def breakaway_level(plant, t, x, w, s, rest):
     """Friction that a stuck axis can hold against motion in direction s."""
     base = _base_level(plant, x, s)
@@ -364,7 +364,7 @@ def breakaway_level(plant, t, x, w, s, rest):
     return max(own + _further_level(plant, t, x, 0.0, w, base, s, rest), 0.0)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _rate(plant, t, x, v, s, u, placed, base):
     """Acceleration, given the drive, the place forces and the map's level."""
     w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
@@ -372,7 +372,7 @@ def _rate(plant, t, x, v, s, u, placed, base):
     return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _acceleration(plant, drive, t0, tau, x, v, s):
     u = drive_force(drive, tau)
     t = t0 + tau
@@ -380,7 +380,7 @@ def _acceleration(plant, drive, t0, tau, x, v, s):
     return _rate(plant, t, x, v, s, u, placed, _base_level(plant, x, s))
 
 
-@part
+@internal
 def _slide(plant, drive, t0, tau, x, v, s, k1, d):
     """One sliding step of length d: state, stages 2 to 4, place acceleration.
 
@@ -401,7 +401,7 @@ def _slide(plant, drive, t0, tau, x, v, s, k1, d):
     return x1, v1, k2, k3, k4, (placed - u) * plant.numbers[INVERSE_MASS]
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     """Estimate of the speed error of one step from its stages; 0 if surely allowed.
 
@@ -449,7 +449,7 @@ def _step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     return d * (stiff + uneven + coupled)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _peak_step(plant, v, v1, s, d):
     """Length of a step that does not pass the Stribeck peak unseen."""
     if plant.numbers[EXCESS] == 0.0:
@@ -465,7 +465,7 @@ def _peak_step(plant, v, v1, s, d):
     return d * min(1.0, max(above, 0.7) / change)
 
 
-@part
+@internal
 def _band_excess(plant, drive, t0, tau, x, v, s):
     """How far the load lies outside the Coulomb band, negative inside it."""
     w = load(plant, drive, t0, tau, x, v, s, 0.0)
@@ -478,7 +478,7 @@ def _band_excess(plant, drive, t0, tau, x, v, s):
 _OUTER, _ZERO, _BAND = 0, 1, 2
 
 
-@part
+@internal
 def _surface(plant, drive, t0, tau, x, v, s, kind):
     """Switching function that falls through zero at the switch."""
     if kind == _OUTER:
@@ -488,7 +488,7 @@ def _surface(plant, drive, t0, tau, x, v, s, kind):
     return _band_excess(plant, drive, t0, tau, x, v, s)
 
 
-@part
+@internal
 def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     """Length of the step that ends on a switching surface.
 
@@ -525,7 +525,7 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     return b
 
 
-@part
+@internal
 def _hold_excess(plant, drive, t0, tau, x, v, rest):
     """How far the load exceeds what a stuck axis can hold, and its direction."""
     w = load(plant, drive, t0, tau, x, v, 0.0, rest)
@@ -533,7 +533,7 @@ def _hold_excess(plant, drive, t0, tau, x, v, rest):
     return s * w - breakaway_level(plant, t0 + tau, x, w, s, rest), s
 
 
-@part
+@internal
 def _decay(plant, x, v, d):
     """Stuck motion over d: v' = -p v, exactly."""
     if v == 0.0:
@@ -544,7 +544,7 @@ def _decay(plant, x, v, d):
     return x + v * fall / plant.numbers[STICK_RATE], after if abs(after) > 1e-250 else 0.0
 
 
-@part
+@internal
 def resolve(plant, t, x, v, mode, rest, w):
     """Mode at an instant where the load may have jumped.
 
@@ -569,7 +569,7 @@ def resolve(plant, t, x, v, mode, rest, w):
     return mode, v
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def begin(plant, drive, t, x, v, mode, rest):
     """Mode, speed, friction force and acceleration as an interval starts."""
     w = load(plant, drive, t, 0.0, x, v, float(mode), rest)
@@ -588,7 +588,7 @@ def begin(plant, drive, t, x, v, mode, rest):
     )
 
 
-@part
+@internal
 def _at_zero(plant, t, x, w, mode):
     """Mode after a sliding speed has come down to zero (completed rule)."""
     s = float(mode)
@@ -608,7 +608,7 @@ def _record(events, count, t, before, after):
     count[0] = k + 1
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _varies(plant, drive):
     """Whether load or level can change while the axis is at rest."""
     i = plant.integers
@@ -620,7 +620,7 @@ def _varies(plant, drive):
     )
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     """Try the interval in one step; whether no switch is near, and the state."""
     if mode == 0:
@@ -650,7 +650,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     return calm, x1, v1
 
 
-@part
+@internal
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     """Move over an interval with switches in it, or too rough for one step."""
     sigma = plant.numbers[STICK_SPEED]
@@ -790,7 +790,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
 
 
-@part
+@internal
 def _advance_rigid(plant, drive, t0, h, memory, events, count):
     """Move an axis without inner states, see `advance`."""
     x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
@@ -827,7 +827,7 @@ def rigid_task():
     return cfunc(_TASK, cache=True)(_rigid_task)
 
 
-@part
+@internal
 def _do(plant, place, task, drive, t0, h, memory, events, count):
     """Have a task done, by the address at a place of the integers.
 
@@ -842,7 +842,7 @@ def _do(plant, place, task, drive, t0, h, memory, events, count):
     return seen[0], seen[1], int(seen[2])
 
 
-@part
+@internal
 def advance(plant, drive, t0, h, memory, events, count):
     """Move the axis over [t0, t0 + h] with one smooth piece of drive.
 
@@ -853,7 +853,7 @@ def advance(plant, drive, t0, h, memory, events, count):
     return _do(plant, TASK, _ADVANCE, drive, t0, h, memory, events, count)
 
 
-@part
+@internal
 def input_map(plant, t, memory, u):
     """Drive force after the static input effects."""
     for i in range(plant.integers[N_INPUT]):
@@ -861,7 +861,7 @@ def input_map(plant, t, memory, u):
     return u
 
 
-@part
+@internal
 def _piece(plant, memory, start, end, h):
     """Drive over one piece of length h, through the lag if there is one."""
     slope = (end - start) / h
@@ -881,7 +881,7 @@ def _whole_samples(delay, dt):
     return n, (part if part > 1e-9 else 0.0)
 
 
-@part
+@internal
 def sample(plant, t, dt, u0, u1, memory, events, count):
     """One sample: the input runs from u0 to u1 (equal for a held input).
 
@@ -923,7 +923,7 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     return seen if part > 0.0 else after
 
 
-@part
+@internal
 def drive_now(plant, t, dt, memory, u):
     """Drive force that acts at the sample instant when the input is u."""
     a = input_map(plant, t, memory, u)
@@ -938,7 +938,7 @@ def drive_now(plant, t, dt, memory, u):
     return memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
 
 
-@part
+@internal
 def settle(plant, t, dt, memory, u):
     """Set the inner states to those of an axis at rest, or sliding steadily."""
     if plant.integers[STRUCTURE] == 0:
@@ -947,7 +947,7 @@ def settle(plant, t, dt, memory, u):
     _do(plant, TASK, _SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 
-@part
+@internal
 def outputs(plant, t, dt, memory, u):
     """Speed, friction force and mode at the sample instant, under the new input.
 
@@ -1046,7 +1046,7 @@ def _held_force(force):
     return Drive(force, 0.0, 0.0, 0.0)
 
 
-@part
+@internal
 def _later(drive, tau):
     """The same drive, its time counted from tau."""
     start = drive.start + drive.slope * tau
@@ -1055,13 +1055,13 @@ def _later(drive, tau):
     return Drive(start, drive.slope, drive.fade * math.exp(-drive.rate * tau), drive.rate)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _load_side(plant):
     """The plant with the load's mass alone."""
     return Plant(_further(plant.numbers, plant.integers[N_NUMBERS]), plant.integers)
 
 
-@part(forceinline=True)
+@internal(forceinline=True)
 def _transmitted(side, drive, tau, x, v, y, p):
     """Force on the load: through the spring between two masses, or the drive."""
     if side.integers[STRUCTURE] & SPRING:
@@ -1069,13 +1069,13 @@ def _transmitted(side, drive, tau, x, v, y, p):
     return drive_force(drive, tau)
 
 
-@part
+@internal
 def _bound(side, t, y, p, w, s, rest):
     """Friction that an elastic contact can carry in direction s at speed p."""
     return _peaked_level(side, t, y, p, s * abs(p), w, _base_level(side, y, s), s, rest)
 
 
-@part
+@internal
 def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
     """Accelerations of motor and load in one mode.
 
@@ -1107,7 +1107,7 @@ def _wave_error(k1, k2, k3, k4, phi, d):
     return d * phi * phi * (phi * abs(k4 - k1) + 4.0 * abs((k1 - k2) - (k3 - k4))) / 120.0
 
 
-@part
+@internal
 def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
     """One step of motor and load: their states, last stages, and its error."""
     half = 0.5 * d
@@ -1146,7 +1146,7 @@ def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
     return x1, v1, y1, p1, m4, k4, error
 
 
-@part
+@internal
 def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
     """Whether a mode is over in this state."""
     s, t = float(mode), t0 + tau
@@ -1171,7 +1171,7 @@ def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
     return _band_excess(side, _held_force(force), t, 0.0, y, p, s) <= 0.0
 
 
-@part
+@internal
 def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
     """Deflection of a contact that springs back, no more than the level holds."""
     s = 1.0 if z > 0.0 else -1.0
@@ -1181,7 +1181,7 @@ def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
     return s * min(s * z, most)
 
 
-@part
+@internal
 def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     """Mode, speed and deflection of the load, friction force, accelerations."""
     force = _transmitted(side, drive, 0.0, x, v, y, p)
@@ -1214,7 +1214,7 @@ def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     return mode, p, z, friction, motor, rate
 
 
-@part
+@internal
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two masses on a spring.
 
@@ -1369,7 +1369,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     return seen, friction, first
 
 
-@part
+@internal
 def _advance_one(plant, drive, t0, h, memory, events, count):
     """Move one mass, on an elastic contact or not."""
     if plant.integers[STRUCTURE] & CONTACT:
@@ -1377,7 +1377,7 @@ def _advance_one(plant, drive, t0, h, memory, events, count):
     return _do(plant, RIGID_TASK, _ADVANCE, drive, t0, h, memory, events, count)
 
 
-@part
+@internal
 def _motor(plant, drive, v, tau):
     """Way and speed of the motor alone after tau, exactly."""
     inverse = plant.numbers[INVERSE_MOTOR]
@@ -1402,7 +1402,7 @@ def _state_of_load(memory, scratch):
     scratch[DEFLECTION] = memory[DEFLECTION]
 
 
-@part
+@internal
 def _seen_one(plant, drive, t, state):
     """Mode, speed, friction force and acceleration of one mass as it starts."""
     mode = int(state[MODE])
@@ -1418,14 +1418,14 @@ def _seen_one(plant, drive, t, state):
     return mode, p, friction, rate
 
 
-@part
+@internal
 def _push(plant, drive, t, state, side):
     """Force with which the motor, in contact at `side`, pushes the load."""
     rate = _seen_one(plant, drive, t, state)[3]
     return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
 
 
-@part
+@internal
 def _meeting(plant, memory):
     """Side on which motor and load touch without moving apart, 0 for none."""
     half = plant.numbers[HALF_GAP]
@@ -1435,7 +1435,7 @@ def _meeting(plant, memory):
     return side if side * memory[SLIP] <= 0.0 else 0.0
 
 
-@part
+@internal
 def _impact(plant, memory, side):
     """Plastic impact: one speed from here on, the momentum is kept."""
     share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
@@ -1445,7 +1445,7 @@ def _impact(plant, memory, side):
         memory[SLIP] = 0.0
 
 
-@part
+@internal
 def _joined(plant, drive, t, d, memory, side, scratch, events, count):
     """Move motor and load as one mass over d; the contact's push at the end."""
     _state_of_load(memory, scratch)
@@ -1453,7 +1453,7 @@ def _joined(plant, drive, t, d, memory, side, scratch, events, count):
     return _push(plant, _later(drive, d), t + d, scratch, side)
 
 
-@part
+@internal
 def _apart(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
     _state_of_load(memory, scratch)
@@ -1463,7 +1463,7 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
     return moved - memory[OFFSET] - (scratch[X] - (memory[X] + memory[OFFSET]))
 
 
-@part
+@internal
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`.
 
@@ -1597,7 +1597,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     return seen, friction, first
 
 
-@part
+@internal
 def _seen_play(plant, drive, t, memory, side):
     """Speed of the motor, friction force and mode, given the side of contact."""
     scratch = _scratch()
@@ -1609,7 +1609,7 @@ def _seen_play(plant, drive, t, memory, side):
     return memory[V], friction, mode
 
 
-@part
+@internal
 def _settle(plant, force, t, memory):
     """Inner states of an axis that has come to rest, or to steady sliding.
 
@@ -1632,7 +1632,7 @@ def _settle(plant, force, t, memory):
         memory[DEFLECTION] = pull / plant.numbers[CONTACT_STIFFNESS]
 
 
-@part
+@internal
 def _advance_structure(plant, drive, t0, h, memory, events, count):
     """Move an axis with inner states, see `advance`."""
     kind = plant.integers[STRUCTURE]
@@ -1643,7 +1643,7 @@ def _advance_structure(plant, drive, t0, h, memory, events, count):
     return _advance_inner(plant, drive, t0, h, memory, events, count)
 
 
-@part
+@internal
 def _outputs_structure(plant, drive, t, memory):
     """Speed of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]

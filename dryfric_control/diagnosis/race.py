@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,7 +109,6 @@ class Race:
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
         # What was asked before: the same question comes up on several ways, and all
         # of a search again where another follows.
-        self._known: dict[tuple, Fitted] = {}
         self._answers: dict[tuple, Any] = {}
 
     def hypothesis(
@@ -121,6 +120,11 @@ class Race:
             return Hypothesis(self.bench, axis, (), self.believed)
         axis, parameters = choose(axis, [*names, *free], self.sizes)
         return Hypothesis(self.bench, axis, parameters, self.believed)
+
+    def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
+        if key not in self._answers:
+            self._answers[key] = answer()
+        return self._answers[key]
 
     def _run(self, function, items: Iterable):  # type: ignore[no-untyped-def]
         """Fits side by side, those that are not known yet."""
@@ -149,10 +153,8 @@ class Race:
         """
         fit = self.fit if active is None else active
         of = None if base is None else tuple(base)
-        key = (axis, tuple(free), slug, of, fit.tobytes(), search)
-        if key not in self._known:
-            self._known[key] = self._alone(axis, free, slug, base, fit, search)
-        return self._known[key]
+        key = ("alone", axis, tuple(free), slug, of, fit.tobytes(), search)
+        return self._once(key, lambda: self._alone(axis, free, slug, base, fit, search))
 
     def _alone(
         self,
@@ -204,7 +206,8 @@ class Race:
         Those that are far behind after a short fit are not fitted further.
         """
         self.sieve = self.bench.sieve(self.fit, base.scores)
-        self._views(base)  # once, not in every fit that runs side by side
+        # Before the fits side by side, which all look at them.
+        self._once(("views", base), lambda: self._views(base))
         # Elastic contacts and transmissions are slow to run: they are tried where
         # nothing simpler reaches the floor.
         slow = [e for e in effects if e.action in ("contact", "transmission")]
@@ -238,19 +241,16 @@ class Race:
 
     def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
         """What first guesses look at, for a fitted axis and with the base as believed."""
-        key = ("views", base)
-        if key not in self._answers:
-            record = self.bench.windows.record
-            known = base.hypothesis.values(base.z)
-            views = [(view(base.axis, record, self.believed), known)]
-            if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
-                # The base may have bent only for want of the cause.
-                straight = known | {n: v for n, v in self.believed.items() if n in known}
-                names = [n for n in self.believed if n in known]
-                axis = with_values(base.axis, names, [straight[n] for n in names])
-                views.append((view(axis, record, self.believed), straight))
-            self._answers[key] = tuple(views)
-        return self._answers[key]
+        record = self.bench.windows.record
+        known = base.hypothesis.values(base.z)
+        views = [(view(base.axis, record, self.believed), known)]
+        if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
+            # The base may have bent only for want of the cause.
+            straight = known | {n: v for n, v in self.believed.items() if n in known}
+            names = [n for n in self.believed if n in known]
+            axis = with_values(base.axis, names, [straight[n] for n in names])
+            views.append((view(axis, record, self.believed), straight))
+        return tuple(views)
 
     def _near(self, runners: list[Fitted]) -> list[Fitted]:
         """Those of sorted runners that are worth a fit to its end."""
@@ -268,7 +268,7 @@ class Race:
     def _first(self, base, effect, free, settled):  # type: ignore[no-untyped-def]
         """Best of the first guesses after a first fit, of every origin as good."""
         options = []
-        for number, (seen, known) in enumerate(self._views(base)):
+        for number, (seen, known) in enumerate(self._answers["views", base]):
             some = []
             for values, regressed in guesses(effect, seen):
                 origin = known | regressed

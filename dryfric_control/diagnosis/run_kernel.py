@@ -23,7 +23,7 @@ _SLOPE = 0.1
 _PLACES, _CLOSER = 9, 12
 
 
-@kernels.part
+@kernels.internal
 def begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner):
     """Memory at the first sample of a window; without inner states, an axis at rest.
 
@@ -58,14 +58,14 @@ def _end(memory, after):
     after[kernels.N_INNER] = memory[kernels.REST] if at_rest else 0.0
 
 
-@kernels.part
+@kernels.internal
 def _placed(plant, place, inner):
     """Inner states with the load at a place of the play, -1 to 1, as fast as the motor."""
     inner[0], inner[1] = 0.0, place * plant.numbers[kernels.HALF_GAP]
     inner[2], inner[3] = 0.0, 0.0
 
 
-@kernels.part
+@kernels.internal
 def _free_run(plant, memory, events, count, u, t0, dt, first, a, b, x0, v0, rest, inner, out):
     """One free run over the samples a to b - 1, positions into out[a:b].
 
@@ -103,7 +103,7 @@ def _cost(x, out, a, b, dx, dv, scale, x_error, v_error):
     return total / scale**2 + (dx / x_error) ** 2 + (dv / v_error) ** 2
 
 
-@kernels.part
+@kernels.internal
 def _settle(
     plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0, v0, rest, inner, scale,
     xe, ve, rounds, dx, dv, out, tried, by_x, by_v, after,

@@ -174,6 +174,16 @@ def linked(axis: FrictionAxis) -> bool:
     return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
 
+def spreads_off(value: float, believed: float) -> float:
+    """How many usual spreads a base parameter is off; beyond 1e100 nothing more is said."""
+    return min((value / believed - 1.0) / BASE_SPREAD, 1e100)
+
+
+def base_cost(change: float) -> float:
+    """What a base parameter that is so many spreads off costs."""
+    return BASE_COST * float(np.log1p(change**2))
+
+
 class Hypothesis:
     """An axis with free parameters, fitted on chosen windows.
 
@@ -238,10 +248,9 @@ class Hypothesis:
         for i, believed in self._believed:
             p = self.parameters[i]
             value = p.value(z[i])
-            # Beyond that, what a number costs says nothing more.
-            change = min((value / believed - 1.0) / BASE_SPREAD, 1e100)
+            change = spreads_off(value, believed)
             slope = p.slope(value) / believed / BASE_SPREAD
-            total += BASE_COST * np.log1p(change**2)
+            total += base_cost(change)
             weight = BASE_COST / (1.0 + change**2)
             g[i], h[i] = weight * change * slope, weight * slope**2
         return float(total), g, h

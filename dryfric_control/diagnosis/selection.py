@@ -12,7 +12,7 @@ from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue, effect_of
 from dryfric_control.diagnosis.floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
-from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, ROBUST, Evaluation
+from dryfric_control.diagnosis.search import ROBUST, Evaluation, base_cost, spreads_off
 from dryfric_control.effects import REGISTRY
 from dryfric_control.identification.parameters import with_values
 from dryfric_control.identification.uncertainty import block_labels, jackknife
@@ -211,8 +211,7 @@ class Selector:
         values = fitted.hypothesis.values(fitted.z)
         for name, believed in self.race.believed.items():
             if believed > 0.0 and name in values:
-                change = (values[name] / believed - 1.0) / BASE_SPREAD
-                total += min(BASE_COST * float(np.log1p(change**2)), _BASE_MOST)
+                total += min(base_cost(spreads_off(values[name], believed)), _BASE_MOST)
         return total
 
     # -- search ----------------------------------------------------------------

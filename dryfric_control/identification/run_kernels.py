@@ -12,13 +12,13 @@ from numba import njit
 from dryfric_control import kernels
 
 
-@kernels.part
+@kernels.internal
 def _held(plant, state, u, k, end):
     """Drive of sample k after the input map; before the record it is u[0]."""
     return kernels.input_map(plant, 0.0, state, u[min(max(k + end, 0), u.shape[0] - 1)])
 
 
-@kernels.part
+@kernels.internal
 def _lagged(plant, u, dt, first, k, state):
     """Lagged drive at sample k, from the inputs of ten time constants before."""
     lag, delay = plant.numbers[kernels.LAG], plant.numbers[kernels.DELAY]

@@ -60,7 +60,7 @@ class Tables(NamedTuple):
 _LONGEST_MEAN = 64.0
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _delayed(plant, dt, memory, u):
     """Mean over the coming sample of the drive behind an input delay."""
     if plant.numbers[kernels.DELAY] <= 0.0:
@@ -72,7 +72,7 @@ def _delayed(plant, dt, memory, u):
     return (1.0 - part) * newer + part * memory[LINE + n]
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _mean_drive(plant, dt, memory, u):
     """Mean drive over the coming sample, behind delay and lag."""
     seen = _delayed(plant, dt, memory, u)
@@ -82,7 +82,7 @@ def _mean_drive(plant, dt, memory, u):
     return seen
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _shift_drive(plant, dt, memory, u):
     """Delay and lag one sample on."""
     lag = plant.numbers[kernels.LAG]
@@ -96,14 +96,14 @@ def _shift_drive(plant, dt, memory, u):
         memory[LINE] = u
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _load(plant, t, memory, drive, y, s):
     """Net force on the mass without friction, at the measured position."""
     held = kernels.Drive(drive, 0.0, 0.0, 0.0)
     return kernels.load(plant, held, t, 0.0, y, memory[VHAT], s, memory[REST])
 
 
-@kernels.part
+@kernels.internal
 def _believed(plant, t, memory, w, y, s):
     """Coulomb level of the observer's own map at the measured position."""
     return kernels.coulomb_level(plant, t, y, memory[VHAT], w, s, memory[REST])
@@ -114,7 +114,7 @@ def _error_place(mode):
     return ERROR_PLUS if mode > 0 else ERROR_MINUS
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _learned(plant, t, memory, w, y, mode):
     """Coulomb level in direction `mode`, corrected by what was learned."""
     level = _believed(plant, t, memory, w, y, float(mode))
@@ -176,7 +176,7 @@ def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
     )
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _decide(tables, memory, t, u, y):
     """Settle the mode under a new drive and reading; `memory` changes in place.
 
@@ -210,7 +210,7 @@ def _decide(tables, memory, t, u, y):
     return believed - memory[WHAT], w, believed, drive
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _predict(tables, memory, w, believed, drive, y):
     """Estimate one sample on, by (7); `memory` changes in place."""
     numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
@@ -235,7 +235,7 @@ def _predict(tables, memory, w, believed, drive, y):
     _shift_drive(tables.plant, numbers[DT], memory, drive)
 
 
-@kernels.part(forceinline=True)
+@kernels.internal(forceinline=True)
 def _sample(tables, memory, t, u, y, out, row):
     friction, w, believed, drive = _decide(tables, memory, t, u, y)
     out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction

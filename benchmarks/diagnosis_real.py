@@ -20,7 +20,7 @@ import numpy as np
 import dryfric_control as dfc
 from dryfric_control.diagnosis import evidence
 from dryfric_control.identification import FitWarning
-from dryfric_control.records import Record, read_bam, read_record
+from dryfric_control.records.record import Record, read_bam, read_record
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -79,7 +79,7 @@ def bam() -> None:
 
     axis = dfc.FrictionAxis(
         mass=0.49 * 0.1**2, viscous=0.1, coulomb=0.05, stick_speed=1e-2, units=("rad", "N m"),
-        effects=(dfc.Gravity(0.49 * 9.81 * 0.1), dfc.InputGain(0.2)),
+        effects=(dfc.effects.Gravity(0.49 * 9.81 * 0.1), dfc.effects.InputGain(0.2)),
     )  # fmt: skip
     free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase")
     train = [enabled(g) for g in logs if g["kp"] == 100]

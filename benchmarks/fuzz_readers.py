@@ -5,7 +5,7 @@ Run ``python benchmarks/fuzz_readers.py --minutes 30``.  Sound CSV, MAT, TOML (a
 overwritten, inserted, removed, repeated, flipped, words replaced by what breaks parsers, the
 rest cut off.  A reader may refuse with a ValueError or return something sound; whatever else
 it does is a find, kept in ``--keep DIR``.  Prints counts, and returns 1 if there were finds.
-``tests/test_files.py`` runs the same for a moment with a fixed seed.
+``tests/store/test_files.py`` runs the same for a moment with a fixed seed.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from dryfric_control.identification import (
     identify_stribeck,
     replay_loop,
 )
-from dryfric_control.records import Record, read_bam, read_record
+from dryfric_control.records.record import Record, read_bam, read_record
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -175,7 +175,7 @@ def force_error(axis: dfc.FrictionAxis, record: Record) -> float:
     central differences; with these numbers least squares on the whole record
     gives back the published parameters.
     """
-    from dryfric_control.identification.start import forces
+    from dryfric_control.estimation.force_residual import forces
 
     b, a = butter(4, 2.0 * 100.0 * record.dt)
     x = filtfilt(b, a, record.x)
@@ -199,7 +199,7 @@ def emps() -> None:
         kp=160.18 * 243.45 * 35.1507, ki=0.0, kd=243.45 * 35.1507, dt=1e-3, limit=351.507, span=2
     )
     published = dfc.FrictionAxis(
-        mass=95.11, viscous=203.5, coulomb=20.39, effects=(dfc.BiasForce(3.16),)
+        mass=95.11, viscous=203.5, coulomb=20.39, effects=(dfc.effects.BiasForce(3.16),)
     )
     print("EMPS: free runs of 0.1 s; relative force error by the published measure")
     print(f"{'':36s} whole record  held out  closed loop: force error")
@@ -252,7 +252,7 @@ def bam() -> None:
     hanging = 0.49 * 9.81 * 0.1
     axis = dfc.FrictionAxis(
         mass=0.49 * 0.1**2, viscous=0.1, coulomb=0.05, stick_speed=1e-2, units=("rad", "N m"),
-        effects=(dfc.Gravity(hanging), dfc.InputGain(0.2)),
+        effects=(dfc.effects.Gravity(hanging), dfc.effects.InputGain(0.2)),
     )  # fmt: skip
     free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase", "input_delay")
     tests = [(g["trajectory"], enabled(g)) for g in logs if g["kp"] == 400]

@@ -54,9 +54,9 @@ class Target:
 
 
 _DIAGNOSIS = (
-    "tests/test_selection.py",
-    "tests/test_noise_floor.py",
-    "tests/test_diagnosis.py",
+    "tests/diagnosis/test_selection.py",
+    "tests/diagnosis/test_noise_floor.py",
+    "tests/diagnosis/test_diagnosis.py",
     "-k",
     "test_selection or test_noise_floor or clean or hidden and spring or learns_by_heart or "
     "outside or explains or held or pair",
@@ -65,22 +65,22 @@ _DIAGNOSIS = (
 _INNER = "# Axes with inner states."
 TARGETS = {
     "kernels": Target(
-        "dryfric_control/kernels.py",
-        ("tests/test_axis.py", "tests/test_event_accuracy.py", "tests/test_effects.py",
-         "tests/test_properties.py", "tests/test_blocks.py"),
+        "dryfric_control/compiled/axis_step.py",
+        ("tests/model/test_axis.py", "tests/model/test_event_accuracy.py", "tests/model/test_effects.py",
+         "tests/model/test_properties.py", "tests/model/test_blocks.py"),
         compiled=True, parting=_INNER,
     ),
     "inner": Target(
-        "dryfric_control/kernels.py", ("tests/test_structural_effects.py",), compiled=True,
+        "dryfric_control/compiled/axis_step.py", ("tests/model/test_structural_effects.py",), compiled=True,
         parting=_INNER, second=True,
     ),
     "synthesis": Target(
         "dryfric_control/observer/synthesis.py",
-        ("tests/test_observer_synthesis.py", "tests/test_observer_certificate.py"),
+        ("tests/observer/test_observer_synthesis.py", "tests/observer/test_observer_certificate.py"),
     ),
     "certificate": Target(
         "dryfric_control/observer/certificate.py",
-        ("tests/test_observer_certificate.py", "tests/test_observer_synthesis.py"),
+        ("tests/observer/test_observer_certificate.py", "tests/observer/test_observer_synthesis.py"),
     ),
     "selection": Target("dryfric_control/diagnosis/selection.py", _DIAGNOSIS),
     "floor": Target("dryfric_control/diagnosis/floor.py", _DIAGNOSIS),

@@ -75,9 +75,9 @@ def samples_table(repeat: int) -> None:
         "stribeck": dfc.Stribeck(excess=0.3, speed=0.01),
     }
     three = (
-        dfc.Spring(stiffness=2.0),
-        dfc.Cogging(amplitude=0.1, period=0.01),
-        dfc.BiasForce(force=0.1),
+        dfc.effects.Spring(stiffness=2.0),
+        dfc.effects.Cogging(amplitude=0.1, period=0.01),
+        dfc.effects.BiasForce(force=0.1),
     )
     problem = peers.StickSlip()
     rows = [
@@ -106,16 +106,16 @@ def effects_table(repeat: int) -> None:
     base = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=1.0)
     u = np.full(100_000, 1.5)
     effects = [
-        dfc.BiasForce(force=0.01),
-        dfc.ViscousAsymmetry(viscous=0.01),
-        dfc.CoulombAsymmetry(force=0.01),
-        dfc.QuadraticDrag(drag=0.01),
-        dfc.Spring(stiffness=1e-3),
-        dfc.Gravity(amplitude=0.01),
-        dfc.Cogging(amplitude=0.01, period=1.0),
-        dfc.InputDelay(delay=2.3e-3),
-        dfc.InputGain(gain=0.99),
-        dfc.DeadZone(width=0.01),
+        dfc.effects.BiasForce(force=0.01),
+        dfc.effects.ViscousAsymmetry(viscous=0.01),
+        dfc.effects.CoulombAsymmetry(force=0.01),
+        dfc.effects.QuadraticDrag(drag=0.01),
+        dfc.effects.Spring(stiffness=1e-3),
+        dfc.effects.Gravity(amplitude=0.01),
+        dfc.effects.Cogging(amplitude=0.01, period=1.0),
+        dfc.effects.InputDelay(delay=2.3e-3),
+        dfc.effects.InputGain(gain=0.99),
+        dfc.effects.DeadZone(width=0.01),
     ]
     axes = [base, *(base.replace(effects=(effect,)) for effect in effects)]
     found = race([lambda a=axis: a.simulate(u, DT, v0=0.1) for axis in axes], 3 * repeat)
@@ -134,9 +134,9 @@ def structures_table(repeat: int) -> None:
     base = dfc.FrictionAxis(mass=2.0, viscous=6.0, coulomb=8.0)
     structures = {
         "rigid": (),
-        "presliding": (dfc.Presliding(distance=40e-6),),
-        "backlash": (dfc.Backlash(gap=2e-4, load_fraction=0.4),),
-        "compliance": (dfc.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4),),
+        "presliding": (dfc.effects.Presliding(distance=40e-6),),
+        "backlash": (dfc.effects.Backlash(gap=2e-4, load_fraction=0.4),),
+        "compliance": (dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4),),
     }
     duties = {
         "sliding": np.full(n, 12.0),
@@ -148,7 +148,7 @@ def structures_table(repeat: int) -> None:
         lambda axis=axis, u=u: axis.simulate(u, DT) for axis in axes for u in duties.values()
     ]
     # A play as wide as the way: the motor rocks between its ends and never arrives.
-    wide = base.replace(effects=(dfc.Backlash(gap=10.0, load_fraction=0.4),))
+    wide = base.replace(effects=(dfc.effects.Backlash(gap=10.0, load_fraction=0.4),))
     works.append(lambda: wide.simulate(np.where(t % 0.4 < 0.2, 1.0, -1.0), DT))
     found = [best / n * 1e9 for best, _, _ in race(works, repeat)]
     print(f"{'':12s}" + "".join(f"{duty:>12s}" for duty in duties))
@@ -169,11 +169,11 @@ def pulled_axis(problem: peers.StickSlip) -> dfc.FrictionAxis:
         stribeck=dfc.Stribeck(excess=problem.excess, speed=problem.stribeck_speed),
         stick_speed=problem.stick_speed,
         stick_rate=problem.stick_rate,
-        effects=(dfc.Spring(stiffness=problem.stiffness),),
+        effects=(dfc.effects.Spring(stiffness=problem.stiffness),),
     )
 
 
-def pulled(problem: peers.StickSlip, dt: float, law: dfc.Law | None = None) -> peers.Breaks:
+def pulled(problem: peers.StickSlip, dt: float, law: dfc.laws.Law | None = None) -> peers.Breaks:
     """Our run of the stick-slip problem; the spring's end moves linearly."""
     u = problem.stiffness * problem.belt * np.arange(round(problem.duration / dt) + 1) * dt
     run = pulled_axis(problem).simulate(u, dt, hold="first", law=law)
@@ -205,8 +205,8 @@ def stick_slip_table(repeat: int) -> None:
         "tanh": peers.smooth_solve_ivp(p, tanh, 2, "Radau", 1e-11).slips,
         "slips": exact.slips,
     }
-    our_lugre = dfc.LuGre(stiffness=1e5, damping=300.0)
-    our_tanh = dfc.Tanh(speed=1e-5)
+    our_lugre = dfc.laws.LuGre(stiffness=1e5, damping=300.0)
+    our_tanh = dfc.laws.Tanh(speed=1e-5)
     cases: list[tuple[str, str, Callable[[], peers.Breaks]]] = [
         ("ours, 1 ms samples", "switched", lambda: pulled(p, DT)),
         ("ours, 10 ms samples", "switched", lambda: pulled(p, 0.01)),
@@ -438,13 +438,13 @@ lap("import", load)
 u = 3.0 * np.sin(np.arange(100) * 0.05)
 axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=1.0)
 lap("simulate", lambda: axis.simulate(u, 1e-3))
-three = axis.replace(effects=(dfc.Spring(stiffness=1.0), dfc.BiasForce(force=0.1),
-                              dfc.Cogging(amplitude=0.1, period=0.1)))
+three = axis.replace(effects=(dfc.effects.Spring(stiffness=1.0), dfc.effects.BiasForce(force=0.1),
+                              dfc.effects.Cogging(amplitude=0.1, period=0.1)))
 lap("three effects", lambda: three.simulate(u, 1e-3))
 loop = dfc.PositionController(kp=400.0, ki=0.0, kd=20.0, dt=1e-3)
 lap("simulate_loop", lambda: dfc.simulate_loop(axis, loop, u))
-lap("sign, Karnopp", lambda: axis.simulate(u, 1e-3, law=dfc.Karnopp(band=1e-4)))
-lap("tanh, Dahl, LuGre", lambda: axis.simulate(u, 1e-3, law=dfc.Dahl(stiffness=1e4)))
+lap("sign, Karnopp", lambda: axis.simulate(u, 1e-3, law=dfc.laws.Karnopp(band=1e-4)))
+lap("tanh, Dahl, LuGre", lambda: axis.simulate(u, 1e-3, law=dfc.laws.Dahl(stiffness=1e4)))
 print(json.dumps(spent))
 """
 

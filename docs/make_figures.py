@@ -70,7 +70,7 @@ def tutorial() -> None:
     pushed = axis.simulate(12 * np.sin(3 * np.arange(3000) * 1e-3), dt=1e-3)
     save(pushed.plot(title="pushed by a sine"), IMAGES / "pushed.png")
     believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    machine = believed.replace(effects=(dfc.Spring(stiffness=40.0, rest=0.05),))
+    machine = believed.replace(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),))
     t = np.arange(10000) * 1e-3
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])

@@ -1,57 +1,16 @@
 """Control of machines with dry friction, on top of python-control."""
 
+import sys
+
 from dryfric_control import presets
 from dryfric_control._version import __version__
-from dryfric_control.axis import AxisStepper, FrictionAxis
-from dryfric_control.batch import run_batch
-from dryfric_control.blocks import (
-    axis_block,
-    encoder,
-    position_controller,
-    reference_filter,
-    supervisor,
-    switched_axis,
-)
 from dryfric_control.diagnosis import (
     Cause,
     Diagnosis,
-    Experiment,
     diagnose,
     next_experiment,
-    read_axis,
-    write_axis,
 )
 from dryfric_control.diagnosis.batch import diagnose_batch
-from dryfric_control.effects import (
-    ActuatorLag,
-    Backlash,
-    BiasForce,
-    Cogging,
-    Compliance,
-    CoulombAsymmetry,
-    CoulombFriction,
-    DeadZone,
-    Drift,
-    DwellTime,
-    Effect,
-    Gravity,
-    Inertia,
-    InputDelay,
-    InputGain,
-    LoadDependence,
-    PositionDependence,
-    Presliding,
-    QuadraticDrag,
-    Saturation,
-    Spring,
-    StribeckPeak,
-    TimePeriodic,
-    ViscousAsymmetry,
-    ViscousFriction,
-    parameter,
-    register_effect,
-)
-from dryfric_control.friction import CoulombMap, Stribeck
 from dryfric_control.identification import (
     Fit,
     FitWarning,
@@ -62,8 +21,19 @@ from dryfric_control.identification import (
     replay_loop,
     slow_ramp_experiment,
 )
-from dryfric_control.laws import Dahl, Karnopp, Law, LuGre, Sign, Tanh
-from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.model import effects, laws
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.blocks import (
+    axis_block,
+    encoder,
+    position_controller,
+    reference_filter,
+    supervisor,
+    switched_axis,
+)
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.state_machine import plot_state_machine
 from dryfric_control.observer import (
     Certificate,
     CertificateError,
@@ -78,74 +48,40 @@ from dryfric_control.observer import (
     simulate_observed_loop,
 )
 from dryfric_control.records import Record, RecordWarning, read_bam, read_record
-from dryfric_control.responses import Events, SimulationResponse
-from dryfric_control.state_machine import plot_state_machine
+from dryfric_control.store.axis_file import read_axis, write_axis
+from dryfric_control.store.batch import run_batch
 
 __all__ = [
-    "ActuatorLag",
-    "AxisStepper",
-    "Backlash",
-    "BiasForce",
     "Cause",
     "Certificate",
     "CertificateError",
-    "Cogging",
-    "Compliance",
-    "CoulombAsymmetry",
-    "CoulombFriction",
     "CoulombMap",
-    "Dahl",
-    "DeadZone",
     "Diagnosis",
-    "Drift",
-    "DwellTime",
-    "Effect",
-    "Events",
-    "Experiment",
     "Fit",
     "FitWarning",
     "FrictionAxis",
-    "Gravity",
-    "Inertia",
-    "InputDelay",
-    "InputGain",
-    "Karnopp",
-    "Law",
-    "LoadDependence",
-    "LuGre",
     "ObserverDesign",
     "ObserverStepper",
     "PositionController",
-    "PositionDependence",
-    "Presliding",
-    "QuadraticDrag",
     "Record",
     "RecordWarning",
-    "Saturation",
-    "Sign",
-    "SimulationResponse",
-    "Spring",
     "Stribeck",
-    "StribeckPeak",
-    "Tanh",
-    "TimePeriodic",
-    "ViscousAsymmetry",
-    "ViscousFriction",
     "__version__",
     "axis_block",
     "design_pi_observer",
     "diagnose",
     "diagnose_batch",
+    "effects",
     "encoder",
     "fit",
     "identify_coulomb",
     "identify_stribeck",
+    "laws",
     "load_design",
     "monte_carlo",
     "next_experiment",
     "observe",
     "observed_loop",
-    "parameter",
     "pi_observer",
     "plot_state_machine",
     "position_controller",
@@ -154,7 +90,6 @@ __all__ = [
     "read_bam",
     "read_record",
     "reference_filter",
-    "register_effect",
     "replay",
     "replay_loop",
     "run_batch",
@@ -165,6 +100,10 @@ __all__ = [
     "switched_axis",
     "write_axis",
 ]
+
+# Public namespaces: `from dryfric_control.effects import Cogging` reads them too.
+sys.modules[f"{__name__}.effects"] = effects
+sys.modules[f"{__name__}.laws"] = laws
 
 
 def __dir__() -> list[str]:

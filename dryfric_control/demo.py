@@ -13,10 +13,6 @@ import control as ct
 import numpy as np
 
 from dryfric_control import presets
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.effects import Spring
-from dryfric_control.files import replacing
-from dryfric_control.friction import CoulombMap, Stribeck
 from dryfric_control.identification import (
     Fit,
     FitWarning,
@@ -27,7 +23,10 @@ from dryfric_control.identification import (
     replay_loop,
     slow_ramp_experiment,
 )
-from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import Spring
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.observer.figures import (
     draw_coulomb_maps,
     draw_friction,
@@ -35,7 +34,8 @@ from dryfric_control.observer.figures import (
     draw_position,
     draw_speed,
 )
-from dryfric_control.records import Record, read_record
+from dryfric_control.records.record import Record, read_record
+from dryfric_control.store.files import replacing
 
 #: Part of the record that is fitted; the rest is held out.
 TRAINING = 0.6

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, Stribeck, instance, positive
-from dryfric_control.loops import PositionController
+from dryfric_control.checks import instance, positive
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.loops import PositionController
 from dryfric_control.observer.closed_loop import (
     ObservedLoop,
     filter_reference,

@@ -64,3 +64,13 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     lowered = {c.lower(): c for c in choices}
     close = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.5)
     return f". Did you mean {lowered[close[0]]!r}?" if close else ""
+
+
+def length_text(value: float, unit: str) -> str:
+    """A small length with a readable prefix."""
+    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
+        if abs(value) >= 0.1 * factor:
+            return f"{value / factor:.3g} {prefix}{unit}"
+    if abs(value) < 1e-13:  # round-off: no prefix makes it readable
+        return f"{value:.0e} {unit}" if value else f"0 {unit}"
+    return f"{value / 1e-9:.3g} n{unit}"

@@ -66,9 +66,11 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
     axis = dfc.FrictionAxis(
         mass=2.0, viscous=15.0, coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0]),
         stribeck=dfc.Stribeck(excess=0.3, speed=0.01), travel=(0.0, 0.3),
-        effects=(dfc.Spring(stiffness=40.0), dfc.InputDelay(delay=2e-3)), name="z axis",
+        effects=(dfc.effects.Spring(stiffness=40.0), dfc.effects.InputDelay(delay=2e-3)), name="z axis",
     )  # fmt: skip
-    plain = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(dfc.BiasForce(1.0),))
+    plain = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=8.0, effects=(dfc.effects.BiasForce(1.0),)
+    )
     design = dfc.design_pi_observer(plain, dt=1e-3, encoder_quantum=1e-6)
 
     def mat(path: Path, content: dict[str, Any], compressed: bool) -> None:

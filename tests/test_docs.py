@@ -8,6 +8,7 @@ import dataclasses
 import doctest
 import importlib.util
 import inspect
+import operator
 import re
 import warnings
 from pathlib import Path
@@ -18,17 +19,26 @@ import pytest
 from numpydoc.docscrape import NumpyDocString
 
 import dryfric_control as dfc
-from dryfric_control import presets
-from dryfric_control.effects import REGISTRY
+from dryfric_control.model.effects.effect import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
 PAGES = ["README.md", "docs/tutorial.md", "docs/observer.md", *GUIDES]
-ITEMS = {name: getattr(dfc, name) for name in dfc.__all__ if name not in ("__version__", "presets")}
-ITEMS |= {
-    f"presets.{name}": item
-    for name, item in inspect.getmembers(presets, inspect.isfunction)
-    if item.__module__ == presets.__name__ and not name.startswith("_")
+
+
+def extension(name):
+    """A module of the site's own, by its file."""
+    path = ROOT / "docs" / "_extensions" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+ITEMS = {
+    name: operator.attrgetter(name)(dfc)
+    for name in extension("public_names").public_names()
+    if name != "__version__"
 }
 #: An exception or warning takes a message, as every one does.
 EXCEPTIONS = [n for n, it in ITEMS.items() if inspect.isclass(it) and issubclass(it, Exception)]
@@ -38,7 +48,7 @@ def own_methods(cls):
     """Public methods and properties that a class of the package defines itself."""
     for name, item in vars(cls).items():
         # `law` is the equation of an effect; the class documents it.
-        if name.startswith("_") or (name == "law" and issubclass(cls, dfc.Effect)):
+        if name.startswith("_") or (name == "law" and issubclass(cls, dfc.effects.Effect)):
             continue
         if isinstance(item, (classmethod, staticmethod)):
             yield name, item.__func__
@@ -139,11 +149,7 @@ def test_an_effect_says_its_equation(slug):
 
 def test_the_catalogue_of_effects_is_up_to_date():
     """``sphinx-build docs docs/_build/html`` writes it."""
-    spec = importlib.util.spec_from_file_location(
-        "catalogue", ROOT / "docs" / "_extensions" / "effects_catalogue.py"
-    )
-    catalogue = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(catalogue)
+    catalogue = extension("effects_catalogue")
     assert (ROOT / "docs" / catalogue.PAGE).read_text(encoding="utf-8") == catalogue.page()
 
 
@@ -166,7 +172,7 @@ def bench(tmp_path, monkeypatch):
     before = dict(REGISTRY)
     machine = dfc.FrictionAxis(
         mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
-        effects=(dfc.Spring(stiffness=40.0, rest=0.05),),
+        effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
     )  # fmt: skip
     t = 1e-3 * np.arange(12000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)

@@ -14,8 +14,9 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control import presets
-from dryfric_control.diagnosis import figures as diagnosis_figures
+from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
+from dryfric_control.diagnosis.report import figures as diagnosis_figures
 from dryfric_control.identification.figures import plot_coulomb
 from dryfric_control.text import WIDTH, wrapped
 
@@ -126,7 +127,7 @@ def test_estimators_and_rivals_differ_in_grey():
         assert len({line.get_linestyle() for line in lines}) == len(scores.scores) == 2
     names = ["cause", "one", "two", "three"]
     flat = dict.fromkeys(names, np.zeros(3))
-    plan = dfc.Experiment(
+    plan = Experiment(
         name="e", title="an experiment", description="", t=np.arange(3.0), reference=np.zeros(3),
         force=None, separates=(), score={}, tried={}, cause="cause", positions=flat, drives=flat,
         units=("m", "N"),
@@ -148,7 +149,7 @@ def test_record_says_its_units_and_hides_no_data():
 
 def test_median_over_position_follows_cogging():
     """17 periods over the way: 24 bins beat with them."""
-    cogging = AXIS.replace(effects=(dfc.Cogging(amplitude=1.0, period=0.012),))
+    cogging = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=1.0, period=0.012),))
     t = 1e-3 * np.arange(8000)
     run = dfc.simulate_loop(
         cogging, CONTROLLER, 0.15 + 0.1 * np.sin(1.6 * t), quantum=1e-6, x0=0.15
@@ -175,7 +176,9 @@ def test_mass_has_a_unit():
 
 
 def test_axis_shows_as_a_table():
-    axis = AXIS.replace(effects=(dfc.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>")
+    axis = AXIS.replace(
+        effects=(dfc.effects.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>"
+    )
     page = axis._repr_html_()
     assert page.count("<tr>") == 10 and "&lt;x&gt;" in page
     for words in ("2 kg", "15 N s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):

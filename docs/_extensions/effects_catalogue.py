@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from numpydoc.docscrape import NumpyDocString
 
-from dryfric_control.effects import ACTIONS, REGISTRY, Effect
+from dryfric_control.model.effects import Effect
+from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -44,7 +45,7 @@ axis = dfc.FrictionAxis(
     mass=2.0,
     viscous=15.0,
     coulomb=8.0,
-    effects=(dfc.Spring(stiffness=200.0), dfc.BiasForce(force=1.5)),
+    effects=(dfc.effects.Spring(stiffness=200.0), dfc.effects.BiasForce(force=1.5)),
 )
 ```
 
@@ -88,7 +89,8 @@ def section(cls: type[Effect]) -> Iterator[str]:
     yield f"({cls.slug})="
     yield f"## {cls.title[0].upper()}{cls.title[1:]}"
     yield ""
-    yield f"`{cls.slug}`, {{py:class}}`dryfric_control.{cls.__name__}`: {ACTS_ON[cls.action]}."
+    name = f"dryfric_control.effects.{cls.__name__}"
+    yield f"`{cls.slug}`, {{py:class}}`{name}`: {ACTS_ON[cls.action]}."
     yield ""
     yield cls.explanation
     yield ""

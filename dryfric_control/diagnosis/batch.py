@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dryfric_control._version import __version__
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.batch import fingerprint, run_batch
+from dryfric_control.checks import instance
 from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.friction import instance
-from dryfric_control.identification.windows import cut
-from dryfric_control.records import Record
+from dryfric_control.estimation.windows import cut
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
+from dryfric_control.store.batch import fingerprint, run_batch
 
 
 def diagnose_batch(
@@ -67,7 +67,7 @@ def diagnose_batch(
     >>> import numpy as np
     >>> import dryfric_control as dfc
     >>> believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> machine = believed.replace(effects=(dfc.InputGain(gain=1.2),))
+    >>> machine = believed.replace(effects=(dfc.effects.InputGain(gain=1.2),))
     >>> t = 1e-3 * np.arange(6000)
     >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])

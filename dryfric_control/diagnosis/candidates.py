@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.effects import REGISTRY, Effect
-from dryfric_control.friction import Stribeck
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import Effect
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.friction import Stribeck
 
 #: Base parameters by the slug of the cause that a wrong value is.
 BASE = {"inertia": "mass", "viscous": "viscous", "coulomb": "coulomb"}

@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from dryfric_control.axis import FrictionAxis
+from dryfric_control.checks import instance, positive, whole
+from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
-from dryfric_control.diagnosis.floor import REPLAYS, noise_floor
-from dryfric_control.diagnosis.race import Fitted, Race
-from dryfric_control.diagnosis.result import Cause, Diagnosis, Gain, Unexplained
+from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
+from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis, Gain, Unexplained
 from dryfric_control.diagnosis.search import Bench
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
-from dryfric_control.effects import REGISTRY
-from dryfric_control.friction import instance, positive, whole
+from dryfric_control.estimation.plausibility import warn_if_implausible
+from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.fit import typical
-from dryfric_control.identification.plausible import warn_if_implausible
-from dryfric_control.identification.windows import Windows, cut
-from dryfric_control.records import Record
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def diagnose(
     >>> import numpy as np
     >>> import dryfric_control as dfc
     >>> believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> machine = believed.replace(effects=(dfc.Spring(stiffness=40.0, rest=0.05),))
+    >>> machine = believed.replace(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),))
     >>> t = 1e-3 * np.arange(6000)
     >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.diagnosis.guesses import view
+from dryfric_control.diagnosis.first_guesses import view
 from dryfric_control.diagnosis.search import Bench
-from dryfric_control.identification.motion import directions
-from dryfric_control.identification.windows import Windows, cut
-from dryfric_control.records import Record, RecordWarning
+from dryfric_control.estimation.motion import directions
+from dryfric_control.estimation.windows import Windows, cut
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record, RecordWarning
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -152,7 +152,7 @@ def evidence(
     >>> import dryfric_control as dfc
     >>> from dryfric_control.diagnosis.evidence import evidence
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> machine = axis.replace(effects=(dfc.BiasForce(force=0.5),))
+    >>> machine = axis.replace(effects=(dfc.effects.BiasForce(force=0.5),))
     >>> u = 20.0 * np.sin(6e-3 * np.arange(4000))
     >>> x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
     >>> shown = evidence(axis, dfc.Record(1e-3 * np.arange(4000), u, x))
@@ -400,7 +400,7 @@ def where(
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification.windows import cut
+    >>> from dryfric_control.estimation.windows import cut
     >>> t = 1e-3 * np.arange(20_000)
     >>> windows = cut(dfc.Record(t, np.cos(t), 0.1 * np.sin(9.0 * t)), window=0.25)
     >>> bad = (windows.start_times > 5.0) & (windows.start_times < 7.9)

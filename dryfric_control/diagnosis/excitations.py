@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.effects import Effect, parameter
-from dryfric_control.friction import finite, positive
-from dryfric_control.records import Record
+from dryfric_control.checks import finite, positive
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import Effect, parameter
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray]

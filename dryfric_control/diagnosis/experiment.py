@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
-from dryfric_control.diagnosis.trial import Refit, Staged, mean_squares, staged
+from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
-from dryfric_control.effects import REGISTRY
-from dryfric_control.files import replacing
-from dryfric_control.records import Record
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.records.record import Record
+from dryfric_control.store.files import replacing
 from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Experiment:
     >>> import numpy as np
     >>> import dryfric_control as dfc
     >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
-    >>> drag = base.replace(effects=(dfc.QuadraticDrag(drag=5.0),))
+    >>> drag = base.replace(effects=(dfc.effects.QuadraticDrag(drag=5.0),))
     >>> fast = base.replace(viscous=16.0)
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
@@ -266,8 +266,8 @@ def next_experiment(
     >>> import dryfric_control as dfc
     >>> from dryfric_control.diagnosis.experiment import next_experiment
     >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
-    >>> bias = base.replace(effects=(dfc.BiasForce(force=2.0),))
-    >>> spring = base.replace(effects=(dfc.Spring(stiffness=10.0, rest=0.2),))
+    >>> bias = base.replace(effects=(dfc.effects.BiasForce(force=2.0),))
+    >>> spring = base.replace(effects=(dfc.effects.Spring(stiffness=10.0, rest=0.2),))
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
     >>> x = 1e-6 * np.round(1e6 * bias.simulate(u, dt=1e-3, x0=-0.05).y[0])

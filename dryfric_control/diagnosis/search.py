@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.diagnosis.run_kernel import moved, normal_terms, project
-from dryfric_control.identification.parameters import Parameter, with_values
-from dryfric_control.identification.windows import Windows
+from dryfric_control.compiled.windowed_runs import moved, normal_terms, project
+from dryfric_control.estimation.parameters import Parameter, with_values
+from dryfric_control.estimation.windows import Windows
+from dryfric_control.model.axis import FrictionAxis
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

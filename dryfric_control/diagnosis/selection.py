@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
+from dryfric_control.diagnosis.candidate_fits import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue, effect_of
-from dryfric_control.diagnosis.floor import NONE, REPLAYS, Floor, noise_floor
-from dryfric_control.diagnosis.race import CAUSE_COST, Fitted, Race
+from dryfric_control.diagnosis.noise_floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.search import ROBUST, Evaluation, base_cost, spreads_off
-from dryfric_control.effects import REGISTRY
-from dryfric_control.identification.parameters import with_values
-from dryfric_control.identification.uncertainty import block_labels, jackknife
+from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.uncertainty import block_labels, jackknife
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import REGISTRY
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, instance
+from dryfric_control.checks import instance
+from dryfric_control.estimation.uncertainty import half_width
+from dryfric_control.identification.crawl import Pieces, average
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.identification.levels import (
     HIGHEST,
@@ -21,9 +22,9 @@ from dryfric_control.identification.levels import (
     inner,
     solve,
 )
-from dryfric_control.identification.pieces import Pieces, average
-from dryfric_control.identification.uncertainty import half_width
-from dryfric_control.records import Record
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.record import Record
 
 if TYPE_CHECKING:
     import control as ct
@@ -364,7 +365,7 @@ def _tell(pieces: Pieces, record: Record, what: str) -> None:
 
 def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:
     """Minus the force of the axis' effects at the pieces, friction aside."""
-    from dryfric_control.identification.start import forces
+    from dryfric_control.estimation.force_residual import forces
 
     bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
     return -forces(bare, pieces.x, pieces.v, pieces.u, pieces.direction)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dryfric_control.axis import FrictionAxis
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
-from dryfric_control.identification.start import Sliding
+from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.model.axis import FrictionAxis
 
 if TYPE_CHECKING:
     import control as ct

@@ -13,15 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import finite, instance, positive, whole
-from dryfric_control.identification.determined import cannot_tell
-from dryfric_control.identification.parameters import Parameter, Scales, choose, values_of
-from dryfric_control.identification.plausible import warn_if_implausible
-from dryfric_control.identification.replay import Replay, replay
-from dryfric_control.identification.solve import Problem, minimise
-from dryfric_control.identification.start import force_start
-from dryfric_control.identification.uncertainty import (
+from dryfric_control.checks import finite, instance, positive, whole
+from dryfric_control.estimation.force_residual import force_start
+from dryfric_control.estimation.parameters import Parameter, Scales, choose, values_of
+from dryfric_control.estimation.plausibility import warn_if_implausible
+from dryfric_control.estimation.problem import Problem, minimise
+from dryfric_control.estimation.uncertainty import (
     block_labels,
     bootstrap,
     degrees_of_freedom,
@@ -29,8 +26,11 @@ from dryfric_control.identification.uncertainty import (
     half_width,
     jackknife,
 )
-from dryfric_control.identification.windows import Windows, cut
-from dryfric_control.records import Record
+from dryfric_control.estimation.windows import Windows, cut
+from dryfric_control.identification.identifiability import cannot_tell
+from dryfric_control.identification.replay import Replay, replay
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
 from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
@@ -338,7 +338,7 @@ def fit(
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records import Record
+    >>> from dryfric_control.records.record import Record
     >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)

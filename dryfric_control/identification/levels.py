@@ -9,7 +9,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
-from dryfric_control.identification.pieces import Pieces
+from dryfric_control.identification.crawl import Pieces
 
 FloatArray = NDArray[np.float64]
 

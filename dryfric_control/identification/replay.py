@@ -8,27 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import finite, instance
-from dryfric_control.identification.windows import Windows, cut
-from dryfric_control.loops import PositionController, simulate_loop
-from dryfric_control.records import Record
-from dryfric_control.responses import SimulationResponse
+from dryfric_control.checks import finite, instance
+from dryfric_control.estimation.windows import Windows, cut
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.responses import SimulationResponse
+from dryfric_control.records.record import Record
+from dryfric_control.text import length_text
 
 if TYPE_CHECKING:
     import control as ct
 
 FloatArray = NDArray[np.float64]
-
-
-def length_text(value: float, unit: str) -> str:
-    """A small length with a readable prefix."""
-    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
-        if abs(value) >= 0.1 * factor:
-            return f"{value / factor:.3g} {prefix}{unit}"
-    if abs(value) < 1e-13:  # round-off: no prefix makes it readable
-        return f"{value:.0e} {unit}" if value else f"0 {unit}"
-    return f"{value / 1e-9:.3g} n{unit}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +165,7 @@ def replay(
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records import Record
+    >>> from dryfric_control.records.record import Record
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> t = 1e-3 * np.arange(2000)
     >>> u = 20.0 * np.sin(6.0 * t)
@@ -296,7 +287,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records import Record
+    >>> from dryfric_control.records.record import Record
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> loop = dfc.PositionController(kp=2000.0, ki=0.0, kd=90.0, dt=1e-3)
     >>> r = 0.1 * np.sin(3e-3 * np.arange(3000))

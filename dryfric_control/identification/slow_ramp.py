@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.files import replacing
-from dryfric_control.friction import finite, instance, positive
+from dryfric_control.checks import finite, instance, positive
 from dryfric_control.identification.fit import FitWarning
-from dryfric_control.loops import PositionController, simulate_loop
-from dryfric_control.readers.sources import MAX_ROWS
-from dryfric_control.record_checks import MIN_SAMPLES
-from dryfric_control.records import Record
-from dryfric_control.responses import SimulationResponse
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.responses import SimulationResponse
+from dryfric_control.records.readers.sources import MAX_ROWS
+from dryfric_control.records.record import Record
+from dryfric_control.records.record_checks import MIN_SAMPLES
+from dryfric_control.store.files import replacing
 
 if TYPE_CHECKING:
     import control as ct

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.identification.motion import directions
-from dryfric_control.records import Record
+from dryfric_control.estimation.motion import directions
+from dryfric_control.records.record import Record
 
 # Shorter halts are not told from a reading that lags.
 _SHORTEST = 10

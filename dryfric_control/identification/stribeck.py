@@ -13,17 +13,18 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, Stribeck, instance, whole
+from dryfric_control.checks import instance, whole
+from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.estimation.parameters import Scales, choose, values_of
+from dryfric_control.estimation.problem import Problem, minimise
+from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
-from dryfric_control.identification.parameters import Scales, choose, values_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
-from dryfric_control.identification.solve import Problem, minimise
-from dryfric_control.identification.start import Sliding
 from dryfric_control.identification.stick_slip import Ripple, Sticks, ripple, stick_phases
-from dryfric_control.identification.windows import Windows, cut
-from dryfric_control.loops import PositionController
-from dryfric_control.records import Record
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.loops import PositionController
+from dryfric_control.records.record import Record
 
 if TYPE_CHECKING:
     import control as ct

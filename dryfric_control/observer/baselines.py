@@ -16,8 +16,8 @@ import scipy.linalg
 from numba import njit
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import positive
+from dryfric_control.checks import positive
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.error_model import axis_matrices
 

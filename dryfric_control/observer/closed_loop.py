@@ -9,10 +9,11 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.axis import FrictionAxis, samples
-from dryfric_control.blocks import axis_block, encoder, reference_filter
-from dryfric_control.friction import finite, instance
-from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.checks import finite, instance, samples
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.blocks import axis_block, encoder, reference_filter
+from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import (
     OUTPUTS,
@@ -23,7 +24,6 @@ from dryfric_control.observer.runtime import (
     tables,
 )
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
-from dryfric_control.responses import SimulationResponse
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,8 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.friction import CoulombMap, whole
+from dryfric_control.checks import whole
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
     ErrorModel,
@@ -30,7 +31,7 @@ from dryfric_control.observer.weights import default_weights
 from dryfric_control.text import wrapped
 
 if TYPE_CHECKING:
-    from dryfric_control.axis import FrictionAxis
+    from dryfric_control.model.axis import FrictionAxis
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.friction import positive
+from dryfric_control.checks import positive
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import control as ct
 import numpy as np
 
-from dryfric_control.axis import FrictionAxis
 from dryfric_control.drawing import (
     axes_of,
     control_plot,
@@ -16,6 +15,7 @@ from dryfric_control.drawing import (
     shade_stuck,
     title_above,
 )
+from dryfric_control.model.axis import FrictionAxis
 
 if TYPE_CHECKING:
     from dryfric_control.observer.closed_loop import ObservedLoop

@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control._version import __version__
-from dryfric_control.axis import FrictionAxis, samples
-from dryfric_control.batch import fingerprint, run_batch
+from dryfric_control.checks import finite, positive, samples, whole
 from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
-from dryfric_control.friction import Stribeck, finite, positive, whole
-from dryfric_control.loops import PositionController, simulate_loop
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import Stribeck
+from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.observer.baselines import Estimator
 from dryfric_control.observer.certificate import Certificate
 from dryfric_control.observer.closed_loop import check_loop
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import observe
 from dryfric_control.observer.score import EstimateScore, score_estimate
+from dryfric_control.store.batch import fingerprint, run_batch
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 
-from dryfric_control.axis import FrictionAxis
-from dryfric_control.friction import CoulombMap, instance, positive
+from dryfric_control.checks import instance, positive
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
 
 #: What acts through states that the observer does not have.
 LEFT_OUT = ("contact", "transmission")
@@ -46,7 +47,8 @@ def own_axis(
     --------
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-    ...                         effects=(dfc.Inertia(factor=1.5), dfc.BiasForce(force=1.0)))
+    ...                         effects=(dfc.effects.Inertia(factor=1.5),
+    ...                                  dfc.effects.BiasForce(force=1.0)))
     >>> own = own_axis(axis)
     >>> own.mass, [effect.slug for effect in own.effects]
     (3.0, ['bias_force'])

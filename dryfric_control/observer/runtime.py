@@ -1,6 +1,6 @@
 """The switched PI observer at work: block, whole-record run, stepper.
 
-All three are faces of the compiled sample in `dryfric_control.observer.kernel`
+All three are faces of the compiled sample in `dryfric_control.compiled.observer`
 and agree to round-off.
 """
 
@@ -12,7 +12,8 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.axis import samples
+from dryfric_control.checks import finite, instance, positive, samples
+from dryfric_control.compiled import observer as kernel
 from dryfric_control.drawing import (
     axes_of,
     control_plot,
@@ -21,8 +22,6 @@ from dryfric_control.drawing import (
     shade_stuck,
     title_above,
 )
-from dryfric_control.friction import finite, instance, positive
-from dryfric_control.observer import kernel
 from dryfric_control.observer.design import ObserverDesign
 
 Array = NDArray[np.float64]
@@ -120,7 +119,7 @@ def first_memory(
     design: ObserverDesign, xhat0: float = 0.0, vhat0: float = 0.0, what0: float = 0.0
 ) -> Array:
     """Memory of an observer before its first sample, shape (nstates,)."""
-    history = int(design.axis.arrays(design.dt).integers[kernel.kernels.N_HISTORY])
+    history = int(design.axis.arrays(design.dt).integers[kernel.axis_step.N_HISTORY])
     memory = np.zeros(kernel.LINE + history)
     memory[kernel.XHAT] = finite("xhat0", xhat0)
     memory[kernel.VHAT] = finite("vhat0", vhat0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.axis import FrictionAxis
+from dryfric_control.model.axis import FrictionAxis
 
 Array = NDArray[np.float64]
 

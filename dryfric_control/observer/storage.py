@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.axis import MODES, FrictionAxis
-from dryfric_control.effects import REGISTRY
-from dryfric_control.files import existing_file, replacing
-from dryfric_control.friction import CoulombMap, positive, whole
+from dryfric_control.checks import positive, whole
+from dryfric_control.model.axis import MODES, FrictionAxis
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
 from dryfric_control.observer.error_model import DISCRETIZATIONS, check_sampling, mode_classes
 from dryfric_control.observer.memory import ModeGraph
+from dryfric_control.store.files import existing_file, replacing
 
 FORMAT, VERSION = "dryfric-control observer design", 1
 _ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")

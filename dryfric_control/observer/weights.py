@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.friction import finite, positive
+from dryfric_control.checks import finite, positive
 
 #: Uncertain force as a fraction of the Coulomb level.
 UNCERTAIN_FRACTION = 0.2

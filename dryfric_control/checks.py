@@ -1,0 +1,150 @@
+"""Checks of what the user gives: bad input is refused by name before any work."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def finite(name: str, value: object, *, unit: str = "") -> float:
+    """Finite float, or an error that names the argument.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument as the user knows it.
+    value : object
+        What the user gave.
+    unit : str
+        Unit, for the message.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        If `value` is not a finite real number.
+    """
+    try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"{name} must be a number{unit and f' in {unit}'}, got {short(value)}"
+        ) from None
+    if not math.isfinite(number) or isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be a finite number{unit and f' in {unit}'}, got {value!r}")
+    return number
+
+
+def positive(name: str, value: object, *, unit: str = "", zero: bool = False) -> float:
+    """Finite float above zero (or not below, with `zero`).
+
+    Raises
+    ------
+    ValueError
+        If `value` is not such a number.
+    """
+    number = finite(name, value, unit=unit)
+    if number < 0.0 or (number == 0.0 and not zero):
+        bound = "zero or more" if zero else "more than zero"
+        raise ValueError(f"{name} must be {bound}{unit and f' [{unit}]'}, got {value!r}")
+    if not zero and math.isinf(1.0 / number):
+        raise ValueError(f"{name} = {number:g} is too small to compute with: check its unit")
+    return number
+
+
+def whole(name: str, value: object, least: int = 1) -> int:
+    """Whole number that is not below a least one.
+
+    Raises
+    ------
+    ValueError
+        If `value` is not such a number.
+    """
+    number = value if isinstance(value, (int, float, np.number)) else math.nan
+    if isinstance(value, bool) or not number >= least or not float(number).is_integer():
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {short(value)}")
+    return int(number)
+
+
+def instance(name: str, value: object, kind: type, mend: str = "") -> None:
+    """Refuse an argument of another kind.
+
+    Raises
+    ------
+    ValueError
+        If `value` is not a `kind`; `mend` says where to get one.
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise ValueError(
+            f"{name} must be {article} {kind.__name__}{mend and f' ({mend})'}, got {short(value)}"
+        )
+
+
+def short(value: object) -> str:
+    """What the user gave: a short value itself, else its type."""
+    text = repr(value) if isinstance(value, (bool, int, float, str, type(None))) else ""
+    return text if 0 < len(text) <= 60 else f"a value of type {type(value).__name__}"
+
+
+def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Array of floats of any shape, from numbers alone.
+
+    Raises
+    ------
+    ValueError
+        If `values` holds anything else; the message names the argument.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of unequal length
+        array = np.asarray(None)
+    if array.dtype.kind == "c":
+        raise ValueError(
+            f"{name} must be an array of numbers, got complex ones: take the real part"
+        )
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be an array of numbers, got {short(values)}")
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} holds masked values: fill or remove them first")
+    return np.asarray(array, dtype=float)
+
+
+def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float64]:
+    """One-dimensional array of finite floats, a copy.
+
+    Raises
+    ------
+    ValueError
+        If `values` is anything else; the message names the argument.
+    """
+    array = np.array(places(name, values))
+    if array.ndim != 1 or array.size == 0:
+        raise ValueError(
+            f"{name} must have shape ({shape},) with at least one sample, got shape {array.shape}"
+        )
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise ValueError(
+            f"{name} holds {bad.size} value(s) that are not finite, the first at index {bad[0]}: "
+            "remove or fill them first"
+        )
+    return array
+
+
+def positive_number(name: str, value: Any, zero_allowed: bool = False) -> float:
+    """A finite positive number, or an error that names the argument."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    number = float(value)
+    if not math.isfinite(number) or number < 0 or (number == 0 and not zero_allowed):
+        raise ValueError(f"{name} must be finite and positive, got {number:g}")
+    return number

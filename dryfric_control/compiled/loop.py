@@ -1,0 +1,81 @@
+"""Compiled law of the position controller and the closed loop round the axis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dryfric_control.compiled import axis_step
+
+# Largest span of the speed estimate; it sizes the controller's memory.
+LONGEST_SPAN = 8
+INTEGRAL, SPEED, READINGS = 0, 1, 2
+KP, KI, KD, LIMIT, KEEP, SPAN, STEP = range(7)
+
+
+@njit(cache=True, error_model="numpy")
+def encode(x, quantum):
+    """Reading of an encoder: the nearest whole number of quanta."""
+    return quantum * math.floor(x / quantum + 0.5) if quantum > 0.0 else x
+
+
+@njit(cache=True, error_model="numpy")
+def control_force(gains, memory, reference, y):
+    """Drive force before and after saturation, and the speed estimate.
+
+    `gains` is kp, ki, kd, limit, speed filter, span, dt; `memory` holds the
+    integral, the filtered speed and the last readings, newest first.  Both
+    may be arrays or pointers.
+    """
+    span = gains[SPAN]
+    difference = (y - memory[READINGS + int(span) - 1]) / (span * gains[STEP])
+    speed = gains[KEEP] * memory[SPEED] + (1.0 - gains[KEEP]) * difference
+    wanted = gains[KP] * (reference - y) + gains[KI] * memory[INTEGRAL] - gains[KD] * speed
+    return wanted, min(max(wanted, -gains[LIMIT]), gains[LIMIT]), speed
+
+
+@njit(cache=True, error_model="numpy")
+def control_update(gains, memory, reference, y):
+    """Move the controller one sample on; returns its drive force."""
+    wanted, given, speed = control_force(gains, memory, reference, y)
+    if gains[KI] > 0.0:
+        # Back-calculation: a saturated drive unwinds the integral at the rate
+        # kp/ki at which the integral would have wound up.
+        memory[INTEGRAL] += gains[STEP] * (reference - y + (given - wanted) / gains[KP])
+    memory[SPEED] = speed
+    for i in range(LONGEST_SPAN - 1, 0, -1):
+        memory[READINGS + i] = memory[READINGS + i - 1]
+    memory[READINGS] = y
+    return given
+
+
+@njit(cache=True, error_model="numpy")
+def run_loop(
+    numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, out
+):
+    """Closed loop into `out`: rows x, v, friction, mode, u, y.
+
+    The drive force is u + disturbance.  Returns the located switches.
+    """
+    plant = axis_step.point(numbers, integers)
+    state = axis_step.pointer(memory)
+    control, past = axis_step.pointer(gains), axis_step.pointer(controller)
+    n = reference.shape[0]
+    events = np.empty(64 * axis_step.ROOM)
+    count = np.zeros(1, np.int64)
+    for k in range(n):
+        t = k * dt
+        if 3 * count[0] + axis_step.ROOM > events.shape[0]:
+            events = axis_step.doubled(events)
+        y = encode(state[axis_step.X], quantum)
+        u = control_update(control, past, reference[k], y)
+        force = u + disturbance[k]
+        if k == 0:
+            state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
+        out[0, k], out[4, k], out[5, k] = state[axis_step.X], u, y
+        out[1, k], out[2, k], out[3, k] = axis_step.sample(
+            plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
+        )
+    return axis_step.located(events, count[0])

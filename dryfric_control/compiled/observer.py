@@ -1,0 +1,266 @@
+"""Compiled one-sample step of the switched PI observer.
+
+Numbers and arrays in and out.  The python-control block, the whole-record run
+and the real-time stepper are faces of `_decide` and `_predict`.
+
+A sample has two halves.  `_decide` takes the new drive u and reading y and
+settles the mode; what the observer then states (position, speed, friction,
+mode) is fixed.  `_predict` moves the estimate to the next sample.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from numba import njit
+
+from dryfric_control.compiled import axis_step
+
+PAPER, READING, FILIPPOV = 0, 1, 2
+
+#: Places of the observer's memory; the line of delayed drives follows the last.
+#: The first two lie as in `axis_step`, whose laws of effects read them.
+(
+    XHAT,
+    VHAT,
+    WHAT,  # integral term of the present mode
+    MODE,
+    NODE,  # memory state of the gains, counted from 1; 0 before the first sample
+    REST,  # time at rest
+    ERROR_MINUS,  # learned error of the Coulomb level: true less believed
+    ERROR_PLUS,
+    PLACE,  # mean reading since the axis came to rest
+    COUNT,  # readings in that mean
+    LAGGED,  # drive behind an actuator lag
+    LINE,
+) = range(12)
+
+#: Places of the observer's numbers.
+(DT, STICK_SPEED, RESOLUTION, KEEP, RULE) = range(5)
+#: Columns of the matrices of a mode (rows mode + 1), and how many.
+A12, A22, B1, B2, E1, E2, COLUMNS = range(7)
+#: Rows of what the observer states.
+OUTPUTS = 5
+
+
+class Tables(NamedTuple):
+    """Numbers of one observer, as addresses for compiled functions."""
+
+    numbers: Any
+    matrices: Any  # three rows of COLUMNS
+    gains: Any  # rows of three, one a node
+    transitions: Any  # rows of three, one a node and one for the start
+    nodes: int
+    plant: axis_step.Plant
+
+
+# Readings in the running mean at rest: enough to average noise, and short
+# enough that a creeping axis is seen to leave its place.
+_LONGEST_MEAN = 64.0
+
+
+@axis_step.internal(forceinline=True)
+def _delayed(plant, dt, memory, u):
+    """Mean over the coming sample of the drive behind an input delay."""
+    if plant.numbers[axis_step.DELAY] <= 0.0:
+        return u
+    ratio = plant.numbers[axis_step.DELAY] / dt
+    n = int(ratio)
+    part = ratio - n
+    newer = u if n == 0 else memory[LINE + n - 1]
+    return (1.0 - part) * newer + part * memory[LINE + n]
+
+
+@axis_step.internal(forceinline=True)
+def _mean_drive(plant, dt, memory, u):
+    """Mean drive over the coming sample, behind delay and lag."""
+    seen = _delayed(plant, dt, memory, u)
+    lag = plant.numbers[axis_step.LAG]
+    if lag > 0.0:
+        seen += (memory[LAGGED] - seen) * (-math.expm1(-dt / lag)) * lag / dt
+    return seen
+
+
+@axis_step.internal(forceinline=True)
+def _shift_drive(plant, dt, memory, u):
+    """Delay and lag one sample on."""
+    lag = plant.numbers[axis_step.LAG]
+    if lag > 0.0:
+        seen = _delayed(plant, dt, memory, u)
+        memory[LAGGED] = seen + (memory[LAGGED] - seen) * math.exp(-dt / lag)
+    last = plant.integers[axis_step.N_HISTORY] - 1
+    if last >= 0:
+        for k in range(last, 0, -1):
+            memory[LINE + k] = memory[LINE + k - 1]
+        memory[LINE] = u
+
+
+@axis_step.internal(forceinline=True)
+def _load(plant, t, memory, drive, y, s):
+    """Net force on the mass without friction, at the measured position."""
+    held = axis_step.Drive(drive, 0.0, 0.0, 0.0)
+    return axis_step.load(plant, held, t, 0.0, y, memory[VHAT], s, memory[REST])
+
+
+@axis_step.internal
+def _believed(plant, t, memory, w, y, s):
+    """Coulomb level of the observer's own map at the measured position."""
+    return axis_step.coulomb_level(plant, t, y, memory[VHAT], w, s, memory[REST])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _error_place(mode):
+    return ERROR_PLUS if mode > 0 else ERROR_MINUS
+
+
+@axis_step.internal(forceinline=True)
+def _learned(plant, t, memory, w, y, mode):
+    """Coulomb level in direction `mode`, corrected by what was learned."""
+    level = _believed(plant, t, memory, w, y, float(mode))
+    return max(level + memory[_error_place(mode)], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _mode_of_automaton(numbers, plant, t, memory, w, y):
+    """Mode by the automaton (paper, Fig. 2) on (u, y, vhat), as printed or completed."""
+    mode, v = int(memory[MODE]), memory[VHAT]
+    above = w > _believed(plant, t, memory, w, y, 1.0)
+    below = w < -_believed(plant, t, memory, w, y, -1.0)
+    if mode == 0:
+        return 1 if above else (-1 if below else 0)
+    if abs(v) <= numbers[STICK_SPEED] and not above and not below:
+        return 0
+    if numbers[RULE] == FILIPPOV:
+        # A speed through zero turns the mode only if the load pushes that way.
+        return -mode if mode * v <= 0.0 and (below if mode > 0 else above) else mode
+    return 1 if v > 0.0 else (-1 if v < 0.0 else mode)
+
+
+@njit(cache=True, error_model="numpy")
+def _mode_of_reading(numbers, plant, t, memory, w, y):
+    """Mode by what the reading shows; each mode keeps its own integral."""
+    mode = int(memory[MODE])
+    if mode == 0:
+        gone = y - memory[PLACE]
+        side = 1 if gone > 0.0 else -1
+        moved = abs(gone) > numbers[RESOLUTION]
+        if not moved and abs(gone) > 0.5 * numbers[RESOLUTION]:
+            moved = side * w > _learned(plant, t, memory, w, y, side)
+        if moved:
+            memory[WHAT] = -side * memory[_error_place(side)]
+            return side
+        memory[COUNT] = min(memory[COUNT] + 1.0, _LONGEST_MEAN)
+        memory[PLACE] += gone / memory[COUNT]
+        return 0
+    ahead = mode * memory[VHAT]
+    if ahead > numbers[STICK_SPEED]:
+        return mode
+    if ahead > 0.0 and -mode * w > _learned(plant, t, memory, w, y, -mode):
+        return mode
+    memory[WHAT] = 0.0
+    memory[PLACE], memory[COUNT] = y, 1.0
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
+    """Arrays that describe an observer as a `Tables` of addresses."""
+    return Tables(
+        axis_step.pointer(numbers),
+        axis_step.pointer(matrices),
+        axis_step.pointer(gains),
+        axis_step.pointer(transitions),
+        transitions.shape[0] - 1,
+        axis_step.point(axis_numbers, axis_integers),
+    )
+
+
+@axis_step.internal(forceinline=True)
+def _decide(tables, memory, t, u, y):
+    """Settle the mode under a new drive and reading; `memory` changes in place.
+
+    Returns the friction estimate, the net force without friction, the believed
+    friction and the drive after the input effects.
+    """
+    plant, numbers = tables.plant, tables.numbers
+    drive = axis_step.input_map(plant, t, memory, u)
+    seen = _mean_drive(plant, numbers[DT], memory, drive)
+    first = memory[NODE] == 0.0
+    if first:
+        memory[PLACE], memory[COUNT] = y, 1.0
+        v = memory[VHAT]
+        memory[MODE] = 0.0 if abs(v) <= numbers[STICK_SPEED] else math.copysign(1.0, v)
+    before = int(memory[MODE])
+    w = _load(plant, t, memory, seen, y, memory[MODE])
+    if numbers[RULE] == READING:
+        mode = _mode_of_reading(numbers, plant, t, memory, w, y)
+    else:
+        mode = _mode_of_automaton(numbers, plant, t, memory, w, y)
+    # The last row of the table says where the memory of the gains starts.
+    row = tables.nodes if first else int(memory[NODE]) - 1
+    memory[NODE] = tables.transitions[3 * row + mode + 1] + 1
+    memory[MODE] = mode
+    if mode != before:
+        memory[REST] = 0.0
+        w = _load(plant, t, memory, seen, y, float(mode))
+    if mode == 0:
+        return w, w, 0.0, drive
+    believed = mode * _believed(plant, t, memory, w, y, float(mode))
+    return believed - memory[WHAT], w, believed, drive
+
+
+@axis_step.internal(forceinline=True)
+def _predict(tables, memory, w, believed, drive, y):
+    """Estimate one sample on, by (7); `memory` changes in place."""
+    numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
+    mode, node = int(memory[MODE]), int(memory[NODE]) - 1
+    x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
+    error, force = y - x, w - believed
+    a, g = COLUMNS * (mode + 1), 3 * node
+    memory[XHAT] = (
+        x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral
+        + gains[g] * error
+    )  # fmt: skip
+    memory[VHAT] = (
+        matrices[a + A22] * v + matrices[a + B2] * force + matrices[a + E2] * integral
+        + gains[g + 1] * error
+    )  # fmt: skip
+    memory[WHAT] = integral + gains[g + 2] * error
+    if mode == 0:
+        memory[REST] += numbers[DT]
+    else:
+        i = _error_place(mode)
+        memory[i] += (1.0 - numbers[KEEP]) * (-mode * integral - memory[i])
+    _shift_drive(tables.plant, numbers[DT], memory, drive)
+
+
+@axis_step.internal(forceinline=True)
+def _sample(tables, memory, t, u, y, out, row):
+    friction, w, believed, drive = _decide(tables, memory, t, u, y)
+    out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
+    out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
+    _predict(tables, memory, w, believed, drive, y)
+
+
+@njit(cache=True, error_model="numpy")
+def decide(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y):
+    """Settle the mode of one sample, `memory` in place; the friction estimate."""
+    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
+    return _decide(tables, axis_step.pointer(memory), t, u, y)[0]
+
+
+@njit(cache=True, error_model="numpy")
+def step(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y, out):
+    """One sample: what the observer states into `out`, `memory` moved on."""
+    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
+    _sample(tables, axis_step.pointer(memory), t, u, y, axis_step.pointer(out), 0)
+
+
+@njit(cache=True, error_model="numpy")
+def run(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, u, y, out):
+    """Whole record into `out`, one row a sample: xhat, vhat, Fhat, what, mode."""
+    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
+    state, rows = axis_step.pointer(memory), axis_step.pointer(out)
+    for k in range(u.shape[0]):
+        _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

@@ -1,0 +1,340 @@
+"""All candidates fitted side by side; the hopeless leave early."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import BASE, with_effect
+from dryfric_control.diagnosis.first_guesses import View, guesses, view
+from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesis
+from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import Effect
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# What one more cause costs, in the units of the prior of base parameters: as
+# much as one of them being off by some seven times its usual spread.
+CAUSE_COST = BASE_COST * 4.0
+# Runners kept after the first round: no more than this, and none whose loss is
+# this many times the best.
+_KEPT, _NEAR = 6, 3.0
+# A second guess is followed if its loss is within this factor of the first's.
+_CLOSE = 1.1
+# Mean score of a fit that leaves next to nothing; 0.22 is the floor.
+_SETTLED = 0.4
+# Points of the random search where the loss is rugged.
+_TRIES = 120
+# Steps of a first fit; where the base alone reaches the floor, only what a fit
+# asks of it decides, which takes a fit to its end.
+_TURNS = {False: 2, True: 6}
+# Fall of the loss, in units of chi^2, that is next to none.
+_LOWER = 2.0
+# Search coordinates closer than this lead to the same end.
+_SAME = 2e-3
+# Of many first guesses, so many are left after single runs.
+_MANY = 4
+# Mean score below which single windows are worth a search for better starts.
+_THOROUGH = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """One hypothesis after its fit.
+
+    Attributes
+    ----------
+    slug : str
+        The effect added; empty for the axis itself with its base free.
+    hypothesis : Hypothesis
+    z : ndarray
+        Search coordinates.
+    axis : FrictionAxis
+        The fitted axis.
+    loss : float
+        On the windows of the fit, prior included, at the noise floor; before
+        it is judged, on those that its fit looked at.
+    starts : ndarray, shape (3, nwindows)
+        Start states found.
+    scores : ndarray, shape (nwindows,)
+        Score of every window, from the fit that did not see it.
+    """
+
+    slug: str
+    hypothesis: Hypothesis
+    z: FloatArray
+    axis: FrictionAxis
+    loss: float
+    starts: FloatArray
+    scores: FloatArray
+
+
+class Race:
+    """Fits of hypotheses on one record.
+
+    Parameters
+    ----------
+    bench : Bench
+    believed : FrictionAxis
+        The axis whose base parameters the prior is about.
+    fit, judge : ndarray of bool, shape (nwindows,)
+        Windows to fit on and to judge on.
+    scales : Scales
+        Typical sizes in the record.
+    jobs : int
+        Fits at the same time.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        believed: FrictionAxis,
+        fit: BoolArray,
+        judge: BoolArray,
+        scales: Scales,
+        jobs: int = 2,
+    ) -> None:
+        self.bench, self.fit, self.judge = bench, fit, judge
+        self.sieve = fit
+        self.sizes = scales
+        self.jobs = jobs
+        names = list(BASE.values())
+        self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
+        # What was asked before: the same question comes up on several ways, and all
+        # of a search again where another follows.
+        self._answers: dict[tuple, Any] = {}
+
+    def hypothesis(
+        self, axis: FrictionAxis, free: Sequence[str], base: Sequence[str] | None = None
+    ) -> Hypothesis:
+        """Hypothesis with base parameters (default: all) and others free."""
+        names = list(BASE.values()) if base is None else list(base)
+        if not names and not free:
+            return Hypothesis(self.bench, axis, (), self.believed)
+        axis, parameters = choose(axis, [*names, *free], self.sizes)
+        return Hypothesis(self.bench, axis, parameters, self.believed)
+
+    def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
+        if key not in self._answers:
+            self._answers[key] = answer()
+        return self._answers[key]
+
+    def _run(self, function, items: Iterable):  # type: ignore[no-untyped-def]
+        """Fits side by side, those that are not known yet."""
+        asked = [(function.__name__, *item) for item in items]
+        new = [key for key in dict.fromkeys(asked) if key not in self._answers]
+        if self.jobs == 1:
+            answers = [function(*key[1:]) for key in new]
+        else:
+            run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
+            answers = run(joblib.delayed(function)(*key[1:]) for key in new)
+        self._answers |= zip(new, answers, strict=True)
+        return [self._answers[key] for key in asked]
+
+    def alone(
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str],
+        slug: str = "",
+        base: Sequence[str] | None = None,
+        active: BoolArray | None = None,
+        search: bool = False,
+    ) -> Fitted:
+        """Fit of an axis as it is, with base parameters and `free`.
+
+        `search`: look farther where break-aways make the loss rugged.
+        """
+        fit = self.fit if active is None else active
+        of = None if base is None else tuple(base)
+        key = ("alone", axis, tuple(free), slug, of, fit.tobytes(), search)
+        return self._once(key, lambda: self._alone(axis, free, slug, base, fit, search))
+
+    def _alone(
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str],
+        slug: str,
+        base: Sequence[str] | None,
+        fit: BoolArray,
+        search: bool,
+    ) -> Fitted:
+        h = self.hypothesis(axis, free, base)
+        z = h.search(dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True)))
+        return self._finished(slug, h, z, fit, h.scales(z, fit), None, search)
+
+    def _finished(
+        self,
+        slug: str,
+        h: Hypothesis,
+        z: FloatArray,
+        fit: BoolArray,
+        scales: Sequence[float],
+        starts: FloatArray | None,
+        search: bool,
+    ) -> Fitted:
+        """A fit to its end, from coordinates and start states, and its scores."""
+        z, at, loss = h.minimise(z, fit, scales, 4, starts)
+        if h.rugged.size and search and not self._settled(loss, fit):
+            z, at = h.scatter(z, fit, at.starts, _TRIES)
+        z, at, loss = h.minimise(z, fit, scales[-1:], 10, at.starts, 2)
+        return self.judged(Fitted(slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
+
+    def judged(self, one: Fitted) -> Fitted:
+        """The same, with the scores of all windows and the loss of all that fit."""
+        known = self.fit | self.judge
+        at = self.bench.evaluate(one.axis, known, None, one.starts)
+        if self.bench.scores(at.costs)[known].mean() < _THOROUGH:
+            at = self.bench.evaluate(one.axis, known, None, at.starts, thorough=True)
+        loss = self.bench.loss(at.costs, self.fit) + one.hypothesis.prior(one.z)[0]
+        return Fitted(
+            one.slug, one.hypothesis, one.z, one.axis, loss, at.starts,
+            self.bench.scores(at.costs),
+        )  # fmt: skip
+
+    def among(
+        self, base: Fitted, free: Sequence[str], effects: Sequence[type[Effect]]
+    ) -> list[Fitted]:
+        """Every effect added to a fitted axis, best first by its loss.
+
+        Those that are far behind after a short fit are not fitted further.
+        """
+        self.sieve = self.bench.sieve(self.fit, base.scores)
+        # Before the fits side by side, which all look at them.
+        self._once(("views", base), lambda: self._views(base))
+        # Elastic contacts and transmissions are slow to run: they are tried where
+        # nothing simpler reaches the floor.
+        slow = [e for e in effects if e.action in ("contact", "transmission")]
+        settled = self._settled(base.loss, self.fit)
+        at = self.bench.evaluate(base.axis, self.sieve, None, base.starts, 1)
+        without = self.bench.loss(at.costs, self.sieve) + base.hypothesis.prior(base.z)[0]
+        runners: list[Fitted] = []
+        done: dict[int, Fitted] = {}
+        for group in ([e for e in effects if e not in slow], slow):
+            if any(self._settled(r.loss, self.fit) for r in done.values()):
+                break
+            tried = self._run(self._first, ((base, e, tuple(free), settled) for e in group))
+            started = sorted((r for runs in tried for r in runs), key=lambda r: r.loss)
+            if settled:
+                # A fit that ends no lower than the one without has nothing to say.
+                started = [r for r in started if r.loss < without - _LOWER]
+            least = min(r.loss for r in [*started, *runners]) if started else 0.0
+            far = [i > 1 and r.loss > _NEAR * least for i, r in enumerate(started)]
+            ahead = [r for r, late in zip(started, far, strict=True) if not late]
+            runners += self._run(self._on, ((r, _TURNS[settled] + 2) for r in ahead))
+            runners += [r for r, late in zip(started, far, strict=True) if late]
+            runners.sort(key=lambda r: r.loss)
+            keep = [r for r in self._near(runners) if id(r) not in done]
+            ends = self._run(self._second, ((r, settled) for r in keep))
+            done |= {id(r): end for r, end in zip(keep, ends, strict=True)}
+        first: dict[str, Fitted] = {}
+        for r in sorted(done.values(), key=lambda r: r.loss):
+            first.setdefault(r.slug, r)
+        left = {r.slug: r for r in reversed(runners) if r.slug not in first}
+        return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
+
+    def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
+        """What first guesses look at, for a fitted axis and with the base as believed."""
+        record = self.bench.windows.record
+        known = base.hypothesis.values(base.z)
+        views = [(view(base.axis, record, self.believed), known)]
+        if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
+            # The base may have bent only for want of the cause.
+            straight = known | {n: v for n, v in self.believed.items() if n in known}
+            names = [n for n in self.believed if n in known]
+            axis = with_values(base.axis, names, [straight[n] for n in names])
+            views.append((view(axis, record, self.believed), straight))
+        return tuple(views)
+
+    def _near(self, runners: list[Fitted]) -> list[Fitted]:
+        """Those of sorted runners that are worth a fit to its end."""
+        if not runners:
+            return []
+        best = runners[0].loss
+        most = len(runners) if self._settled(best, self.sieve) else _KEPT
+        return [r for i, r in enumerate(runners[:most]) if i < 2 or r.loss < _NEAR * best]
+
+    def _settled(self, loss: float, active: BoolArray) -> bool:
+        """Whether a loss over windows is next to the floor."""
+        n = self.bench.samples[active] * ROBUST**2
+        return loss < _SETTLED * float(n.sum())
+
+    def _first(self, base, effect, free, settled):  # type: ignore[no-untyped-def]
+        """Best of the first guesses after a first fit, of every origin as good."""
+        options = []
+        for number, (seen, known) in enumerate(self._answers["views", base]):
+            some = []
+            for values, regressed in guesses(effect, seen):
+                origin = known | regressed
+                try:
+                    start = with_effect(base.axis, effect, values)
+                    h = self.hypothesis(start.axis, [*free, *start.free])
+                    here = dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True))
+                    z = h.search(here | {n: v for n, v in origin.items() if n in h.names})
+                    axis = h.axis_at(z)
+                except ValueError:
+                    continue
+                # Where the base reaches the floor, it counts who lets it be.
+                origin_of = (number, bool(regressed) and settled)
+                some.append((origin_of, h, z, axis))
+            if len(some) > _MANY:
+                runs = [self.bench.evaluate(o[3], self.fit, None, base.starts, -1) for o in some]
+                losses = [self.bench.loss(at.costs, self.fit) for at in runs]
+                some = [some[i] for i in np.argsort(losses, kind="stable")[:_MANY]]
+            options += some
+        # Where the base is next to the floor its start states are the true ones.
+        starts = base.starts if settled else None
+        tried = []
+        for number, h, z, axis in options:
+            some = self.fit if h.rugged.size else self.sieve
+            at = self.bench.evaluate(axis, some, None, starts, 1)
+            tried.append((self.bench.loss(at.costs, some) + h.prior(z)[0], number, h, z))
+        if not tried:
+            return []
+        tried.sort(key=lambda item: item[0])
+        # The best of every origin, and whoever is as good as the best of all.
+        firsts = {number: i for i, (_, number, _, _) in reversed(list(enumerate(tried)))}
+        chosen = set(firsts.values())
+        if len(tried) > 1 and tried[1][0] < _CLOSE * tried[0][0]:
+            chosen.add(1)
+        runs = []
+        for _, _, h, z in [tried[i] for i in sorted(chosen)]:
+            scales = h.scales(z, self.sieve)
+            z, at, _ = h.minimise(z, self.sieve, scales[:1], _TURNS[settled], starts)
+            axis = h.axis_at(z)
+            # A break-away hit by luck from other starts must not hide a likeness to the base.
+            known = [at.starts] if starts is None else [at.starts, starts]
+            ends = [self.bench.evaluate(axis, self.sieve, None, s, 1) for s in known]
+            at = min(ends, key=lambda end: self.bench.loss(end.costs, self.sieve))
+            loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
+            runs.append(Fitted(effect.slug, h, z, axis, loss, at.starts, np.empty(0)))
+        # Fits that tie may differ in what they ask of the base parameters.
+        runs.sort(key=lambda r: r.loss)
+        apart: list[Fitted] = []
+        for r in runs:
+            same = any(np.allclose(r.z, other.z, rtol=_SAME, atol=_SAME) for other in apart)
+            if r.loss < _CLOSE * runs[0].loss and not same:
+                apart.append(r)
+        return apart
+
+    def _on(self, one: Fitted, turns: int) -> Fitted:
+        """The same a little further, down to the floor."""
+        h = one.hypothesis
+        scales = h.scales(one.z, self.sieve)
+        z, at, loss = h.minimise(one.z, self.sieve, scales, turns, one.starts)
+        if loss > one.loss:
+            return one
+        return Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0))
+
+    def _second(self, one: Fitted, settled: bool) -> Fitted:
+        """The same to the end of its fit, on all windows that fit."""
+        h = one.hypothesis
+        scales = h.scales(one.z, self.fit)[-3:]
+        starts = one.starts if settled else None
+        return self._finished(one.slug, h, one.z, self.fit, scales, starts, True)

@@ -1,0 +1,140 @@
+"""The noise floor: what a perfect model's own errors would look like on this record."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.search import Bench, Evaluation
+from dryfric_control.estimation.windows import Windows
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record, RecordWarning
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+REPLAYS = 6
+# A window is out of line if its score exceeds the worst of its replays by this
+# much: errors some 1.7 times as large as any that chance made.
+_BEYOND = 1.0
+# Mean scores further apart than this many standard errors are no accident, if
+# they are further apart than the estimate of the noise itself may be off.
+_FAR, _LEAST = 4.0, 0.15
+#: Scores this close to their replays leave nothing to look for.
+NONE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """Scores of replays of an axis by itself, and how the record compares.
+
+    Attributes
+    ----------
+    scores : ndarray, shape (nreplays, nwindows)
+        Score of every window in every replay; windows not asked for hold 0.
+    squares : ndarray, shape (nreplays, nwindows)
+        Mean square error of every window.
+    """
+
+    scores: FloatArray
+    squares: FloatArray
+
+    @property
+    def expected(self) -> FloatArray:
+        """Mean score of each window, shape (nwindows,)."""
+        return np.asarray(self.scores.mean(axis=0))
+
+    @property
+    def worst(self) -> FloatArray:
+        """Largest score of each window, shape (nwindows,)."""
+        return np.asarray(self.scores.max(axis=0))
+
+    def outliers(self, scores: FloatArray, active: BoolArray) -> BoolArray:
+        """Windows whose score no replay comes near."""
+        return np.asarray(active & (scores > self.worst + _BEYOND))
+
+    def reached(self, scores: FloatArray, active: BoolArray) -> bool:
+        """Whether the scores of a record are what chance alone makes.
+
+        Looks at the tail (single windows far beyond their replays: one in forty
+        may be, a break-away sits on the edge of a sample) and at the mean of
+        the others.
+        """
+        out = self.outliers(scores, active)
+        if out.sum() > max(1, active.sum() // 40):
+            return False
+        excess, spread = self.excess(scores, active & ~out)
+        return bool(excess < max(_LEAST, _FAR * spread))
+
+    def nothing(self, scores: FloatArray, active: BoolArray) -> bool:
+        """Whether the scores are so close to chance that nothing can be gained."""
+        out = self.outliers(scores, active)
+        return not out.any() and self.excess(scores, active)[0] < NONE
+
+    def excess(self, scores: FloatArray, active: BoolArray) -> tuple[float, float]:
+        """Mean score above the replays' mean, and its standard error."""
+        above = (scores - self.expected)[active]
+        if above.size < 2:
+            return 0.0, np.inf
+        spread = float(np.std(above)) / np.sqrt(above.size)
+        return float(above.mean()), max(spread, float(np.std(self.scores[:, active].mean(axis=1))))
+
+
+def noise_floor(
+    bench: Bench,
+    model: FrictionAxis,
+    truths: list[FrictionAxis],
+    at: Evaluation,
+    active: BoolArray,
+    seed: int = 0,
+) -> Floor:
+    """Replay axes through the record's own encoder and score the model on that.
+
+    Parameters
+    ----------
+    bench : Bench
+    model : FrictionAxis
+        Axis whose errors are scored.
+    truths : list of FrictionAxis
+        Axes that make the replays: the model within what is known of it.
+    at : Evaluation
+        Start states of the model on the record.
+    active : ndarray of bool, shape (nwindows,)
+    seed : int
+
+    Returns
+    -------
+    Floor
+    """
+    rng = np.random.default_rng(seed)
+    w, record = bench.windows, bench.windows.record
+    quantum = record.quantum or 0.0
+    noise = np.sqrt(max(record.noise**2 - quantum**2 / 12.0, 0.0))
+    scores = np.zeros((len(truths), len(w)))
+    squares = np.zeros_like(scores)
+    for i, truth in enumerate(truths):
+        x = w.run(truth, dx=at.starts[0], dv=at.starts[1])
+        reading = x + noise * rng.standard_normal(x.size)
+        if quantum > 0.0:
+            # The grid of the readings may lie anywhere.
+            shift = rng.uniform(0.0, quantum)
+            reading = quantum * np.round((reading - shift) / quantum) + shift
+        errors = rng.standard_normal((2, len(w)))
+        with warnings.catch_warnings():
+            # What is odd about the record was said when it was read.
+            warnings.simplefilter("ignore", RecordWarning)
+            readings = Record(record.t, record.u, reading)
+        made = Windows(
+            readings, w.edges,
+            w.x0 + at.starts[0] + errors[0] * w.x0_error,
+            w.v0 + at.starts[1] + errors[1] * w.v0_error,
+            w.x0_error, w.v0_error, w.rest, w.hold,
+        )  # fmt: skip
+        replay = Bench(made, bench.floor)
+        found = replay.evaluate(model, active, thorough=True)
+        scores[i] = bench.scores(found.costs)
+        squares[i] = made.mean_squares(found.errors)
+    return Floor(scores, squares)

@@ -1,0 +1,1 @@
+"""What a diagnosis shows: findings, words, figures, page."""

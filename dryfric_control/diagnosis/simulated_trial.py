@@ -1,0 +1,360 @@
+"""Simulated experiments, and how far apart two hypotheses are in one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled.axis_step import N_INNER, STRUCTURE
+from dryfric_control.compiled.free_runs import free_runs
+from dryfric_control.diagnosis.candidates import BASE, HELD
+from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
+from dryfric_control.estimation.parameters import Parameter, choose, values_of, with_values
+from dryfric_control.estimation.windows import cut
+from dryfric_control.identification.fit import typical
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.records.record import Record
+
+FloatArray = NDArray[np.float64]
+
+# Length of the free runs [s], and samples below which no run is judged.
+_WINDOW, _FEWEST = 0.25, 20
+# Closed-loop bandwidth times the sampling time, and the largest [rad/s].
+_PACE, _BRISK = 0.03, 30.0
+# Parts of an excitation's size that are tried until it keeps the limits.
+_SIZES = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
+# Windows of the known record that hold a refit to it.
+_HOLDING = 16
+# Step of a search coordinate of order 1, for slopes, and the longest one taken.
+_STEP, _REACH = 1e-4, 0.5
+# An effect that is refitted to less than this part of itself, or to as much
+# more, is no longer the rival that it was; where it acts is open.
+_STRENGTH, _PLACES = 0.7, ("phase", "rest", "centre")
+# The scale of the errors falls to the quantum in these steps, twice each.
+_NARROWINGS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Free runs over windows of one length, from given states.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n,)
+    dt : float
+    length : int
+        Samples of a window.
+    x0, v0, rest : ndarray, shape (nwindows,)
+    active : ndarray of bool, shape (nwindows,)
+        Windows that count.
+    """
+
+    u: FloatArray
+    dt: float
+    length: int
+    x0: FloatArray
+    v0: FloatArray
+    rest: FloatArray
+    active: NDArray[np.bool_]
+
+    def positions(self, axis: FrictionAxis) -> FloatArray:
+        """Positions of the active windows, shape (nactive, length)."""
+        arrays = axis.arrays(self.dt)
+        carry = bool(arrays.integers[STRUCTURE])
+        count = self.x0.size
+        out = np.zeros(count * self.length)
+        free_runs(
+            arrays.numbers, arrays.integers, arrays.memory, self.u, 0.0, self.dt, False,
+            self.length * np.arange(count + 1), self.x0, self.v0, self.rest,
+            np.ones(count, bool) if carry else self.active, np.zeros((count, N_INNER)), carry, out,
+        )  # fmt: skip
+        return out.reshape(count, self.length)[self.active]
+
+
+def unbent(errors: FloatArray) -> FloatArray:
+    """Errors of windows less the line that another start state could explain."""
+    line = np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2)
+    q, _ = np.linalg.qr(line)
+    return np.asarray(errors - (errors @ q) @ q.T)
+
+
+def mean_squares(errors: FloatArray) -> FloatArray:
+    """Mean square of each window."""
+    return np.asarray(np.mean(errors**2, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One excitation run on one hypothesis as the truth.
+
+    Attributes
+    ----------
+    x, v, u : ndarray, shape (n,)
+        Position, speed, and drive force as commanded.
+    runs : Runs
+        Its windows, from the true states at their starts.
+    truth : ndarray, shape (nwindows, length)
+        True positions.
+    """
+
+    x: FloatArray
+    v: FloatArray
+    u: FloatArray
+    runs: Runs
+    truth: FloatArray
+
+    def errors(self, axis: FrictionAxis) -> FloatArray:
+        """What an axis gets wrong, shape (nwindows, length)."""
+        return unbent(self.runs.positions(axis) - self.truth)
+
+
+def simulate(
+    axis: FrictionAxis,
+    controller: PositionController,
+    reference: FloatArray,
+    force: FloatArray,
+    quantum: float,
+) -> Trial:
+    """Run an experiment on an axis, and cut it into windows."""
+    run = simulate_loop(
+        axis, controller, reference, quantum, x0=float(reference[0]), disturbance=force
+    )
+    x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
+    u = run.y[4] + force
+    dt = controller.dt
+    length = max(min(round(_WINDOW / dt), x.size // 4), min(_FEWEST, x.size // 4))
+    count = x.size // length
+    starts = length * np.arange(count)
+    n = np.arange(x.size)
+    moved = np.maximum.accumulate(np.where(mode != 0.0, n, -1))
+    rest = (dt * (n - moved - 1))[starts] * (mode[starts] == 0.0)
+    runs = Runs(u, dt, length, x[starts], v[starts], rest, np.ones(count, bool))
+    return Trial(x, v, u, runs, x[: count * length].reshape(count, length))
+
+
+@dataclass(frozen=True, eq=False)
+class Staged:
+    """An excitation sized to the limits, run on every hypothesis.
+
+    Attributes
+    ----------
+    excitation : Excitation
+    reference, force : ndarray, shape (n,)
+    axes : tuple of FrictionAxis
+        The hypotheses, as the bench changes them.
+    trials : tuple of Trial
+        One for each.
+    """
+
+    excitation: Excitation
+    reference: FloatArray
+    force: FloatArray
+    axes: tuple[FrictionAxis, ...]
+    trials: tuple[Trial, ...]
+
+
+def loop_gains(axis: FrictionAxis, limits: Limits, dt: float) -> PositionController:
+    """The position controller that all experiments use."""
+    own = axis.effective()
+    bandwidth = min(_PACE / dt, _BRISK)
+    return PositionController.from_bandwidth(own, bandwidth, dt, limits.drive)
+
+
+def staged(
+    excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
+) -> Staged | None:
+    """The largest of an excitation that keeps the limits on every hypothesis.
+
+    Returns
+    -------
+    Staged or None
+        None if even the smallest size leaves the limits.
+    """
+    limits = stage.limits
+    low, high = limits.travel
+    changed = axes
+    if excitation.change is not None:
+        changed = [excitation.change(stage, axis) for axis in axes]
+    gains = loop_gains(stage.axis, limits, dt)
+    for size in _SIZES:
+        reference, force = excitation.motion(stage, size)
+        left = limits.drive - float(np.abs(force).max())
+        if left <= 0.0:
+            continue
+        controller = PositionController(
+            gains.kp, gains.ki, gains.kd, dt, left, gains.filter_time, gains.span
+        )
+        trials = []
+        for axis in changed:
+            trial = simulate(axis, controller, reference, force, quantum)
+            inside = low <= trial.x.min() and trial.x.max() <= high
+            if not (inside and np.abs(trial.v).max() <= limits.speed):
+                break
+            trials.append(trial)
+        else:
+            return Staged(excitation, reference, force, tuple(changed), tuple(trials))
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """What a hypothesis may change: its parameters, held to the known record.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+    known : Runs
+        Windows of the known record.
+    positions : ndarray, shape (nknown, length)
+        What the hypothesis as fitted says there.
+    quantum : float
+    """
+
+    axis: FrictionAxis
+    parameters: tuple[Parameter, ...]
+    known: Runs
+    positions: FloatArray
+    quantum: float
+
+    @classmethod
+    def of(cls, axis: FrictionAxis, record: Record, quantum: float) -> Refit:
+        """Base parameters and those of all effects, on some windows of a record."""
+        own = [e for e in axis.effects if [x.slug for x in axis.effects].count(e.slug) == 1]
+        names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
+        if axis.stribeck is not None:
+            names += ["stribeck.excess", "stribeck.speed"]
+        names += [
+            f"{e.slug}.{p}"
+            for e in own
+            for p in e.parameters()
+            if e.slug != "stribeck" and p not in HELD.get(e.slug, ())
+        ]
+        axis, parameters = choose(axis, names, typical([record]))
+        windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
+        length = int(windows.samples[0])
+        whole = windows.samples >= length
+        count = int(np.argmin(whole)) if not whole.all() else whole.size
+        starts = windows.edges[:count]
+        reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
+        moving = np.flatnonzero(reach > 4.0 * quantum)
+        active = np.zeros(count, bool)
+        if moving.size:
+            active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
+        known = Runs(
+            record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
+            windows.rest[:count], active,
+        )  # fmt: skip
+        return cls(axis, parameters, known, known.positions(axis), quantum)
+
+    def start(self) -> FloatArray:
+        """Search coordinates of the hypothesis as fitted."""
+        values = values_of(self.axis, [p.name for p in self.parameters])
+        return np.array([p.search(v) for p, v in zip(self.parameters, values, strict=True)])
+
+    def axis_at(self, z: FloatArray) -> FrictionAxis:
+        """The hypothesis at search coordinates."""
+        names = [p.name for p in self.parameters]
+        values = [p.value(c) for p, c in zip(self.parameters, z, strict=True)]
+        return with_values(self.axis, names, values)
+
+    def best(self, staged: Staged, stage: Stage, trial: Trial) -> FloatArray:
+        """Mean squares of a trial's windows after the best small change.
+
+        Parameters
+        ----------
+        staged : Staged
+            The experiment.
+        stage : Stage
+            Where it takes place.
+        trial : Trial
+            Its run on the truth.
+
+        Returns
+        -------
+        ndarray, shape (nwindows,)
+
+        Notes
+        -----
+        Gauss-Newton on the mean of log(1 + square/scale^2) over the windows
+        of the trial plus the same mean over the known record, where a change is
+        an error; the scale falls from the first error to the quantum.
+        """
+        change = staged.excitation.change
+        first = self.start()
+        reach = np.array([_freedom(p, c) for p, c in zip(self.parameters, first, strict=True)])
+
+        def errors(z: FloatArray) -> FloatArray | None:
+            try:
+                axis = self.axis_at(z)
+                new = trial.errors(change(stage, axis) if change else axis)
+            except ValueError:
+                return None
+            old = unbent(self.known.positions(axis) - self.positions)
+            return np.concatenate(
+                (new.ravel() / np.sqrt(new.shape[0]), old.ravel() / np.sqrt(max(old.shape[0], 1)))
+            )
+
+        count, known = trial.truth.shape[0], self.positions.shape[0]
+        split = trial.truth.size
+
+        def squares(e: FloatArray) -> tuple[FloatArray, FloatArray]:
+            new = mean_squares(e[:split].reshape(count, -1)) * count
+            return new, mean_squares(e[split:].reshape(known, -1)) * known
+
+        def loss(e: FloatArray, scale: float) -> float:
+            new, old = squares(e)
+            total = np.mean(np.log1p(new / scale**2))
+            return float(total + (np.mean(np.log1p(old / scale**2)) if old.size else 0.0))
+
+        z = first
+        e = errors(z)
+        if e is None:
+            return mean_squares(trial.errors(staged.axes[0]))
+        least = loss(e, self.quantum)
+        found = squares(e)[0]
+        widest = max(float(np.sqrt(found.mean())), self.quantum)
+        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), 2):
+            slopes = []
+            for i in range(z.size):
+                step = np.zeros(z.size)
+                step[i] = _STEP
+                moved = errors(z + step)
+                if moved is None:
+                    step = -step
+                    moved = errors(z + step)
+                slopes.append(np.zeros(e.size) if moved is None else (moved - e) / step[i])
+            j = np.array(slopes)
+            new, old = squares(e)
+            weight = np.concatenate((
+                np.repeat(1.0 / (scale**2 + new), trial.truth.shape[1]),
+                np.repeat(1.0 / (scale**2 + old), self.positions.shape[1]),
+            ))  # fmt: skip
+            normal = (j * weight) @ j.T
+            normal += 1e-9 * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
+            step = -np.linalg.solve(normal, (j * weight) @ e)
+            step *= min(1.0, _REACH / max(float(np.abs(step).max()), 1e-300))
+            here = loss(e, float(scale))
+            for part in (1.0, 0.4, 0.1):
+                target = np.clip(z + part * step, first - reach, first + reach)
+                there = errors(target)
+                if there is not None and loss(there, float(scale)) < here:
+                    z, e = target, there
+                    break
+            now = loss(e, self.quantum)
+            if now < least:
+                least, found = now, squares(e)[0]
+        return found
+
+
+def _freedom(parameter: Parameter, search: float) -> float:
+    """How far a search coordinate may move in a refit."""
+    _, _, part = parameter.name.partition(".")
+    if not part or part in _PLACES:
+        return np.inf
+    value = parameter.value(search)
+    neutral = 1.0 if part in ("gain", "factor") else 0.0
+    return (1.0 - _STRENGTH) * abs(value - neutral) / parameter.slope(value)

@@ -1,0 +1,1 @@
+"""Estimation: windows, parameters, one problem, uncertainty."""

@@ -1,0 +1,86 @@
+"""Which samples of a record slide, and which way: from the data alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.records.record import Record
+
+# A motion counts once it exceeds what a reading at rest can do: toggling
+# between two codes, or white noise at some five standard deviations of a
+# difference of two readings.
+_CODES, _DEVIATIONS = 1.5, 8.0
+#: Longest half width over which a motion is looked for [s].
+LONGEST = 0.05
+
+
+def least_motion(record: Record) -> float:
+    """Smallest way that quantum and noise of a record do not explain."""
+    return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise)
+
+
+def directions(record: Record) -> NDArray[np.int8]:
+    """Direction of motion at every sample, found from the readings.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        +1 or -1 sliding, 0 motionless.
+
+    Notes
+    -----
+    A sample slides if, over some half width h of at most 0.05 s, the readings
+    h before and h after it differ by more than quantum and noise explain, and
+    the halves on both sides go the same way.  Both halves must move, so that a
+    resting axis shortly before its break-away still counts as motionless.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dryfric_control.records.record import Record
+    >>> t = 1e-3 * np.arange(900)
+    >>> x = np.interp(t, [0.0, 0.3, 0.6, 0.9], [0.0, 0.0, 0.03, 0.03])
+    >>> moving = directions(Record(t, np.cos(t), 1e-5 * np.round(1e5 * x)))
+    >>> int(moving[100]), int(moving[450]), int(moving[800])
+    (0, 1, 0)
+    """
+    x = record.x
+    least = least_motion(record)
+    result = np.zeros(x.size, np.int8)
+    longest = min(max(5, round(LONGEST / record.dt)), (x.size - 1) // 2)
+    h = 1
+    while True:
+        back = x[h:-h] - x[: -2 * h]
+        ahead = x[2 * h :] - x[h:-h]
+        for s in (1, -1):
+            goes = s * (back + ahead) >= least
+            goes &= (s * back >= 0.35 * least) & (s * ahead >= 0.35 * least)
+            goes &= result[h:-h] == 0
+            result[h:-h][goes] = s
+        if h >= longest:
+            return result
+        h = min(longest, max(h + 1, round(1.4 * h)))
+
+
+def rest_times(record: Record) -> NDArray[np.float64]:
+    """Time for which the axis has been motionless at every sample [s].
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        0 while sliding.
+    """
+    index = np.arange(len(record))
+    last = np.maximum.accumulate(np.where(directions(record) != 0, index, 0))
+    return np.asarray((index - last) * record.dt)

@@ -1,0 +1,88 @@
+"""Whether a record can be one of the axis it is held against: units, signs, columns."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
+from dryfric_control.records.record_checks import RecordWarning
+
+# Positions beyond the travel by this part of its length are no overshoot.
+_BEYOND = 0.25
+# Work taken out of the machine, as a part of all that passed, which no
+# measurement error makes.
+_TAKEN = 0.2
+# Part of the least Coulomb level below which a drive cannot have moved the axis.
+_WEAK = 0.5
+
+
+def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3) -> None:
+    """Warn of a record in other units, with a sign reversed or columns swapped.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis as believed.
+    record : Record
+        What was measured.
+    stacklevel : int, optional
+        Frames between the caller's caller and here.
+
+    Warns
+    -----
+    RecordWarning
+        If positions lie far outside the travel, the drive takes energy out of
+        the machine, or is too weak for the friction that it is said to overcome.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.estimation.plausibility import warn_if_implausible
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
+    >>> t = 1e-3 * np.arange(2000)
+    >>> x = axis.simulate(u := 20.0 * np.sin(6.0 * t), dt=1e-3).y[0]
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     warn_if_implausible(axis, dfc.Record(t, u, 1e3 * x))
+    >>> str(caught[0].message)[:38]
+    'positions run from 0 to 166 m, the axi'
+    """
+    for message in _messages(axis, record):
+        warnings.warn(message, RecordWarning, stacklevel=stacklevel)
+
+
+def _messages(axis: FrictionAxis, record: Record) -> list[str]:
+    found = []
+    low, high = float(record.x.min()), float(record.x.max())
+    length, force = axis.units
+    if axis.travel is not None:
+        room = _BEYOND * (axis.travel[1] - axis.travel[0])
+        if low < axis.travel[0] - room or high > axis.travel[1] + room:
+            found.append(
+                f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
+                f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
+                'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
+            )
+    passed = record.u[:-1] * np.diff(record.x)
+    total = float(np.abs(passed).sum())
+    work = float(passed.sum())
+    if work < -_TAKEN * total:
+        found.append(
+            f"the drive takes energy out of the machine ({work:.3g} of {total:.3g} {force} "
+            f"{length} that passed): is the sign of u or x reversed (gain=-1), or are the two "
+            "swapped? Only a load that pulls the axis along can do that"
+        )
+    strongest = float(np.abs(record.u).max())
+    places = np.linspace(low, high, 33)
+    least = min(float(axis.coulomb(places, s).min()) for s in (1, -1))
+    if not axis.effects and strongest < _WEAK * least:
+        found.append(
+            f"the drive is at most {strongest:.3g} {force} and moves an axis whose Coulomb level "
+            f"is at least {least:.3g} {force}: is u in another unit, such as V or kN (gain=...)?"
+        )
+    return found

@@ -1,0 +1,233 @@
+"""How sure a fit is: block jackknife, block bootstrap, what is not determined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from dryfric_control.estimation.windows import Windows
+
+FloatArray = NDArray[np.float64]
+
+# Neighbouring windows share what the model lacks; a second apart, far less.
+_BLOCK = 1.0
+# Fewer blocks than this say little about a variance.
+_FEWEST = 20
+# Part of the strongest direction below which a direction counts as unseen:
+# above the rounding of slopes taken by differences, below any real record.
+_UNSEEN = 1e-6
+# A block that alone shows a direction cannot be left out of it entirely.
+_LEFT_OUT = 1.0 - 1e-6
+
+
+def block_labels(windows: Sequence[Windows], seconds: float | None = None) -> NDArray[np.int64]:
+    """Number of the contiguous block that each window belongs to.
+
+    Parameters
+    ----------
+    windows : sequence of Windows
+        One entry for each record.
+    seconds : float, optional
+        Length of a block.  Default: 1 s, less if that gave under 20 blocks.
+
+    Returns
+    -------
+    ndarray of int64, shape (nwindows,)
+    """
+    total = sum(w.record.duration for w in windows)
+    length = min(_BLOCK, total / _FEWEST) if seconds is None else seconds
+    labels: list[NDArray[np.int64]] = []
+    first = 0
+    for w in windows:
+        inside = (w.start_times - w.start_times[0]) / length + 1e-9
+        own = np.unique(inside.astype(np.int64), return_inverse=True)[1]
+        labels.append(own + first)
+        first += int(own.max()) + 1
+    return np.concatenate(labels)
+
+
+def by_block(values: FloatArray, labels: NDArray[np.int64]) -> FloatArray:
+    """Sum of the windows' values in each block."""
+    total = np.zeros((int(labels.max()) + 1, *values.shape[1:]))
+    np.add.at(total, labels, values)
+    return total
+
+
+def unseen(normal: FloatArray) -> FloatArray:
+    """Directions in which the cost does not change, as rows.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (nparameters, nparameters)
+        Normal matrix in search coordinates.
+
+    Returns
+    -------
+    ndarray, shape (ndirections, nparameters)
+        Unit vectors in search coordinates; empty if all is seen.
+    """
+    size = np.sqrt(np.diag(normal))
+    largest = size.max() if size.max() > 0.0 else 1.0
+    size = np.where(size > 1e-9 * largest, size, 0.0)
+    rows = list(np.eye(size.size)[size == 0.0])
+    seen = np.flatnonzero(size)
+    if seen.size:
+        scaled = normal[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+        values, vectors = np.linalg.eigh(scaled)
+        for value, vector in zip(values, vectors.T, strict=True):
+            if value < _UNSEEN * values[-1]:
+                row = np.zeros(size.size)
+                row[seen] = vector / size[seen]
+                rows.append(row / np.linalg.norm(row))
+    return np.asarray(rows, dtype=np.float64).reshape(-1, size.size)
+
+
+def _inverse(normal: FloatArray, away: FloatArray) -> FloatArray:
+    """Inverse of normal matrices, without the directions in `away`."""
+    if away.size == 0:
+        return np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    basis = np.linalg.svd(away)[2][away.shape[0] :].T
+    inner = np.linalg.inv(basis.T @ normal @ basis)
+    return np.asarray(basis @ inner @ basis.T)
+
+
+def jackknife(
+    gradients: FloatArray, normals: FloatArray, labels: NDArray[np.int64], prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance from leaving out one block at a time, linearised.
+
+    Parameters
+    ----------
+    gradients : ndarray, shape (nwindows, nparameters)
+    normals : ndarray, shape (nwindows, nparameters, nparameters)
+    labels : ndarray of int64, shape (nwindows,)
+    prior : ndarray, shape (nparameters,)
+        Precision of what is known beforehand, in search coordinates: it keeps
+        a parameter of unknown magnitude within its decade, and with it what
+        depends on it.
+
+    Returns
+    -------
+    covariance : ndarray, shape (nparameters, nparameters)
+    away : ndarray, shape (ndirections, nparameters)
+        Directions that the record does not show; left out of the covariance.
+    """
+    g, h = by_block(gradients, labels), by_block(normals, labels)
+    total = h.sum(axis=0)
+    away = unseen(total)
+    count = g.shape[0]
+    if away.shape[0] == total.shape[0] or count < 2:
+        return np.full(total.shape, np.inf), away
+    left = total - h * _LEFT_OUT + np.diag(prior)
+    moved = np.einsum("bij,bj->bi", _inverse(left, away), g)
+    moved -= moved.mean(axis=0)
+    return np.asarray((count - 1) / count * moved.T @ moved), away
+
+
+def bootstrap(
+    gradients: FloatArray,
+    normals: FloatArray,
+    labels: NDArray[np.int64],
+    prior: FloatArray,
+    repeats: int,
+    seed: int,
+) -> FloatArray:
+    """Steps of the parameters when blocks are drawn with replacement.
+
+    Parameters
+    ----------
+    gradients, normals, labels, prior
+        As for `jackknife`.
+    repeats : int
+        Number of drawings.
+    seed : int
+        Seed of the drawings.
+
+    Returns
+    -------
+    ndarray, shape (repeats, nparameters)
+        One Gauss-Newton step each, in search coordinates.
+    """
+    g, h = by_block(gradients, labels), by_block(normals, labels)
+    away = unseen(h.sum(axis=0))
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(g.shape[0], np.full(g.shape[0], 1.0 / g.shape[0]), size=repeats)
+    # A drawing may miss the one block that shows a direction.
+    weights = counts + 1e-6
+    inverse = _inverse(np.einsum("rb,bij->rij", weights, h) + np.diag(prior), away)
+    return np.asarray(-np.einsum("rij,rj->ri", inverse, weights @ g))
+
+
+def degrees_of_freedom(
+    normals: FloatArray, labels: NDArray[np.int64], prior: FloatArray
+) -> FloatArray:
+    """Degrees of freedom of the variances found by `jackknife`.
+
+    Parameters
+    ----------
+    normals, labels, prior
+        As for `jackknife`.
+
+    Returns
+    -------
+    ndarray, shape (nparameters,)
+        At least 1.
+
+    Notes
+    -----
+    A parameter that few blocks tell has a variance that is known as badly as
+    from that many samples.  Where the gradients of the blocks vary as their
+    normal matrices H_b say, block b left out moves a parameter by d_b with
+    covariance
+
+        W_bc = r_b (H_b delta_bc - H_b inv(H) H_c) r_c',  r_b = row of inv(H - H_b),
+
+    and Satterthwaite gives tr(W)^2/tr(W^2) for the sum of d_b^2: a block that
+    nearly alone fixes a parameter is fitted, so that its own residual says
+    little of its error (R. Bell, D. McCaffrey, Survey Methodology 28, 2002).
+    """
+    h = by_block(normals, labels)
+    total = h.sum(axis=0)
+    away = unseen(total)
+    inverse = _inverse(total + np.diag(prior), away)
+    without = _inverse(total - h * _LEFT_OUT + np.diag(prior), away)
+    moves = without @ h
+    own = np.einsum("bij,bji->bi", moves, without)
+    found = np.ones(total.shape[0])
+    for i in range(found.size):
+        spread = np.diag(own[:, i]) - moves[:, i] @ inverse @ moves[:, i].T
+        squares = float(np.sum(spread**2))
+        if squares > 0.0:
+            found[i] = np.trace(spread) ** 2 / squares
+    return np.maximum(found, 1.0)
+
+
+def half_width(level: float, freedom: ArrayLike) -> FloatArray:
+    """Standard errors to either side of an interval (Student's t)."""
+    return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)
+
+
+def expanded(steps: FloatArray, level: float, freedom: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends of bootstrap intervals, percentiles expanded for few blocks.
+
+    A plain percentile is to a normal quantile what is wanted here to Student's
+    t (T. Hesterberg, The American Statistician 69, 2015).
+
+    Parameters
+    ----------
+    steps : ndarray, shape (repeats, nparameters)
+    level : float
+    freedom : ndarray, shape (nparameters,)
+
+    Returns
+    -------
+    low, high : ndarray, shape (nparameters,)
+    """
+    tail = stats.norm.cdf(-half_width(level, freedom))
+    columns = list(zip(steps.T, tail, strict=True))
+    low = np.array([np.quantile(column, p) for column, p in columns])
+    high = np.array([np.quantile(column, 1.0 - p) for column, p in columns])
+    return low, high

@@ -1,0 +1,172 @@
+"""Which parameters a record does not determine, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.estimation.motion import directions
+from dryfric_control.estimation.parameters import Parameter
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
+
+FloatArray = NDArray[np.float64]
+
+# A standard error beyond this part of the value leaves the value open.
+_OPEN = 0.3
+# Correlation of two estimates beyond which only a combination is known, worth
+# telling where either is uncertain by more than this part of its value.
+_TOGETHER, _NOTICED = 0.98, 0.02
+
+#: Pairs told in full.
+_PAIRS = 3
+
+
+def cannot_tell(
+    axis: FrictionAxis,
+    records: Sequence[Record],
+    parameters: Sequence[Parameter],
+    values: FloatArray,
+    errors: FloatArray,
+    correlation: FloatArray,
+    away: FloatArray,
+    slopes: FloatArray,
+) -> tuple[str, ...]:
+    """Messages on what the records leave open, each with its cause.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The fitted axis.
+    records : sequence of Record
+        The records.
+    parameters : sequence of Parameter
+        The free parameters.
+    values, errors : ndarray, shape (nparameters,)
+        Estimates and standard errors.
+    correlation : ndarray, shape (nparameters, nparameters)
+    away : ndarray, shape (ndirections, nparameters)
+        Directions without effect, in search coordinates.
+    slopes : ndarray, shape (nparameters,)
+        Change of the values with the search coordinates.
+
+    Returns
+    -------
+    tuple of str
+    """
+    names = [p.name for p in parameters]
+    messages = []
+    told: set[str] = set()
+    for row in away:
+        parts = [(n, c * s) for n, c, s in zip(names, row, slopes, strict=True) if abs(c) > 1e-3]
+        told.update(n for n, _ in parts)
+        if len(parts) == 1:
+            name = parts[0][0]
+            messages.append(f"the record holds nothing on {name}: {_cause(axis, records, name)}")
+            continue
+        unit = parts[0][1]
+        change = ", ".join(f"{n} by {c / unit:+.3g}" for n, c in parts)
+        messages.append(
+            f"{_listed(n for n, _ in parts)} cannot be told apart: changing {change} gives the "
+            f"same motion. The values given are those nearest to the believed ones; hold one of "
+            f"them{_reason({n for n, _ in parts})}"
+        )
+    for i, p in enumerate(parameters):
+        size = abs(values[i])
+        if p.name in told or p.name.partition(".")[2] in ("phase", "rest"):
+            continue
+        if values[i] == p.low and p.low == 0.0:
+            # At its bound the estimate has no spread to speak of.
+            messages.append(f"{p.name} ended at its lowest value: the record shows none of it")
+            told.add(p.name)
+        elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
+            messages.append(
+                f"{p.name} is hardly determined (standard error {100 * errors[i] / size:.0f} % of "
+                f"its value): {_cause(axis, records, p.name)}"
+            )
+            told.add(p.name)
+    loose = errors > _NOTICED * np.abs(values)
+    pairs = []
+    for i in range(len(names)):
+        for j in range(i):
+            # Coefficients of a polynomial always trade; its value is what counts.
+            polynomial = "[" in names[i] and "[" in names[j]
+            close = abs(correlation[i, j]) > _TOGETHER and (loose[i] or loose[j])
+            if close and not polynomial and not ({names[i], names[j]} & told):
+                pairs.append((i, j))
+    pairs.sort(key=lambda pair: -abs(correlation[pair]))
+    for i, j in pairs[:_PAIRS]:
+        sign = "sum" if correlation[i, j] < 0.0 else "difference"
+        messages.append(
+            f"{names[j]} and {names[i]} trade against each other (correlation "
+            f"{correlation[i, j]:+.3f}): the record fixes their weighted {sign} far "
+            f"better than either{_reason({names[i], names[j]})}"
+        )
+    if len(pairs) > _PAIRS:
+        messages.append(f"{len(pairs) - _PAIRS} more pairs trade like these, see .correlation")
+    return tuple(messages)
+
+
+def _listed(names: object) -> str:
+    items = list(names)  # type: ignore[call-overload]
+    return ", ".join(items[:-1]) + " and " + items[-1]
+
+
+def _reason(names: set[str]) -> str:
+    sides = {n for n in names if n.startswith("coulomb")}
+    if sides and any(n.startswith(("bias_force", "coulomb_asymmetry")) for n in names):
+        return (
+            "; a bias and levels that differ between the directions are the same force as long "
+            "as neither a Stribeck peak nor the position changes the levels: tilt the axis or "
+            "turn it round to part them"
+        )
+    if "mass" in names and any(n.startswith("input_gain") for n in names):
+        return "; add a known mass, or measure the force, to part them"
+    return ""
+
+
+def _cause(axis: FrictionAxis, records: Sequence[Record], name: str) -> str:
+    """Why a parameter has little effect in the records."""
+    force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
+    smooth = [r.derivatives() for r in records]
+    speed = np.concatenate([s.v for s in smooth])
+    if name == "mass":
+        # A longer smoothing: here the noise of the acceleration would count as motion.
+        long = [r.derivatives(_long(r)).a for r in records]
+        share = axis.mass * np.sqrt(np.mean(np.concatenate(long) ** 2)) / force
+        return (
+            f"the axis hardly accelerates, m a is {_percent(share)} of the drive force; "
+            "excite it with quick reversals"
+        )
+    if name == "viscous":
+        share = axis.viscous * np.std(speed) / force
+        return (
+            f"the speed changes little, f v varies by {_percent(share)} of the drive force; run at "
+            "several speeds, up to the fastest"
+        )
+    if name.startswith("coulomb"):
+        for side, s in (("plus", 1), ("minus", -1)):
+            moved = sum(float(np.mean(directions(r) == s)) for r in records) / len(records)
+            if side in name and moved < 0.01:
+                return f"the axis moves in this direction in {_percent(moved)} of the samples"
+        return "the drive force is large against it; crawl slowly both ways"
+    if name.startswith(("stribeck", "stick")):
+        slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
+        moving = np.concatenate([directions(r) for r in records]) != 0
+        share = float(np.mean(moving & (np.abs(speed) < slow)))
+        return (
+            f"the axis slides below {slow:.3g} in {_percent(share)} of the samples; crawl slowly, "
+            "with stops"
+        )
+    return "the motion excites it too little"
+
+
+def _long(record: Record) -> int:
+    return min(max(record.smoothing_window, (round(0.05 / record.dt) // 2) * 2 + 1), 501,
+               (len(record) - 1) | 1)  # fmt: skip
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

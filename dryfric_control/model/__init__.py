@@ -1,0 +1,1 @@
+"""The hybrid model: axis, friction, effects, friction laws, loops and blocks."""

@@ -1,0 +1,846 @@
+"""The axis with dry friction as immutable data, its modes, its simulation."""
+
+from __future__ import annotations
+
+import functools
+import html
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.checks import finite, instance, places, positive, samples
+from dryfric_control.compiled import axis_step
+from dryfric_control.model.effects import Backlash, Compliance, Effect, Presliding
+from dryfric_control.model.effects.effect import law_address
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.responses import Events, SimulationResponse
+
+#: Inner states that an effect brings into the kernel.
+INNER = {
+    Presliding.slug: axis_step.CONTACT,
+    Backlash.slug: axis_step.PLAY,
+    Compliance.slug: axis_step.SPRING,
+}
+SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
+MODES = (0, 1, -1)
+_MASS_UNITS = {("m", "N"): "kg", ("rad", "N m"): "kg m^2"}
+
+
+#: Fastest change of speed that one sample may hold, in time constants: the steps
+#: inside it resolve that change, and beyond this a sample takes milliseconds.
+MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
+
+
+class Arrays(NamedTuple):
+    """An axis as the arrays that the compiled kernel reads."""
+
+    numbers: NDArray[np.float64]
+    integers: NDArray[np.int64]
+    memory: int  # length of the memory that a run needs
+
+
+@runtime_checkable
+class Law(Protocol):
+    """What `simulate` takes in place of the switched model: a law of `dfc.laws`."""
+
+    tolerance: float
+
+    def run(
+        self, axis: FrictionAxis, u: Any, dt: float, x0: float, v0: float, hold: str
+    ) -> tuple[Any, Any, Any, Any]:
+        """Position, velocity, friction and direction of motion, each of shape (n,)."""
+
+
+@dataclass(frozen=True)
+class FrictionAxis:
+    """One axis with dry friction: a hybrid model of three modes.
+
+    Parameters
+    ----------
+    mass : float
+        Mass [kg], or inertia [kg m^2] of a rotary axis.
+    viscous : float
+        Viscous coefficient f [N s/m].
+    coulomb : float, tuple of float, or CoulombMap
+        Coulomb level [N]: one value, (plus, minus), or a map over position.
+    stribeck : Stribeck, optional
+        Stribeck peak.  Default: none.
+    stick_speed : float, optional
+        Speed band Sigma inside which the axis counts as motionless [m/s].
+    stick_rate : float, optional
+        Rate p at which the leftover speed of a stuck axis dies [1/s].
+    travel : tuple of float, optional
+        Lowest and highest position [m].  Coulomb maps hold inside it and keep
+        their end values outside; motion itself is not limited.
+    switching : {"filippov", "paper"}, optional
+        Rule by which a sliding axis comes to rest, see Notes.
+    effects : tuple of Effect, optional
+        Effects beyond the base model; force effects add, in any combination.
+    name : str, optional
+        Name of the axis, for blocks and plots.
+    units : tuple of str, optional
+        Units of position and force, for labels.
+
+    Raises
+    ------
+    ValueError
+        If a value is not a finite number in its range; the message names it.
+
+    Notes
+    -----
+    The modes are (paper, eqs. (2), (3); w is the net force without friction)
+
+    ::
+
+        sliding s   m v' = w - f v - s F_s(x, v)
+                    F_s = Fc_s(x) (1 + sigma exp(-((s v - Sigma)/vs)^2))
+        stuck       v' = -p v,  friction = w
+
+    A stuck axis breaks away when w leaves [-Fs_minus, Fs_plus], with
+    Fs = (1 + sigma) Fc.  A sliding axis sticks when abs(v) <= Sigma and w lies in
+    [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``.  It is
+    not complete: with a Stribeck peak and Fc < w < F(x, 0+) an axis that slows
+    down to v = 0 may not stick, its speed changes sign, friction changes sign
+    with it, and the state chatters across zero at every sample, for ever.  The
+    default ``switching="filippov"`` completes it: a sliding speed that reaches
+    zero goes to stuck if friction at rest can hold the load, to the other
+    direction if the load exceeds the breakaway level there, and goes on
+    otherwise.
+
+    A stuck axis that breaks away against its leftover speed (at most Sigma)
+    loses that speed, so that friction never drives the motion.
+
+    The model stops being true below Sigma: it has no presliding displacement,
+    unless the effect `Presliding` gives it one.  With `Backlash` or
+    `Compliance` there are two masses; x and v are the motor's, F and mode the
+    load's.
+
+    Examples
+    --------
+    A mass sliding on dry friction stops after v0^2 m / (2 Fc) = 0.25 m:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0, stick_speed=1e-9)
+    >>> resp = axis.simulate([0.0] * 1001, dt=1e-3, v0=1.0)
+    >>> round(float(resp.y[0, -1]), 9)
+    0.25
+    """
+
+    mass: float
+    viscous: float
+    coulomb: CoulombMap
+    stribeck: Stribeck | None = None
+    stick_speed: float = 1e-4
+    stick_rate: float = 500.0
+    travel: tuple[float, float] | None = None
+    switching: str = "filippov"
+    effects: tuple[Effect, ...] = ()
+    name: str = "axis"
+    units: tuple[str, str] = field(default=("m", "N"), compare=False)
+
+    def __post_init__(self) -> None:
+        put = functools.partial(object.__setattr__, self)
+        put("mass", positive("mass", self.mass, unit="kg"))
+        put("viscous", positive("viscous", self.viscous, unit="N s/m", zero=True))
+        put("coulomb", CoulombMap.of(self.coulomb))
+        if self.stribeck is not None and not isinstance(self.stribeck, Stribeck):
+            raise ValueError(
+                "stribeck must be dfc.Stribeck(excess=..., speed=...) or None, "
+                f"got {self.stribeck!r}"
+            )
+        put("stick_speed", positive("stick_speed", self.stick_speed, unit="m/s"))
+        put("stick_rate", positive("stick_rate", self.stick_rate, unit="1/s"))
+        if self.travel is not None:
+            put("travel", _travel(self.travel))
+        self.coulomb.check(self.travel)
+        if not isinstance(self.switching, str) or self.switching not in SWITCHING:
+            raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
+        effects = (self.effects,) if isinstance(self.effects, Effect) else self.effects
+        if isinstance(effects, str) or not isinstance(effects, Iterable):
+            raise ValueError(
+                "effects must be a sequence of effects, such as "
+                "[dfc.effects.Spring(stiffness=200.0)], "
+                f"got {effects!r}"
+            )
+        put("effects", tuple(effects))
+        for effect in self.effects:
+            if not isinstance(effect, Effect):
+                raise ValueError(
+                    "effects must hold effects such as dfc.effects.Spring(stiffness=200.0), "
+                    f"got {effect!r}"
+                )
+        for action in ("delay", "lag", "contact", "transmission"):
+            alike = [effect.slug for effect in self.effects if effect.action == action]
+            if len(alike) > 1:
+                mend = "keep one" if action in ("contact", "transmission") else "add them up"
+                raise ValueError(
+                    f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
+                )
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be text, got {self.name!r}")
+        units = self.units
+        if isinstance(units, str) or [type(unit) for unit in units] != [str, str]:
+            raise ValueError(
+                f'units must be those of position and force, such as ("m", "N"), got {units!r}'
+            )
+        put("units", tuple(units))
+
+    def replace(self, **changes: Any) -> FrictionAxis:
+        """Axis with some of its fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values of fields.
+
+        Returns
+        -------
+        FrictionAxis
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=2.0)
+        >>> axis.replace(mass=3.0).mass
+        3.0
+        """
+        return replace(self, **changes)
+
+    def effective(self) -> FrictionAxis:
+        """Axis whose base parameters are those that act.
+
+        Effects that change a base parameter (inertia, viscous, coulomb,
+        stribeck) are applied, in their order, and leave the list of effects.
+        Everything that simulates does this for itself; call it where `mass`,
+        `viscous`, `coulomb` or `stribeck` are read.
+
+        Returns
+        -------
+        FrictionAxis
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=2.0,
+        ...                         effects=(dfc.effects.Inertia(factor=3.0),
+        ...                                  dfc.effects.BiasForce(force=0.1)))
+        >>> axis.effective().mass, [effect.slug for effect in axis.effective().effects]
+        (3.0, ['bias_force'])
+        """
+        changing = [effect for effect in self.effects if effect.action == "axis"]
+        if not changing:
+            return self
+        axis = self.replace(effects=tuple(e for e in self.effects if e.action != "axis"))
+        for effect in changing:
+            axis = effect.alter(axis)
+        return axis
+
+    def arrays(self, dt: float) -> Arrays:
+        """Arrays that describe this axis to the compiled kernel.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling time [s]; it sets the length of the delay line.
+
+        Returns
+        -------
+        Arrays
+        """
+        return _arrays(self, dt)
+
+    def breakaway(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
+        """Breakaway level (1 + sigma) Fc of the base model.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            Positions [m].
+        direction : int
+            +1 or -1.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Magnitude [N].
+        """
+        axis = self.effective()
+        place = places("x", x)
+        if axis.travel is not None:
+            place = np.clip(place, *axis.travel)
+        excess = axis.stribeck.excess if axis.stribeck else 0.0
+        return (1.0 + excess) * axis.coulomb(place, direction)
+
+    def simulate(
+        self,
+        u: ArrayLike,
+        dt: float,
+        x0: float = 0.0,
+        v0: float = 0.0,
+        hold: str = "zero",
+        law: Law | None = None,
+    ) -> SimulationResponse:
+        """Run the axis on a sampled input, switches located inside.
+
+        Parameters
+        ----------
+        u : array_like, shape (n,)
+            Drive force at the samples 0, dt, 2 dt, ... [N].
+        dt : float
+            Sampling time [s].
+        x0, v0 : float, optional
+            Position [m] and speed [m/s] at the start.  The mode at the start
+            follows from them and u[0].
+        hold : {"zero", "first"}, optional
+            Whether the input is held or runs linearly between samples.
+        law : Law, optional
+            Another friction law to compare with, e.g. ``dfc.laws.LuGre(...)``, in
+            place of the switched one.
+
+        Returns
+        -------
+        SimulationResponse
+            A `control.TimeResponseData` with outputs x, v, F, mode, each of
+            shape (n,), and `events`.  F and mode at a sample are those that
+            the new input u[k] brings about.
+
+        Raises
+        ------
+        ValueError
+            If `u` is not a finite one-dimensional array, or another argument
+            is out of its range.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> resp = axis.simulate(12.0 * np.sin(np.arange(2000) * 3e-3), dt=1e-3)
+        >>> resp.output_labels
+        ['x', 'v', 'F', 'mode']
+        """
+        force = samples("u", u)
+        dt = positive("dt", dt, unit="s")
+        x0, v0 = finite("x0", x0), finite("v0", v0)
+        if hold not in ("zero", "first"):
+            raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
+        outputs = np.empty((4, force.size))
+        if law is not None:
+            instance("law", law, Law, "such as dfc.laws.LuGre(stiffness=1e5, damping=100.0)")
+            outputs[:] = law.run(self, force, dt, x0, v0, hold)
+            located = _sampled_switches(outputs[3], dt)
+        else:
+            check_pace(self, dt)
+            arrays = self.arrays(dt)
+            memory = np.zeros(arrays.memory)
+            memory[:2] = x0, v0
+            located = axis_step.run(
+                arrays.numbers, arrays.integers, memory, force, dt, hold == "first", 0.0, outputs
+            )
+        check_finite(outputs)
+        # In place: a long record has no room for a second copy.
+        time = np.arange(force.size, dtype=float)
+        time *= dt
+        return SimulationResponse(
+            time,
+            outputs,
+            force.reshape(1, -1),
+            Events.from_rows(located),
+            title=f"{self.name}: {law.__class__.__name__ if law else 'switched model'}",
+            sysname=self.name,
+            units=self.units,
+        )
+
+    def stepper(self, dt: float, x0: float = 0.0, v0: float = 0.0) -> AxisStepper:
+        """Axis to be stepped sample by sample from a loop of one's own.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling time [s].
+        x0, v0 : float, optional
+            Position and speed at the start.
+
+        Returns
+        -------
+        AxisStepper
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
+        >>> plant = axis.stepper(dt=1e-3)
+        >>> for k in range(100):
+        ...     plant.step(100.0 * (0.1 - plant.x) - 10.0 * plant.v)
+        >>> plant.mode
+        1
+        """
+        return AxisStepper(self, dt, x0, v0)
+
+    def mode(self, index: int) -> ct.NonlinearIOSystem:
+        """One mode as a continuous-time block.
+
+        Parameters
+        ----------
+        index : int
+            0 stuck, +1 or -1 sliding.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Input u; outputs x, v, F; states x, v.  The block stays in its mode
+            whatever happens.  A delay or lag of the input, presliding, a play
+            and a compliance are left out: they have no place in these two
+            states, which are those of the rigid axis.
+
+        Raises
+        ------
+        ValueError
+            If `index` is not a mode.
+
+        Examples
+        --------
+        >>> import control as ct
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> linear = ct.linearize(axis.mode(+1), [0.0, 0.1], [9.5])
+        >>> round(float(linear.A[1, 1]), 6)     # -f/m
+        -7.5
+        """
+        _check_mode(index)
+        arrays = self.arrays(1.0)
+
+        def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+            rate, _ = axis_step.mode_rate(
+                arrays.numbers, arrays.integers, t, x[0], x[1], u[0], index
+            )
+            return np.array([x[1], rate])
+
+        def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+            _, friction = axis_step.mode_rate(
+                arrays.numbers, arrays.integers, t, x[0], x[1], u[0], index
+            )
+            return np.array([x[0], x[1], friction])
+
+        return ct.nlsys(
+            update,
+            output,
+            inputs=["u"],
+            outputs=["x", "v", "F"],
+            states=["x", "v"],
+            name=f"{self.name}_{mode_label(index)}",
+            dt=0,
+        )
+
+    def mode_ss(
+        self, index: int, dt: float = 0.0, method: str = "euler", input: str = "drive"
+    ) -> ct.StateSpace:
+        """Linear part of one mode as a state space, to analyse.
+
+        Parameters
+        ----------
+        index : int
+            0 stuck, +1 or -1 sliding.
+        dt : float, optional
+            Sampling time [s]; 0 gives the continuous-time system.
+        method : {"euler", "zoh"}, optional
+            The paper's Euler approximation (4), or the exact discretisation.
+        input : {"drive", "force"}, optional
+            "drive": the matrix B_i of the known input, zero in mode 0, where
+            friction cancels the drive.  "force": the matrix E_i of an unknown
+            force on the mass, (0, dt/m) in every mode; the integral action of
+            an observer enters here.
+
+        Returns
+        -------
+        control.StateSpace
+            States x, v; output x; input u (or the force d).
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of its range, or Euler would be unstable
+            because ``dt * stick_rate >= 2``.
+
+        Notes
+        -----
+        ``A = [[1, dt], [0, 1 - dt a]]`` with a = f/m when sliding and a = p when
+        stuck (Euler).  Friction itself is no part of it: Coulomb's level is the
+        constant Q_i of (4).  Effects are left out; use `control.linearize` on
+        `mode` for the slope at a point of operation.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> print(axis.mode_ss(0, dt=1e-3).A)
+        [[1.    0.001]
+         [0.    0.5  ]]
+        """
+        _check_mode(index)
+        dt = positive("dt", dt, unit="s", zero=True)
+        if method not in ("euler", "zoh"):
+            raise ValueError(f'method must be "euler" or "zoh", got {method!r}')
+        if input not in ("drive", "force"):
+            raise ValueError(f'input must be "drive" or "force", got {input!r}')
+        axis = self.effective()
+        rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
+        gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
+        if dt == 0.0:
+            a = np.array([[0.0, 1.0], [0.0, -rate]])
+            b = np.array([[0.0], [gain]])
+        elif method == "euler":
+            if dt * rate >= 2.0:
+                what = "stick_rate" if index == 0 else "viscous / mass"
+                raise ValueError(
+                    f"Euler needs dt * {what} < 2, got {dt * rate:.4g}: "
+                    f'lower dt or {what}, or take method="zoh"'
+                )
+            a = np.array([[1.0, dt], [0.0, 1.0 - dt * rate]])
+            b = np.array([[0.0], [dt * gain]])
+        else:
+            fall = -np.expm1(-rate * dt)
+            moved = fall / rate if rate * dt > 1e-8 else dt * (1.0 - 0.5 * rate * dt)
+            drift = (dt - moved) / rate if rate * dt > 1e-4 else dt**2 * (0.5 - rate * dt / 6.0)
+            a = np.array([[1.0, moved], [0.0, 1.0 - fall]])
+            b = np.array([[gain * drift], [gain * moved]])
+        return ModeStateSpace(
+            a,
+            b,
+            np.array([[1.0, 0.0]]),
+            np.zeros((1, 1)),
+            dt,
+            inputs=["u" if input == "drive" else "d"],
+            outputs=["x"],
+            states=["x", "v"],
+            name=f"{self.name}_{mode_label(index)}",
+        )
+
+    def describe(self) -> str:
+        """Parameters with units, one a line."""
+        length, force = self.units
+        rows = [
+            f"{self.name}: mass {self.mass:.6g} {mass_unit(self.units)}, "
+            f"viscous {self.viscous:.6g} {force} s/{length}",
+            f"  Coulomb +: {_polynomial(self.coulomb.plus)} {force}",
+            f"  Coulomb -: {_polynomial(self.coulomb.minus)} {force}",
+        ]
+        if self.stribeck:
+            rows.append(
+                f"  Stribeck: excess {self.stribeck.excess:.6g}, "
+                f"speed {self.stribeck.speed:.6g} {length}/s"
+            )
+        rows.append(
+            f"  stick speed {self.stick_speed:.6g} {length}/s, stick rate {self.stick_rate:.6g} 1/s"
+        )
+        if self.travel is not None:
+            rows.append(f"  travel {self.travel[0]:.6g} to {self.travel[1]:.6g} {length}")
+        rows += [f"  {effect.describe()}" for effect in self.effects]
+        return "\n".join(rows)
+
+    def _repr_html_(self) -> str:
+        length, force = self.units
+        rows = [
+            ("mass", f"{self.mass:.6g} {mass_unit(self.units)}"),
+            ("viscous", f"{self.viscous:.6g} {force} s/{length}"),
+            ("Coulomb +", f"{_polynomial(self.coulomb.plus)} {force}"),
+            ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),
+        ]
+        if self.stribeck:
+            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {length}/s"
+            rows.append(("Stribeck excess", peak))
+        rows += [
+            ("stick speed", f"{self.stick_speed:.6g} {length}/s"),
+            ("stick rate", f"{self.stick_rate:.6g} 1/s"),
+        ]
+        if self.travel is not None:
+            rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))
+        rows.append(("switching", self.switching))
+        rows += [("effect", effect.describe()) for effect in self.effects]
+        body = "".join(
+            f"<tr><td>{name}</td><td>{html.escape(value)}</td></tr>" for name, value in rows
+        )
+        return f"<table><caption>{html.escape(self.name)}</caption>{body}</table>"
+
+
+class ModeStateSpace(ct.StateSpace):
+    """State space of one mode, drawable even where the input has no effect.
+
+    In mode 0 friction cancels the drive, so B = 0.  Such a system has no
+    transmission zeros; python-control's solver gives not-a-number for them and
+    finds no range of frequencies for a Bode plot.
+    """
+
+    def zeros(self) -> NDArray[np.complex128]:
+        """Transmission zeros, none where the input has no effect."""
+        if not np.any(self.B):
+            return np.empty(0, dtype=complex)
+        return np.asarray(super().zeros(), dtype=complex)
+
+
+class AxisStepper:
+    """An axis that is stepped by hand.
+
+    Made by `FrictionAxis.stepper`.  Attributes x, v, F, mode and time hold the
+    state after the last step; F and mode are those under the last input.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+    x0, v0 : float, optional
+        Position [m] and speed [m/s] at the start.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0)
+    >>> stepper = axis.stepper(dt=1e-3)
+    >>> for _ in range(1000):
+    ...     stepper.step(10.0)
+    >>> stepper.mode, round(stepper.v, 9)
+    (1, 1.0)
+    """
+
+    def __init__(self, axis: FrictionAxis, dt: float, x0: float = 0.0, v0: float = 0.0) -> None:
+        instance("axis", axis, FrictionAxis)
+        self.axis = axis
+        self.dt = positive("dt", dt, unit="s")
+        check_pace(axis, self.dt)
+        self._arrays = axis.arrays(self.dt)
+        self._memory = np.zeros(self._arrays.memory)
+        self._memory[:2] = finite("x0", x0), finite("v0", v0)
+        self._samples = 0
+        self.F = 0.0
+
+    @property
+    def x(self) -> float:
+        """Position [m]."""
+        return float(self._memory[0])
+
+    @property
+    def v(self) -> float:
+        """Speed [m/s]."""
+        return float(self._memory[1])
+
+    @property
+    def mode(self) -> int:
+        """Mode: 0 stuck, +1 or -1 sliding."""
+        return int(self._memory[2])
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self._samples * self.dt
+
+    def step(self, u: float) -> None:
+        """Hold the drive force u for one sample.
+
+        Parameters
+        ----------
+        u : float
+            Drive force [N].
+
+        Raises
+        ------
+        ValueError
+            If `u` is not a finite number.
+        """
+        force = finite("u", u)
+        a = self._arrays
+        axis_step.step(a.numbers, a.integers, self._memory, self.time, self.dt, force, force)
+        self._samples += 1
+        _, self.F, _ = axis_step.outputs_now(
+            a.numbers, a.integers, self._memory, self.time, self.dt, force
+        )
+
+
+def check_pace(axis: FrictionAxis, dt: float) -> None:
+    """Refuse an axis whose speed changes too fast to be followed.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+
+    Raises
+    ------
+    ValueError
+        If viscous friction or the Stribeck peak acts within so small a part of
+        a sample that following it would take for ever: a wrong unit.
+    """
+    axis = axis.effective()
+    rate = axis.viscous / axis.mass
+    if rate * dt > MOST_VISCOUS:
+        raise ValueError(
+            f"viscous / mass = {rate:.3g} 1/s makes {rate * dt:.3g} time constants in one sample "
+            f"of dt = {dt:g} s: check the units of viscous and mass"
+        )
+    if axis.stribeck is not None:
+        middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+        peak = axis.stribeck.excess * float(max(axis.coulomb(middle, 1), axis.coulomb(middle, -1)))
+        rate = peak / (axis.mass * axis.stribeck.speed)
+        if rate * dt > MOST_STRIBECK:
+            raise ValueError(
+                f"stribeck.speed = {axis.stribeck.speed:g} is crossed {rate * dt:.3g} times in one "
+                f"sample of dt = {dt:g} s: check the units of stribeck.speed and mass"
+            )
+
+
+def check_finite(outputs: NDArray[np.float64]) -> None:
+    """Refuse to return a motion that has left the range of numbers.
+
+    Parameters
+    ----------
+    outputs : ndarray, shape (4 or more, n)
+        Rows x, v, F, mode first.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite; the message names the first sample.
+    """
+    # What is not finite once stays so: the last sample tells.
+    if not np.isfinite(outputs[:3, -1]).all():
+        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
+        raise ValueError(
+            f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
+            "the input, and of mass, viscous and coulomb, and that a loop is stable"
+        )
+
+
+def mass_unit(units: tuple[str, str]) -> str:
+    """Unit of the mass, or inertia, that goes with those of position and force."""
+    length, force = units
+    return _MASS_UNITS.get(units, f"{force} s^2/{length}")
+
+
+def mode_label(index: int) -> str:
+    """Name of a mode that can be part of a signal or system name."""
+    return {0: "stuck", 1: "plus", -1: "minus"}[index]
+
+
+def _travel(travel: Any) -> tuple[float, float]:
+    try:
+        low, high = travel
+    except (TypeError, ValueError):
+        raise ValueError(f"travel must be (low, high), got {travel!r}") from None
+    low, high = finite("travel[0]", low), finite("travel[1]", high)
+    if not low < high:
+        raise ValueError(f"travel must run from low to high, got {travel!r}")
+    return low, high
+
+
+def _check_mode(index: int) -> None:
+    if isinstance(index, (bool, str)) or not np.isscalar(index) or index not in MODES:
+        raise ValueError(f"mode must be 0 (stuck), +1 or -1 (sliding), got {index!r}")
+
+
+def _polynomial(coefficients: tuple[float, ...]) -> str:
+    terms = [f"{coefficients[0]:.6g}"]
+    for power, c in enumerate(coefficients[1:], start=1):
+        terms.append(f"{'+' if c >= 0 else '-'} {abs(c):.6g} x{f'^{power}' if power > 1 else ''}")
+    return " ".join(terms)
+
+
+def _sampled_switches(mode: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    places = np.flatnonzero(np.diff(mode)) + 1
+    return np.column_stack([places * dt, mode[places - 1], mode[places]])
+
+
+def _inner_numbers(axis: FrictionAxis) -> list[float]:
+    """Numbers of contact and transmission, in the kernel's order."""
+    contact, half_gap, stiffness, damping, inverse_motor = 0.0, 0.0, 0.0, 0.0, 0.0
+    for effect in axis.effects:
+        if isinstance(effect, Presliding):
+            middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+            level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
+            contact = level / effect.distance
+        if isinstance(effect, Backlash):
+            half_gap = 0.5 * effect.gap
+        if isinstance(effect, Compliance):
+            stiffness, damping = effect.stiffness, effect.damping
+        if isinstance(effect, Backlash | Compliance):
+            inverse_motor = 1.0 / (axis.mass * (1.0 - effect.load_fraction))
+    return [contact, half_gap, stiffness, damping, inverse_motor]
+
+
+@functools.lru_cache(maxsize=1024)
+def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
+    dt = positive("dt", dt, unit="s")
+    axis = axis.effective()
+    by_action = {
+        action: [e for e in axis.effects if e.action == action]
+        for action in ("input", "force", "friction", "delay", "lag", "contact", "transmission")
+    }
+    forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
+    levels = sorted(by_action["friction"], key=lambda effect: not effect.within_peak)
+    laws = [*by_action["input"], *forces, *levels]
+    delay = sum(e.values[0] for e in by_action["delay"])
+    lag = sum(e.values[0] for e in by_action["lag"])
+    low, high = axis.travel or (-np.inf, np.inf)
+    stribeck = axis.stribeck
+    numbers = [
+        1.0 / axis.mass,
+        axis.viscous,
+        stribeck.excess if stribeck else 0.0,
+        1.0 / stribeck.speed if stribeck else 0.0,
+        axis.stick_speed,
+        axis.stick_rate,
+        low,
+        high,
+        delay,
+        lag,
+        *_inner_numbers(axis),
+        *axis.coulomb.plus,
+        *axis.coulomb.minus,
+    ]
+    history = int(np.ceil(delay / dt)) + 2 if delay > 0.0 else 0
+    integers = [
+        SWITCHING[axis.switching],
+        len(axis.coulomb.plus),
+        len(axis.coulomb.minus),
+        len(by_action["input"]),
+        len(forces),
+        sum(not effect.depends_on_speed for effect in forces),
+        len(levels),
+        history,
+        sum(INNER[e.slug] for e in (*by_action["contact"], *by_action["transmission"])),
+        0,
+        axis_step.rigid_task().address,
+        axis_step.rigid_task().address,
+        sum(effect.within_peak for effect in levels),
+    ]
+    if numbers[axis_step.CONTACT_STIFFNESS] == 0.0:
+        integers[axis_step.STRUCTURE] &= ~axis_step.CONTACT
+    if integers[axis_step.STRUCTURE]:
+        integers[axis_step.TASK] = axis_step.inner_task().address
+    for effect in laws:
+        integers += [law_address(type(effect)), len(numbers)]
+        numbers += effect.values
+    if by_action["transmission"]:
+        integers[axis_step.N_NUMBERS] = len(numbers)
+        share = by_action["transmission"][0].values[-1]
+        numbers += numbers
+        numbers[integers[axis_step.N_NUMBERS] + axis_step.INVERSE_MASS] /= share
+    result = Arrays(
+        np.array(numbers, dtype=float),
+        np.array(integers, dtype=np.int64),
+        axis_step.HISTORY + 2 * history,
+    )
+    result.numbers.setflags(write=False)
+    result.integers.setflags(write=False)
+    return result

@@ -1,0 +1,425 @@
+"""The axis and its loop as sampled python-control blocks.
+
+Discrete and continuous blocks do not interconnect in python-control, so
+everything that runs in a loop is sampled, the plant included: it is integrated
+inside its own step, switches and all.  The blocks hold no state outside their
+state vector and call the same compiled functions as `FrictionAxis.simulate`.
+
+Signals connect by name: r -> `reference_filter` -> xref -> controller -> u ->
+axis -> x -> `encoder` -> y -> controller.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import control as ct
+import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
+
+from dryfric_control.checks import instance, positive
+from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.loop import encode
+from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
+from dryfric_control.model.loops import PositionController
+
+Vector = NDArray[np.float64]
+
+
+def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.NonlinearIOSystem:
+    """The switched axis as one sampled block.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+    name : str, optional
+        Name of the block.  Default: the axis' name.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Input u; outputs x, v, F, mode; states x, v, mode.  Effects with a
+        memory (input delay, actuator lag) add states.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive.
+
+    Notes
+    -----
+    The input is held over the sample.  `control.input_output_response` asks
+    for inputs at its own time points: give it exactly the samples
+    ``np.arange(n) * dt``.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = np.arange(200) * 1e-3
+    >>> resp = ct.input_output_response(dfc.axis_block(axis, 1e-3), t, 10.0 + 0 * t)
+    >>> float(resp.outputs[3, -1])
+    1.0
+    """
+    instance("axis", axis, FrictionAxis)
+    dt = positive("dt", dt, unit="s")
+    check_pace(axis, dt)
+    arrays = axis.arrays(dt)
+    size = arrays.memory if any(effect.remembers for effect in axis.effects) else 3
+
+    def full(x: Any) -> Vector:
+        memory = np.zeros(arrays.memory)
+        memory[:size] = x
+        return memory
+
+    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        memory = full(x)
+        axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, u[0], u[0])
+        return memory[:size]
+
+    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        v, friction, mode = axis_step.outputs_now(
+            arrays.numbers, arrays.integers, full(x), t, dt, u[0]
+        )
+        return np.array([x[0], v, friction, float(mode)])
+
+    states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
+    states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
+    return ct.nlsys(
+        update,
+        output,
+        inputs=["u"],
+        outputs=["x", "v", "F", "mode"],
+        states=states[:size],
+        dt=dt,
+        name=name or axis.name,
+    )
+
+
+def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.NonlinearIOSystem:
+    """The switching rule (paper, Figure 2) as a sampled automaton.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis whose rule, levels and stick speed are used.
+    dt : float
+        Sampling time [s].
+    name : str, optional
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs u, x, v; output mode (0 stuck, +1, -1 sliding); state mode.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive, or the axis has effects with a memory (delay,
+        lag), whose force u, x and v do not tell.
+
+    Notes
+    -----
+    The output is the mode under the new input.  The state is the mode at the
+    end of the sample: the rule is run through the sample, so that a switch
+    inside it is not missed.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> rule = dfc.supervisor(axis, dt=1e-3)
+    >>> float(rule.output(0.0, [0.0], [9.0, 0.0, 0.0])[0])
+    1.0
+    """
+    dt = positive("dt", dt, unit="s")
+    _memoryless(axis, "supervisor")
+    arrays = axis.arrays(dt)
+
+    def memory(state: Any, u: Any) -> Vector:
+        return np.array([u[1], u[2], state[0], 0.0, 0.0])
+
+    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        after = memory(x, u)
+        axis_step.step(arrays.numbers, arrays.integers, after, t, dt, u[0], u[0])
+        return after[2:3]
+
+    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        _, _, mode = axis_step.outputs_now(
+            arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0]
+        )
+        return np.array([float(mode)])
+
+    return ct.nlsys(
+        update,
+        output,
+        inputs=["u", "x", "v"],
+        outputs=["mode"],
+        states=["mode"],
+        dt=dt,
+        name=name,
+    )
+
+
+def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSystem:
+    """One sample that begins in one mode; zeros while another is active."""
+    arrays = axis.arrays(dt)
+
+    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        force, position, speed, active = u
+        if round(active) != index:
+            return np.zeros(4)
+        # An axis that breaks away against its leftover speed loses that speed.
+        speed = 0.0 if index * speed < 0.0 else speed
+        memory = np.array([position, speed, float(index), 0.0, 0.0])
+        now, friction, _ = axis_step.outputs_now(
+            arrays.numbers, arrays.integers, memory, t, dt, force
+        )
+        axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
+        return np.array([memory[0], memory[1], now, friction])
+
+    return ct.nlsys(
+        None,
+        output,
+        inputs=["u", "x", "v", "mode"],
+        outputs=["x_next", "v_next", "v_now", "F"],
+        dt=dt,
+        name=mode_label(index),
+    )
+
+
+def switched_axis(
+    axis: FrictionAxis, dt: float, name: str | None = None
+) -> ct.InterconnectedSystem:
+    """The switched axis, put together from modes and supervisor.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    dt : float
+        Sampling time [s].
+    name : str, optional
+        Name of the system.  Default: the axis' name.
+
+    Returns
+    -------
+    control.InterconnectedSystem
+        Input u; outputs x, v, F, mode; subsystems ``stuck``, ``plus``,
+        ``minus`` (each the motion over one sample that begins in its mode),
+        ``supervisor`` and ``state``.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive, or the axis has effects with a memory; take
+        `axis_block` then.
+
+    Notes
+    -----
+    It shows how the parts work together and gives the same numbers as
+    `axis_block`, which is far faster.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> [part.name for part in dfc.switched_axis(axis, 1e-3).syslist]
+    ['state', 'supervisor', 'stuck', 'plus', 'minus']
+    """
+    dt = positive("dt", dt, unit="s")
+    _memoryless(axis, "switched_axis")
+    state = ct.ss(
+        np.zeros((2, 2)),
+        np.eye(2),
+        np.eye(2),
+        np.zeros((2, 2)),
+        dt,
+        inputs=["x_next", "v_next"],
+        outputs=["x", "v"],
+        states=["x", "v"],
+        name="state",
+    )
+    rule = supervisor(axis, dt)
+    modes = [_mode_flow(axis, index, dt) for index in (0, 1, -1)]
+    labels = [mode.name for mode in modes]
+    connections: list[Any] = [
+        ["state.x_next", *(f"{label}.x_next" for label in labels)],
+        ["state.v_next", *(f"{label}.v_next" for label in labels)],
+        ["supervisor.x", "state.x"],
+        ["supervisor.v", "state.v"],
+    ]
+    for label in labels:
+        connections += [
+            [f"{label}.x", "state.x"],
+            [f"{label}.v", "state.v"],
+            [f"{label}.mode", "supervisor.mode"],
+        ]
+    return ct.interconnect(
+        [state, rule, *modes],
+        connections=connections,
+        inplist=[["supervisor.u", *(f"{label}.u" for label in labels)]],
+        outlist=[
+            "state.x",
+            [f"{label}.v_now" for label in labels],
+            [f"{label}.F" for label in labels],
+            "supervisor.mode",
+        ],
+        inputs=["u"],
+        outputs=["x", "v", "F", "mode"],
+        dt=dt,
+        name=name or axis.name,
+    )
+
+
+def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOSystem:
+    """Position encoder: the nearest whole number of increments.
+
+    Parameters
+    ----------
+    quantum : float
+        Increment [m]; 0 measures exactly.
+    dt : float
+        Sampling time [s].
+    name : str, optional
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Input x; output y.
+
+    Raises
+    ------
+    ValueError
+        If `quantum` is negative or `dt` not positive.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> reading = dfc.encoder(quantum=0.5, dt=1e-3).output(0.0, [], [1.3])
+    >>> float(reading[0])
+    1.5
+    """
+    quantum = positive("quantum", quantum, unit="m", zero=True)
+    return ct.nlsys(
+        None,
+        lambda t, x, u, params: np.array([encode(u[0], quantum)]),
+        inputs=["x"],
+        outputs=["y"],
+        dt=positive("dt", dt, unit="s"),
+        name=name,
+    )
+
+
+def reference_filter(
+    bandwidth: float, dt: float, order: int = 2, name: str = "reference_filter"
+) -> ct.StateSpace:
+    """Butterworth low-pass for the reference (paper, section 5).
+
+    Parameters
+    ----------
+    bandwidth : float
+        Corner frequency [rad/s]; the paper uses 20.
+    dt : float
+        Sampling time [s].
+    order : int, optional
+        Order of the filter.
+    name : str, optional
+        Name of the block.
+
+    Returns
+    -------
+    control.StateSpace
+        Input r; output xref; unit gain at rest.
+
+    Raises
+    ------
+    ValueError
+        If the corner is not between zero and the Nyquist frequency.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> round(float(dfc.reference_filter(20.0, 1e-3).dcgain()), 9)
+    1.0
+    """
+    bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
+    dt = positive("dt", dt, unit="s")
+    if isinstance(order, bool) or order not in range(1, 9):
+        raise ValueError(f"order must be a whole number from 1 to 8, got {order!r}")
+    if bandwidth >= np.pi / dt:
+        raise ValueError(
+            f"bandwidth {bandwidth:g} rad/s is not below the Nyquist frequency "
+            f"{np.pi / dt:g} rad/s: lower it or dt"
+        )
+    zeros, poles, gain = scipy.signal.butter(order, bandwidth, output="zpk", fs=2.0 * np.pi / dt)
+    a, b, c, d = scipy.signal.zpk2ss(zeros, poles, gain)
+    return ct.ss(a, b, c, d, dt, inputs=["r"], outputs=["xref"], name=name)
+
+
+def position_controller(
+    axis: FrictionAxis,
+    bandwidth: float,
+    dt: float,
+    limit: float | None = None,
+    name: str = "controller",
+) -> ct.NonlinearIOSystem:
+    """Position controller of given bandwidth as a sampled block.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis; its sampled sliding mode is what is designed on.
+    bandwidth : float
+        Closed-loop bandwidth [rad/s]; very low for identification.
+    dt : float
+        Sampling time [s].
+    limit : float, optional
+        Largest force [N].  Default: five times the largest breakaway level.
+    name : str, optional
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs xref, y; output u.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    See Also
+    --------
+    PositionController : the same as data, with the gains.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> parts = [dfc.reference_filter(20.0, 1e-3), dfc.position_controller(axis, 5.0, 1e-3),
+    ...          dfc.axis_block(axis, 1e-3), dfc.encoder(1e-6, 1e-3)]
+    >>> loop = ct.interconnect(parts, inputs=["r"], outputs=["x", "v", "F", "mode", "u"])
+    >>> loop.ninputs, loop.noutputs
+    (1, 5)
+    """
+    return PositionController.from_bandwidth(axis, bandwidth, dt, limit).block(name)
+
+
+def _memoryless(axis: FrictionAxis, what: str) -> None:
+    instance("axis", axis, FrictionAxis)
+    for effect in axis.effects:
+        if effect.remembers:
+            raise ValueError(
+                f"{what} has no place for the effect {effect.slug!r}, which remembers the past: "
+                "take axis_block(axis, dt)"
+            )

@@ -1,0 +1,67 @@
+"""Physical effects beyond the base model, one class each, by where they act."""
+
+from dryfric_control.model.effects.base import (
+    CoulombFriction,
+    Inertia,
+    StribeckPeak,
+    ViscousFriction,
+)
+from dryfric_control.model.effects.drive import (
+    ActuatorLag,
+    DeadZone,
+    InputDelay,
+    InputGain,
+    Saturation,
+)
+from dryfric_control.model.effects.effect import (
+    Effect,
+    parameter,
+    register_effect,
+)
+from dryfric_control.model.effects.elastic import Backlash, Compliance, Presliding
+from dryfric_control.model.effects.forces import (
+    BiasForce,
+    Cogging,
+    Gravity,
+    QuadraticDrag,
+    Spring,
+    TimePeriodic,
+    ViscousAsymmetry,
+)
+from dryfric_control.model.effects.levels import (
+    CoulombAsymmetry,
+    Drift,
+    DwellTime,
+    LoadDependence,
+    PositionDependence,
+)
+
+__all__ = [
+    "ActuatorLag",
+    "Backlash",
+    "BiasForce",
+    "Cogging",
+    "Compliance",
+    "CoulombAsymmetry",
+    "CoulombFriction",
+    "DeadZone",
+    "Drift",
+    "DwellTime",
+    "Effect",
+    "Gravity",
+    "Inertia",
+    "InputDelay",
+    "InputGain",
+    "LoadDependence",
+    "PositionDependence",
+    "Presliding",
+    "QuadraticDrag",
+    "Saturation",
+    "Spring",
+    "StribeckPeak",
+    "TimePeriodic",
+    "ViscousAsymmetry",
+    "ViscousFriction",
+    "parameter",
+    "register_effect",
+]

@@ -1,0 +1,234 @@
+"""Base parameters of the axis that are not what was believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+from dryfric_control.model.friction import MOST_EXCESS, CoulombMap, Stribeck
+
+
+class BaseAxis(Protocol):
+    """What an effect on the base parameters changes: a `FrictionAxis`."""
+
+    @property
+    def mass(self) -> float:
+        """Moving mass."""
+
+    @property
+    def viscous(self) -> float:
+        """Viscous coefficient."""
+
+    @property
+    def coulomb(self) -> CoulombMap:
+        """Coulomb levels."""
+
+    def replace(self, **changes: Any) -> Self:
+        """Axis with some fields changed."""
+
+
+@register_effect
+@dataclass(frozen=True)
+class Inertia(Effect):
+    r"""Mass other than the axis' own.
+
+    Parameters
+    ----------
+    factor : float
+        Mass that moves over the axis' `mass` [1].
+
+    Notes
+    -----
+    .. math:: m \to \text{factor} \cdot m
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> axis.replace(effects=(dfc.effects.Inertia(factor=1.5),)).effective().mass
+    3.0
+    """
+
+    factor: float = parameter("1", "moving mass over the axis' own", bounds=(1e-9, math.inf))
+
+    slug = "inertia"
+    title = "wrong inertia"
+    action = "axis"
+    depends_on_place = False
+    explanation = (
+        "More or less mass moves than believed: a workpiece, a coupling, a gear ratio "
+        "taken wrongly into account."
+    )
+    experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
+
+    def alter(self, axis: BaseAxis) -> BaseAxis:
+        """Axis with the other mass.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        return axis.replace(mass=self.factor * axis.mass)
+
+
+@register_effect
+@dataclass(frozen=True)
+class ViscousFriction(Effect):
+    r"""Viscous coefficient other than the axis' own.
+
+    Parameters
+    ----------
+    factor : float
+        Coefficient over the axis' `viscous` [1].
+
+    Notes
+    -----
+    .. math:: f \to \text{factor} \cdot f
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> axis.replace(effects=(dfc.effects.ViscousFriction(factor=2.0),)).effective().viscous
+    30.0
+    """
+
+    factor: float = parameter("1", "coefficient over the axis' own", bounds=(0.0, math.inf))
+
+    slug = "viscous"
+    title = "wrong viscous friction"
+    action = "axis"
+    depends_on_place = False
+    explanation = (
+        "Speed-proportional friction differs from what was believed: other grease, another "
+        "temperature, a new seal."
+    )
+    experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
+
+    def alter(self, axis: BaseAxis) -> BaseAxis:
+        """Axis with the other viscous coefficient.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        return axis.replace(viscous=self.factor * axis.viscous)
+
+
+@register_effect
+@dataclass(frozen=True)
+class CoulombFriction(Effect):
+    r"""Coulomb level other than the axis' own, the same both ways.
+
+    Parameters
+    ----------
+    factor : float
+        Level over the axis' `coulomb` [1].
+
+    Notes
+    -----
+    .. math:: F_c \to \text{factor} \cdot F_c
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=(8.0, 6.0))
+    >>> axis.replace(effects=(dfc.effects.CoulombFriction(factor=1.5),)).effective().coulomb
+    CoulombMap(plus=(12.0,), minus=(9.0,))
+    """
+
+    factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf))
+
+    slug = "coulomb"
+    title = "wrong Coulomb level"
+    action = "axis"
+    depends_on_place = False
+    explanation = (
+        "Dry friction as a whole is higher or lower than believed: preload, wear, lubrication."
+    )
+    experiment = (
+        "Crawl both ways at the same speed: half the difference of the forces is the level."
+    )
+
+    def alter(self, axis: BaseAxis) -> BaseAxis:
+        """Axis with the other levels.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        return axis.replace(coulomb=axis.coulomb.scaled(self.factor))
+
+
+@register_effect
+@dataclass(frozen=True)
+class StribeckPeak(Effect):
+    r"""Friction that is higher at the slowest motion.
+
+    It takes the place of the axis' own Stribeck peak, if there is one.
+
+    Parameters
+    ----------
+    excess : float
+        Relative excess of the breakaway over the Coulomb level [1].
+    speed : float
+        Stribeck speed, over which the excess dies [m/s].
+
+    Notes
+    -----
+    .. math:: F = F_c \left(1 + \text{excess} \cdot e^{-(({|v|} - \Sigma)/\text{speed})^2}\right)
+
+    with Sigma the stick speed of the axis.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> peak = dfc.effects.StribeckPeak(excess=0.3, speed=0.01)
+    >>> axis.replace(effects=(peak,)).effective().stribeck
+    Stribeck(excess=0.3, speed=0.01)
+    """
+
+    excess: float = parameter("1", "excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS))
+    speed: float = parameter("m/s", "speed over which it dies", bounds=(1e-300, math.inf))
+
+    slug = "stribeck"
+    title = "Stribeck peak"
+    action = "axis"
+    depends_on_place = False
+    explanation = (
+        "At the slowest motion the film of oil breaks down and friction rises: it takes more "
+        "to start than to keep going."
+    )
+    experiment = "Crawl slower and slower through a soft drive: the axis starts to stick and slip."
+
+    def alter(self, axis: BaseAxis) -> BaseAxis:
+        """Axis with this peak.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        return axis.replace(stribeck=Stribeck(self.excess, self.speed))

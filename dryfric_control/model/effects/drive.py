@@ -1,0 +1,210 @@
+"""What the drive makes of its command before it becomes a force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+
+if TYPE_CHECKING:
+    pass
+
+
+@register_effect
+@dataclass(frozen=True)
+class InputDelay(Effect):
+    r"""Drive force that acts some time after the command.
+
+    Parameters
+    ----------
+    delay : float
+        Delay [s], any length, not only whole samples.
+
+    Notes
+    -----
+    .. math:: u(t) \to u(t - \text{delay})
+
+    Examples
+    --------
+    It starts when the force arrives, here between two samples:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.InputDelay(delay=4.5e-3),))
+    >>> resp = axis.simulate([10.0] * 20, dt=1e-3)
+    >>> round(float(resp.events.time[0]), 9)
+    0.0045
+    """
+
+    delay: float = parameter("s", "delay", bounds=(0.0, math.inf))
+
+    slug = "input_delay"
+    title = "input delay"
+    action = "delay"
+    depends_on_place = False
+    remembers = True
+    explanation = "The drive acts late: computing time, a field bus, or a current loop's dead time."
+    experiment = "Step the force while sliding and time the bend in speed against the command."
+
+
+@register_effect
+@dataclass(frozen=True)
+class ActuatorLag(Effect):
+    r"""Drive force that follows the command with a first-order lag.
+
+    Parameters
+    ----------
+    time_constant : float
+        Time constant [s].
+
+    Notes
+    -----
+    .. math:: u \to y, \quad \text{time constant} \cdot \dot y = u - y
+
+    Examples
+    --------
+    It starts when the force has grown to the level, after tau ln 2:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.ActuatorLag(time_constant=0.01),))
+    >>> resp = axis.simulate([16.0] * 20, dt=1e-3)
+    >>> round(float(resp.events.time[0]), 6)
+    0.006931
+    """
+
+    time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf))
+
+    slug = "actuator_lag"
+    title = "actuator lag"
+    action = "lag"
+    depends_on_place = False
+    remembers = True
+    explanation = "The force builds up gradually: the winding's inductance or a valve's stroke."
+    experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
+
+
+@register_effect
+@dataclass(frozen=True)
+class InputGain(Effect):
+    r"""Drive force that is a multiple of the commanded one.
+
+    Parameters
+    ----------
+    gain : float
+        Force acting over force commanded [1].
+
+    Notes
+    -----
+    .. math:: u \to \text{gain} \cdot u
+
+    Examples
+    --------
+    A command of 5 N acts with 10 N against a level of 8 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.InputGain(gain=2.0),))
+    >>> round(float(axis.simulate([5.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
+    """
+
+    gain: float = parameter("1", "force acting over force commanded", bounds=(0.0, math.inf))
+
+    slug = "input_gain"
+    title = "input gain"
+    action = "input"
+    depends_on_place = False
+    explanation = "The drive gives more or less force than believed: torque constant or scaling."
+    experiment = "Hang a known weight on the axis and read the command that balances it."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * u
+
+
+@register_effect
+@dataclass(frozen=True)
+class DeadZone(Effect):
+    r"""Command below which the drive gives no force.
+
+    Parameters
+    ----------
+    width : float
+        Half width of the dead zone [N]; above it the force is the command
+        less this width.
+
+    Notes
+    -----
+    .. math:: u \to u - \min(\max(u, -\text{width}), \text{width})
+
+    Examples
+    --------
+    Of 12 N it takes away 2 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.DeadZone(width=2.0),))
+    >>> round(float(axis.simulate([12.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
+    """
+
+    width: float = parameter("N", "half width", bounds=(0.0, math.inf))
+
+    slug = "dead_zone"
+    title = "dead zone"
+    action = "input"
+    depends_on_place = False
+    explanation = "Small commands are lost in the drive: valve overlap or a bridge's blanking time."
+    experiment = (
+        "Sweep the command slowly through zero while the axis is pushed by a constant load."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        if u > p[0]:
+            return u - p[0]
+        if u < -p[0]:
+            return u + p[0]
+        return 0.0
+
+
+@register_effect
+@dataclass(frozen=True)
+class Saturation(Effect):
+    r"""Largest force that the drive gives.
+
+    Parameters
+    ----------
+    limit : float
+        Largest magnitude of the force [N].
+
+    Notes
+    -----
+    .. math:: u \to \min(\max(u, -\text{limit}), \text{limit})
+
+    Examples
+    --------
+    However large the command, 10 N act:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Saturation(limit=10.0),))
+    >>> round(float(axis.simulate([500.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
+    """
+
+    limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf))
+
+    slug = "saturation"
+    title = "saturation"
+    action = "input"
+    depends_on_place = False
+    explanation = "The drive cannot give more than this: current limit, supply voltage, pressure."
+    experiment = "Step the reference further and further: the acceleration stops growing."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return min(max(u, -p[0]), p[0])

@@ -1,0 +1,179 @@
+"""Contacts and transmissions that give way, with a state of their own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+
+if TYPE_CHECKING:
+    pass
+
+
+@register_effect
+@dataclass(frozen=True)
+class Presliding(Effect):
+    r"""Friction that is elastic before it slides.
+
+    Parameters
+    ----------
+    distance : float
+        Way over which the Coulomb level builds up [m].
+
+    Notes
+    -----
+    .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
+
+    Prandtl's element: F = k z with z' = v and k = Fc/distance, up to the
+    friction level, at which it slides; when the motion turns back the contact
+    unloads elastically from where it is.  Fc is one constant level, the mean
+    of both directions in the middle of the travel.  Mode 0 is the elastic
+    phase: the axis moves in it, ``m v' = w - f v - k z``, and stick speed and
+    stick rate have no part in it.  Without a Coulomb level there is no
+    contact.  A simulation starts with the contact unstrained.
+
+    Examples
+    --------
+    Below breakaway the axis swings about u/k and comes to rest there:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=300.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Presliding(distance=40e-6),))
+    >>> resp = axis.simulate(np.full(500, 4.0), dt=1e-3)
+    >>> round(1e6 * float(resp.y[0, -1]), 6)
+    20.0
+    """
+
+    distance: float = parameter(
+        "m", "way over which the Coulomb level builds up", bounds=(1e-300, math.inf)
+    )
+
+    slug = "presliding"
+    title = "presliding"
+    action = "contact"
+    depends_on_place = False
+    remembers = True
+    explanation = (
+        "Before it breaks away the contact bends like a spring: the axis gives way by "
+        "micrometres and springs back."
+    )
+    experiment = (
+        "Raise and lower the force slowly below breakaway: the position follows in a loop, "
+        "not on a line and not at all."
+    )
+
+
+@register_effect
+@dataclass(frozen=True)
+class Backlash(Effect):
+    r"""Free play between motor and load.
+
+    Parameters
+    ----------
+    gap : float
+        Whole width of the play [m].
+    load_fraction : float
+        Share of the mass behind the play [1].
+
+    Notes
+    -----
+    .. math:: {|x - x_l|} \le \tfrac{1}{2}\, \text{gap}, \quad x_l \text{ the load}
+
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
+    load_fraction m, carries all friction and all force effects.  In contact
+    the two move as one until the contact would have to pull; they meet again
+    in a plastic impact that keeps the momentum.  Position and speed are the
+    motor's, friction and mode the load's.  A simulation starts with the motor
+    in the middle of the play.  In contact the net force on both masses counts
+    for a friction that depends on it.
+
+    Examples
+    --------
+    The motor crosses half the play alone, then takes the load along:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.effects.Backlash(gap=2e-3, load_fraction=0.5),))
+    >>> resp = axis.simulate(np.full(100, 5.0), dt=1e-3)
+    >>> float(resp.events.times(0, 1)[0]).__round__(6)     # sqrt(gap m/2/u)
+    0.02
+    """
+
+    gap: float = parameter("m", "whole width of the play", bounds=(1e-300, math.inf))
+    load_fraction: float = parameter(
+        "1", "share of the mass behind the play", bounds=(1e-6, 1.0 - 1e-6)
+    )
+
+    slug = "backlash"
+    title = "backlash"
+    action = "transmission"
+    depends_on_place = False
+    remembers = True
+    explanation = (
+        "There is play between motor and load: after each reversal the motor runs free, then "
+        "strikes the load."
+    )
+    experiment = (
+        "Reverse slowly under a small force: the motor moves by the play before the force rises."
+    )
+
+
+@register_effect
+@dataclass(frozen=True)
+class Compliance(Effect):
+    r"""Elastic transmission between motor and load.
+
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness of the transmission [N/m].
+    damping : float
+        Its damping [N s/m].
+    load_fraction : float
+        Share of the mass behind the transmission [1].
+
+    Notes
+    -----
+    .. math:: F_t = \text{stiffness} \cdot (x - x_l) + \text{damping} \cdot (v - v_l)
+
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
+    load_fraction m, carries all friction and all force effects; the force
+    between them is stiffness (x - xl) + damping (v - vl).  Position and speed
+    are the motor's, friction and mode the load's.  A simulation starts with
+    the transmission unstrained.  The steps are a fraction of its natural
+    period as long as it swings: a very stiff one costs time.
+
+    Examples
+    --------
+    The load holds, and the motor winds the transmission up to u/stiffness:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(
+    ...     mass=2.0, viscous=0.0, coulomb=8.0,
+    ...     effects=(dfc.effects.Compliance(stiffness=1e4, damping=60.0, load_fraction=0.5),))
+    >>> resp = axis.simulate(np.full(1000, 4.0), dt=1e-3)
+    >>> round(1e3 * float(resp.y[0, -1]), 6)
+    0.4
+    """
+
+    stiffness: float = parameter("N/m", "stiffness", bounds=(1e-300, math.inf))
+    damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf))
+    load_fraction: float = parameter(
+        "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6)
+    )
+
+    slug = "compliance"
+    title = "compliance"
+    action = "transmission"
+    depends_on_place = False
+    remembers = True
+    explanation = (
+        "A belt, a long screw or a soft coupling gives way between motor and load: they swing "
+        "against each other."
+    )
+    experiment = "Step the force while sliding: the motor's speed rings at the natural frequency."

@@ -1,0 +1,323 @@
+"""Forces on the axis besides its friction: of place, speed, time or none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+
+if TYPE_CHECKING:
+    pass
+
+
+@register_effect
+@dataclass(frozen=True)
+class BiasForce(Effect):
+    r"""Constant force on the mass.
+
+    Parameters
+    ----------
+    force : float
+        Force [N], positive with x.
+
+    Notes
+    -----
+    .. math:: w \to w + \text{force}
+
+    with w the force on the mass without friction.
+
+    Examples
+    --------
+    Three newtons against a level of one move 2 kg at 1 m/s^2:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.effects.BiasForce(force=3.0),))
+    >>> resp = axis.simulate([0.0] * 1001, dt=1e-3)
+    >>> round(float(resp.y[1, -1]), 9)
+    1.0
+    """
+
+    force: float = parameter("N", "force, positive with x")
+
+    slug = "bias_force"
+    title = "bias force"
+    action = "force"
+    depends_on_place = False
+    depends_on_speed = False
+    explanation = (
+        "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
+        "cable, or an offset of the amplifier."
+    )
+    experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0]
+
+
+@register_effect
+@dataclass(frozen=True)
+class ViscousAsymmetry(Effect):
+    r"""Viscous friction that differs between the directions.
+
+    Parameters
+    ----------
+    viscous : float
+        Half the difference of the two coefficients [N s/m]: added for motion
+        in positive direction, taken away in negative direction.
+
+    Notes
+    -----
+    .. math:: w \to w - \text{viscous} \cdot {|v|}
+
+    so that the coefficient is f + viscous forwards and f - viscous backwards.
+
+    Examples
+    --------
+    The same force gives another speed each way, (13 - 1)/(10 +- 2):
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.1, viscous=10.0, coulomb=1.0,
+    ...                         effects=(dfc.effects.ViscousAsymmetry(viscous=2.0),))
+    >>> [round(float(axis.simulate([u] * 1000, dt=1e-3).y[1, -1]), 6) for u in (13.0, -13.0)]
+    [1.0, -1.5]
+    """
+
+    viscous: float = parameter("N s/m", "half the difference, positive less negative")
+
+    slug = "viscous_asymmetry"
+    title = "viscous asymmetry"
+    action = "force"
+    depends_on_place = False
+    explanation = (
+        "Speed-proportional friction is larger one way: a lip seal or a one-sided oil film."
+    )
+    experiment = "Run at several constant speeds both ways and compare the slopes of force."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * abs(v)
+
+
+@register_effect
+@dataclass(frozen=True)
+class QuadraticDrag(Effect):
+    r"""Drag that grows with the square of speed.
+
+    Parameters
+    ----------
+    drag : float
+        Coefficient of ``v |v|`` [N s^2/m^2].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{drag} \cdot v {|v|}
+
+    Examples
+    --------
+    Eight newtons above the Coulomb level hold sqrt(8/2) m/s:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.5, viscous=0.0, coulomb=1.0,
+    ...                         effects=(dfc.effects.QuadraticDrag(drag=2.0),))
+    >>> round(float(axis.simulate([9.0] * 3000, dt=1e-3).y[1, -1]), 6)
+    2.0
+    """
+
+    drag: float = parameter("N s^2/m^2", "coefficient of v |v|", bounds=(0.0, math.inf))
+
+    slug = "quadratic_drag"
+    title = "quadratic drag"
+    action = "force"
+    depends_on_place = False
+    explanation = "Air or liquid is thrown aside, so the resistance grows with the square of speed."
+    experiment = "Run at several constant speeds up to the fastest: the force curve bends upwards."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * v * abs(v)
+
+
+@register_effect
+@dataclass(frozen=True)
+class Spring(Effect):
+    r"""Linear spring to the frame.
+
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness [N/m].
+    rest : float
+        Position without spring force [m].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{stiffness} \cdot (x - \text{rest})
+
+    Examples
+    --------
+    At rest friction holds the spring, 200 N/m over 4 mm:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Spring(stiffness=200.0),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=4e-3).y[2, -1]), 9)
+    -0.8
+    """
+
+    stiffness: float = parameter("N/m", "stiffness", bounds=(0.0, math.inf))
+    rest: float = parameter("m", "position without spring force", default=0.0)
+
+    slug = "spring"
+    title = "spring"
+    action = "force"
+    depends_on_speed = False
+    explanation = (
+        "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
+    )
+    experiment = "Crawl over the whole travel: the mean of the two directions slopes with position."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * (x - p[1])
+
+
+@register_effect
+@dataclass(frozen=True)
+class Gravity(Effect):
+    r"""Gravity on a rotary axis.
+
+    Parameters
+    ----------
+    amplitude : float
+        Largest torque m g l [N m].
+    phase : float
+        Position at which the arm hangs [rad].
+
+    Notes
+    -----
+    .. math:: w \to w - \text{amplitude} \cdot \sin(x - \text{phase})
+
+    Examples
+    --------
+    A level arm rests on friction, which carries its weight:
+
+    >>> import math
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.1, viscous=0.1, coulomb=1.0,
+    ...                         effects=(dfc.effects.Gravity(amplitude=0.5),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=math.pi / 2).y[2, -1]), 9)
+    -0.5
+    """
+
+    amplitude: float = parameter("N m", "largest torque m g l", bounds=(0.0, math.inf))
+    phase: float = parameter("rad", "position at which the arm hangs", default=0.0)
+
+    slug = "gravity"
+    title = "gravity on a rotary axis"
+    action = "force"
+    depends_on_speed = False
+    explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
+    experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * math.sin(x - p[1])
+
+
+@register_effect
+@dataclass(frozen=True)
+class Cogging(Effect):
+    r"""Force that repeats with position.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude [N].
+    period : float
+        Period [m].
+    phase : float
+        Phase at x = 0 [rad].
+
+    Notes
+    -----
+    .. math:: w \to w + \text{amplitude} \cdot \sin(2\pi x / \text{period} + \text{phase})
+
+    Examples
+    --------
+    A quarter of a period from zero it pushes with its amplitude:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Cogging(amplitude=3.0, period=0.01),))
+    >>> round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=2.5e-3).y[2, -1]), 9)
+    3.0
+    """
+
+    amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
+    period: float = parameter("m", "period", bounds=(1e-300, math.inf))
+    phase: float = parameter("rad", "phase at x = 0", default=0.0)
+
+    slug = "cogging"
+    title = "cogging"
+    action = "force"
+    depends_on_speed = False
+    explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
+    experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+
+@register_effect
+@dataclass(frozen=True)
+class TimePeriodic(Effect):
+    r"""Force that repeats with time.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude [N].
+    frequency : float
+        Frequency [Hz].
+    phase : float
+        Phase at t = 0 [rad].
+
+    Notes
+    -----
+    .. math::
+
+        w \to w + \text{amplitude} \cdot \sin(2\pi \cdot \text{frequency} \cdot t + \text{phase})
+
+    Examples
+    --------
+    It overcomes half its amplitude after a twelfth of a period:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.TimePeriodic(amplitude=16.0, frequency=0.25),))
+    >>> round(float(axis.simulate([0.0] * 1000, dt=1e-3).events.time[0]), 6)
+    0.333333
+    """
+
+    amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
+    frequency: float = parameter("Hz", "frequency", bounds=(0.0, math.inf))
+    phase: float = parameter("rad", "phase at t = 0", default=0.0)
+
+    slug = "time_periodic"
+    title = "disturbance periodic in time"
+    action = "force"
+    depends_on_place = False
+    depends_on_speed = False
+    explanation = (
+        "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
+    )
+    experiment = "Hold the axis at several speeds and at rest: the frequency stays the same."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])

@@ -1,0 +1,238 @@
+"""Dry friction whose level depends on direction, place, load, time or rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+
+if TYPE_CHECKING:
+    pass
+
+
+@register_effect
+@dataclass(frozen=True)
+class CoulombAsymmetry(Effect):
+    r"""Coulomb level that differs between the directions.
+
+    Parameters
+    ----------
+    force : float
+        Half the difference of the two levels [N]: added for motion in
+        positive direction, taken away in negative direction.
+
+    Notes
+    -----
+    .. math:: F_c \to F_c + s \cdot \text{force}, \quad s = \pm 1 \text{ the direction}
+
+    Examples
+    --------
+    With levels of 9 N forwards and 7 N backwards, 8 N move it one way only:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.CoulombAsymmetry(force=1.0),))
+    >>> [int(axis.simulate([u] * 10, dt=1e-3).mode[-1]) for u in (8.0, -8.0)]
+    [0, -1]
+    """
+
+    force: float = parameter("N", "half the difference, positive less negative")
+
+    slug = "coulomb_asymmetry"
+    title = "Coulomb asymmetry"
+    action = "friction"
+    depends_on_place = False
+    explanation = "Dry friction is larger one way: worn or preloaded contact, a wedge, a brush."
+    experiment = (
+        "Crawl both ways at the same speed and compare the levels; tilt to part it from a bias."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] if direction > 0.0 else -p[0]
+
+
+@register_effect
+@dataclass(frozen=True)
+class PositionDependence(Effect):
+    r"""Coulomb level that changes along the travel.
+
+    Parameters
+    ----------
+    slope : float
+        Relative change of the level per length [1/m].
+    curvature : float
+        Coefficient of the square [1/m^2].
+    centre : float
+        Position at which the level is the axis' own [m].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{slope} \cdot q + \text{curvature} \cdot q^2\right)
+
+    with q = x - centre.
+
+    Examples
+    --------
+    A drive of 8.5 N moves it where the level is 8 N, not where it is 8.8 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.PositionDependence(slope=1.0),))
+    >>> [int(axis.simulate([8.5] * 10, dt=1e-3, x0=x).mode[-1]) for x in (0.0, 0.1)]
+    [1, 0]
+    """
+
+    slope: float = parameter("1/m", "relative change per length")
+    curvature: float = parameter("1/m^2", "coefficient of the square", default=0.0)
+    centre: float = parameter("m", "position of the unchanged level", default=0.0)
+
+    slug = "position_dependence"
+    title = "position-dependent friction"
+    action = "friction"
+    explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
+    experiment = "Crawl over the whole travel both ways and plot the force over position."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        q = x - p[2]
+        return level * (p[0] + p[1] * q) * q
+
+
+@register_effect
+@dataclass(frozen=True)
+class LoadDependence(Effect):
+    r"""Friction that grows with the transmitted force.
+
+    Parameters
+    ----------
+    coefficient : float
+        Added friction over net force [1].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c + \text{coefficient} \cdot {|w|}
+
+    The Stribeck peak does not raise this part: it is the friction of another
+    contact.
+
+    Examples
+    --------
+    Half of the 20 N that it transmits is lost, and 8 N of its own:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.LoadDependence(coefficient=0.5),))
+    >>> round(float(axis.simulate([20.0] * 1001, dt=1e-3).y[1, -1]), 9)
+    1.0
+    """
+
+    coefficient: float = parameter("1", "added friction over net force", bounds=(0.0, 1.0))
+
+    slug = "load_dependence"
+    title = "load-dependent friction"
+    action = "friction"
+    depends_on_place = False
+    within_peak = False
+    explanation = (
+        "The force that the gear or screw carries presses its teeth together: more friction."
+    )
+    experiment = (
+        "Repeat one motion with different loads, braking included: friction follows the load."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * abs(u)
+
+
+@register_effect
+@dataclass(frozen=True)
+class Drift(Effect):
+    r"""Friction level that changes over the record.
+
+    Parameters
+    ----------
+    rate : float
+        Relative change of the Coulomb level per time [1/s].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{rate} \cdot t\right)
+
+    Examples
+    --------
+    Friction that falls by a tenth a second lets go of 7.6 N after 0.5 s:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Drift(rate=-0.1),))
+    >>> round(float(axis.simulate([7.6] * 1000, dt=1e-3).events.time[0]), 6)
+    0.5
+    """
+
+    rate: float = parameter("1/s", "relative change of the level per time")
+
+    slug = "drift"
+    title = "friction drift"
+    action = "friction"
+    depends_on_place = False
+    explanation = "Friction rises or falls while the machine runs: warming grease, a drying seal."
+    experiment = "Repeat the same crawl every few minutes from cold to warm."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return level * p[0] * t
+
+
+@register_effect
+@dataclass(frozen=True)
+class DwellTime(Effect):
+    r"""Breakaway level that grows with the time at rest.
+
+    Parameters
+    ----------
+    rise : float
+        Breakaway force gained after a long rest [N].
+    time_constant : float
+        Time constant of the gain [s].
+
+    Notes
+    -----
+    .. math:: F_b \to F_b + \text{rise} \cdot \left(1 - e^{-t_r/\text{time constant}}\right)
+
+    with F_b the breakaway level and t_r the time at rest; the Stribeck peak does
+    not raise this part.
+
+    Examples
+    --------
+    Under a slow ramp of force it breaks away half a newton later:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0,
+    ...                         effects=(dfc.effects.DwellTime(rise=0.5, time_constant=0.05),))
+    >>> ramp = np.arange(2000) * 1e-3
+    >>> round(float(axis.simulate(ramp, dt=1e-3, hold="first").events.time[0]), 6)
+    1.5
+    """
+
+    rise: float = parameter("N", "breakaway gained after a long rest", bounds=(0.0, math.inf))
+    time_constant: float = parameter("s", "time constant", bounds=(1e-9, math.inf))
+
+    slug = "dwell_time"
+    title = "dwell-time dependence"
+    action = "friction"
+    depends_on_place = False
+    within_peak = False
+    remembers = True
+    explanation = (
+        "At rest the contacts creep together and the oil is squeezed out: it sticks harder."
+    )
+    experiment = "Break away after rests of different lengths with the same slow ramp of force."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * -math.expm1(-rest / p[1])

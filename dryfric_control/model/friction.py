@@ -1,0 +1,244 @@
+"""Static friction description: Coulomb levels and the Stribeck peak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.checks import finite, places, positive
+
+
+def _coefficients(name: str, values: float | Iterable[float]) -> tuple[float, ...]:
+    if isinstance(values, (int, float, np.number)):
+        values = (finite(name, values),)
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(
+            f"{name} must be a number or the coefficients c0, c1, ... of a polynomial in "
+            f"position, got {values!r}"
+        )
+    result = tuple(finite(f"{name}[{i}]", c) for i, c in enumerate(values))
+    if not result:
+        raise ValueError(f"{name} is empty: give at least the constant level c0")
+    return result
+
+
+@dataclass(frozen=True)
+class CoulombMap:
+    """Coulomb level over position, one polynomial per direction.
+
+    Parameters
+    ----------
+    plus : float or sequence of float
+        Coefficients c0, c1, ... of ``c0 + c1 x + c2 x^2 ...`` for motion in
+        positive direction, a magnitude [N or N m].
+    minus : float or sequence of float, optional
+        The same for negative direction, also a magnitude.  Default: as `plus`.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is not a finite number or a list is empty.
+
+    Notes
+    -----
+    These are Fc_plus(x) and Fc_minus(x) of the hybrid model (paper, eq. (3)).
+    Outside an axis' travel the level keeps the value at the end of travel:
+    polynomials do not extrapolate.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> level = dfc.CoulombMap(plus=[8.0, 10.0], minus=7.0)
+    >>> float(level(0.1, +1)), float(level(0.1, -1))
+    (9.0, 7.0)
+    """
+
+    plus: tuple[float, ...]
+    minus: tuple[float, ...] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        plus = _coefficients("plus", self.plus)
+        minus = plus if self.minus is None else _coefficients("minus", self.minus)
+        object.__setattr__(self, "plus", plus)
+        object.__setattr__(self, "minus", minus)
+
+    @classmethod
+    def of(cls, coulomb: CoulombMap | float | Iterable[float]) -> CoulombMap:
+        """Map from a number, a pair (plus, minus), or a map itself.
+
+        Parameters
+        ----------
+        coulomb : CoulombMap, float or pair
+            What to take as levels.
+
+        Returns
+        -------
+        CoulombMap
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+        """
+        if isinstance(coulomb, CoulombMap):
+            return coulomb
+        if isinstance(coulomb, np.ndarray):
+            coulomb = coulomb.tolist()
+        if isinstance(coulomb, (int, float, np.number)) and not isinstance(coulomb, bool):
+            return cls(float(coulomb))  # type: ignore[arg-type]
+        if isinstance(coulomb, (tuple, list)) and len(coulomb) == 2:
+            return cls(coulomb[0], coulomb[1])  # type: ignore[arg-type]
+        raise ValueError(
+            "coulomb must be a level, a pair (plus, minus) of levels, or a CoulombMap, "
+            f"got {coulomb!r}"
+        )
+
+    @property
+    def constant(self) -> bool:
+        """Whether the level is the same at every position."""
+        return len(self.plus) == 1 and len(self.minus) == 1
+
+    def __call__(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
+        """Level at positions `x` for motion in `direction` (+1 or -1).
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            Positions.
+        direction : int
+            +1 or -1.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Magnitude of the Coulomb friction.
+        """
+        if isinstance(direction, bool) or direction not in (1, -1):
+            raise ValueError(f"direction must be +1 or -1, got {direction!r}")
+        coefficients = self.plus if direction > 0 else self.minus
+        return np.asarray(np.polynomial.polynomial.polyval(places("x", x), coefficients), float)
+
+    def scaled(self, plus: float, minus: float | None = None) -> CoulombMap:
+        """Map with each direction multiplied by a factor.
+
+        Parameters
+        ----------
+        plus : float
+            Factor of the positive direction.
+        minus : float, optional
+            Factor of the negative direction.  Default: as `plus`.
+
+        Returns
+        -------
+        CoulombMap
+        """
+        plus = finite("plus", plus)
+        other = plus if minus is None else finite("minus", minus)
+        return CoulombMap(tuple(plus * c for c in self.plus), tuple(other * c for c in self.minus))
+
+    def check(self, travel: tuple[float, float] | None) -> None:
+        """Refuse levels that are not positive over the travel.
+
+        Parameters
+        ----------
+        travel : tuple of float, or None
+            Lowest and highest position [m].
+
+        Raises
+        ------
+        ValueError
+            If a level is zero or negative somewhere, or varies with position
+            while no travel says where it holds.
+        """
+        for name, direction, c in (("plus", 1, self.plus), ("minus", -1, self.minus)):
+            if travel is None:
+                if len(c) > 1:
+                    raise ValueError(
+                        f"coulomb.{name} varies with position: give travel=(low, high), the range "
+                        "in which the polynomial holds"
+                    )
+                if c[0] < 0.0:
+                    raise ValueError(
+                        f"coulomb.{name} must be a magnitude, zero or more, got {c[0]!r}"
+                    )
+                continue
+            roots: NDArray[np.complex128] = np.empty(0, complex)
+            if len(c) > 2:
+                roots = np.polynomial.Polynomial(c).deriv().roots().astype(complex)
+            turns = roots.real[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))]
+            inside = turns[(turns > travel[0]) & (turns < travel[1])]
+            places = np.concatenate([travel, inside])
+            levels = self(places, direction)
+            worst = int(np.argmin(levels))
+            if levels[worst] < 0.0:
+                raise ValueError(
+                    f"coulomb.{name} falls to {levels[worst]:.6g} at x = {places[worst]:.6g}: a "
+                    "Coulomb level is a magnitude and must stay positive over the travel"
+                )
+
+
+#: Largest excess of a Stribeck peak: beyond ten times the Coulomb level, somebody
+#: has written per cent.
+MOST_EXCESS = 10.0
+
+
+@dataclass(frozen=True)
+class Stribeck:
+    """Stribeck peak: friction that is higher at the slowest motion.
+
+    Parameters
+    ----------
+    excess : float
+        Relative excess sigma of the breakaway over the Coulomb level [1].
+    speed : float
+        Stribeck speed vs, over which the excess dies [m/s or rad/s].
+
+    Raises
+    ------
+    ValueError
+        If `excess` is negative or beyond `MOST_EXCESS`, or `speed` not positive.
+
+    Notes
+    -----
+    F = Fc (1 + sigma exp(-((s v - Sigma)/vs)^2)), with Sigma the stick speed of
+    the axis (paper, eq. (3)); the breakaway level is Fs = (1 + sigma) Fc.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> dfc.Stribeck(excess=0.3, speed=0.01)
+    Stribeck(excess=0.3, speed=0.01)
+    """
+
+    excess: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        excess = positive("stribeck.excess", self.excess, zero=True)
+        if excess > MOST_EXCESS:
+            raise ValueError(
+                f"stribeck.excess is a share of the Coulomb level, at most {MOST_EXCESS:g}: for "
+                f"30 % give 0.3, got {excess:g}"
+            )
+        object.__setattr__(self, "excess", excess)
+        object.__setattr__(self, "speed", positive("stribeck.speed", self.speed, unit="m/s"))
+
+    def factor(self, speed: ArrayLike, stick_speed: float = 0.0) -> NDArray[np.float64]:
+        """Friction over its Coulomb level, by the law of the class.
+
+        Parameters
+        ----------
+        speed : array_like, shape (n,)
+            Speed in the direction of motion [m/s].
+        stick_speed : float, optional
+            Stick speed of the axis [m/s].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        past = (np.asarray(speed, dtype=float) - stick_speed) / self.speed
+        return np.asarray(1.0 + self.excess * np.exp(-(past**2)))

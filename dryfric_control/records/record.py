@@ -1,0 +1,916 @@
+"""Measured data, validated at the door.
+
+`Record` holds the time, input and position of one run. Whatever passes
+its constructor is uniformly sampled, finite and moving, so that nothing
+behind it has to ask again.
+"""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from dryfric_control.checks import positive_number
+from dryfric_control.records.readers.bam_log import read_bam_entries
+from dryfric_control.records.readers.channels import Channels
+from dryfric_control.records.readers.sources import MAX_ROWS, read_channels
+from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
+from dryfric_control.records.record_checks import (
+    MIN_SAMPLES,
+    FloatArray,
+    RecordWarning,
+    check_motion,
+    checked_notes,
+    checked_units,
+    estimated_quantum,
+    increasing_steps,
+    resample,
+    uniform_step,
+    unwrapped,
+    vector,
+    vectors,
+    warn,
+    warn_if_suspect,
+)
+from dryfric_control.store.files import replacing
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+
+__all__ = ["Derivatives", "Record", "RecordWarning", "read_bam", "read_record"]
+
+_WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
+
+
+class Derivatives(NamedTuple):
+    """Smoothed position, speed and acceleration, each shape (n,)."""
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Record:
+    """Measured run of one axis, uniformly sampled.
+
+    The arrays are copied to float64 and made read-only; the arguments are
+    left as they were.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Time [s], increasing in steps that agree within 1 %.
+    u : array_like, shape (n,)
+        Drive force or torque, ``u[k]`` held from ``t[k]`` to ``t[k+1]``.
+    x : array_like, shape (n,)
+        Measured position at ``t[k]``.
+    reference : array_like, shape (n,), optional
+        Commanded position.
+    units : mapping, optional
+        Units of ``t``, ``u`` and ``x``, such as ``{"u": "N", "x": "m"}``. Labels,
+        kept through every operation; scaled units such as mm are refused.
+    name : str, optional
+        Title in plots and tables.
+    notes : sequence of str, optional
+        What was done to the data before.
+    quantum : float, optional
+        Encoder quantum [unit of x]; 0 for none; estimated when left out.
+    unwrap : float, optional
+        Period of an encoder that wraps around [unit of x]; jumps of more
+        than half of it are undone.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling step [s].
+    notes : tuple of str
+
+    Raises
+    ------
+    ValueError
+        For data that cannot be judged; the message says what to do.
+
+    Warns
+    -----
+    RecordWarning
+        When the time looks like milliseconds or microseconds, the input
+        clipped, or the position jumps.
+
+    Notes
+    -----
+    A speed from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
+    ``u[k]``, not ``u[k]``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> record = dfc.Record(t=t, u=np.cos(t), x=1e-6 * np.round(1e4 * np.sin(3 * t)))
+    >>> record.dt, len(record), round(1e6 * record.quantum, 9)
+    (0.001, 2000, 1.0)
+    >>> train, test = record.split(0.6)
+    >>> len(train), float(test.t[0])
+    (1200, 1.2)
+    """
+
+    t: FloatArray
+    u: FloatArray
+    x: FloatArray
+    reference: FloatArray | None
+    dt: float
+    units: Mapping[str, str]
+    name: str | None
+    notes: tuple[str, ...]
+
+    def __init__(
+        self,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        x: npt.ArrayLike,
+        reference: npt.ArrayLike | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+        notes: Sequence[str] = (),
+        quantum: float | None = None,
+        unwrap: float | None = None,
+    ) -> None:
+        labels = checked_units(units)
+        if name is not None and not isinstance(name, str):
+            raise ValueError(f"name must be text, got {name!r}")
+        if quantum is not None:
+            quantum = positive_number("quantum", quantum, zero_allowed=True)
+        notes = checked_notes(notes)
+        tv, uv, xv, rv = vectors(t, u, x, reference)
+        dt = uniform_step(tv)
+        if unwrap is not None:
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
+            notes += (f"x unwrapped with period {unwrap:g}",)
+        check_motion(uv, xv)
+        warn_if_suspect(dt, uv)
+        self._set(tv, uv, xv, rv, dt, labels, name, notes)
+        if quantum is not None:
+            self.__dict__["quantum"] = quantum or None
+
+    def _set(
+        self,
+        t: FloatArray,
+        u: FloatArray,
+        x: FloatArray,
+        reference: FloatArray | None,
+        dt: float,
+        units: Mapping[str, str],
+        name: str | None,
+        notes: tuple[str, ...],
+    ) -> None:
+        for array in (t, u, x, reference):
+            if array is not None:
+                array.setflags(write=False)
+        self.__dict__.update(
+            t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes,
+            units=MappingProxyType(dict(units)),
+        )  # fmt: skip
+
+    def _derived(
+        self,
+        t: FloatArray,
+        u: FloatArray,
+        x: FloatArray,
+        reference: FloatArray | None,
+        dt: float,
+        note: str = "",
+    ) -> Record:
+        """A record made from this one; a part of it may well stand still."""
+        part = object.__new__(Record)
+        notes = self.notes + ((note,) if note else ())
+        part._set(t, u, x, reference, dt, self.units, self.name, notes)
+        part.__dict__["quantum"] = self.quantum
+        return part
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (
+            self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
+            self.notes, self.quantum,
+        )  # fmt: skip
+
+    # ------------------------------------------------------------ properties
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Record):
+            return NotImplemented
+        if (self.reference is None) != (other.reference is None):
+            return False
+        pairs = [(self.t, other.t), (self.u, other.u), (self.x, other.x)]
+        if self.reference is not None and other.reference is not None:
+            pairs.append((self.reference, other.reference))
+        return (
+            self.units == other.units
+            and self.name == other.name
+            and all(np.array_equal(a, b) for a, b in pairs)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def duration(self) -> float:
+        """Time covered [s], the last held sample included."""
+        return len(self) * self.dt
+
+    @property
+    def range(self) -> float:
+        """Distance between the extreme positions [unit of x]."""
+        return float(np.ptp(self.x))
+
+    @cached_property
+    def quantum(self) -> float | None:
+        """Encoder quantum seen in the data [unit of x], None if none.
+
+        The largest step of which at least 98 % of the differences between
+        positions are whole multiples (within a tenth).
+        """
+        return estimated_quantum(self.x)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the fast position noise [unit of x].
+
+        From the median size of fourth differences, which motion hardly
+        reaches while it is slow against the sampling; at least
+        quantum / sqrt(12).
+        """
+        floor = (self.quantum or 0.0) / math.sqrt(12)
+        if len(self) < MIN_SAMPLES:
+            return floor
+        spread = float(np.median(np.abs(np.diff(self.x, 4))))
+        # 0.6745: median of |N(0, 1)|; 70 = 1 + 16 + 36 + 16 + 1
+        return max(floor, spread / 0.6745 / math.sqrt(70))
+
+    @cached_property
+    def smoothing_window(self) -> int:
+        """Default window of `derivatives` [samples].
+
+        The shortest at which the noise leaves at most 5 % of the large
+        accelerations (their 95th percentile), 101 at most.
+        """
+        if len(self) < 2 * _WINDOWS[0]:
+            return _WINDOWS[0]
+        middle = max(0, len(self) // 2 - 500_000)
+        x = self.x[middle : middle + 1_000_000]
+        best = _WINDOWS[0]
+        for best in _WINDOWS:
+            if best > len(x) // 5:
+                break
+            left = self.noise * float(np.linalg.norm(savgol_coeffs(best, 3, 2, self.dt)))
+            a = np.abs(savgol_filter(x, best, 3, 2, self.dt))
+            if left <= 0.05 * float(np.quantile(a, 0.95)):
+                break
+        return min(best, (len(self) - 1) | 1)
+
+    # ----------------------------------------------------------------- parts
+
+    def __getitem__(self, key: slice) -> Record:
+        """The samples of a slice with step 1."""
+        if not isinstance(key, slice):
+            raise TypeError(f"a record takes slices, record[a:b]; got {key!r}. Use record.x[k]")
+        start, stop, step = key.indices(len(self))
+        if step != 1:
+            raise ValueError(f"slice step {step}: use record.decimated({abs(step)}) instead")
+        if stop - start < 2:
+            raise ValueError(
+                f"the slice {start}:{stop} of a record of {len(self)} samples holds "
+                f"{max(0, stop - start)}, at least 2 are needed"
+            )
+        part = slice(start, stop)
+        r = None if self.reference is None else self.reference[part]
+        return self._derived(self.t[part], self.u[part], self.x[part], r, self.dt)
+
+    def window(self, t0: float | None = None, t1: float | None = None) -> Record:
+        """The samples with t0 <= t < t1.
+
+        Parameters
+        ----------
+        t0, t1 : float, optional
+            Limits [s] on the record's own time axis; open when left out.
+
+        Returns
+        -------
+        Record
+        """
+        for limit, value in (("t0", t0), ("t1", t1)):
+            if value is not None and not isinstance(value, (int, float, np.number)):
+                raise ValueError(f"{limit} must be a number in s, got {value!r}")
+        a, b = -math.inf if t0 is None else t0, math.inf if t1 is None else t1
+        start, stop = np.searchsorted(self.t, [a, b])
+        if not a < b or stop - start < 2:
+            raise ValueError(
+                f"the window from {a:g} s to {b:g} s holds fewer than 2 samples; the record runs "
+                f"from {self.t[0]:g} s to {self.t[-1]:g} s"
+            )
+        return self[int(start) : int(stop)]
+
+    def split(self, parts: float | int | Sequence[float]) -> tuple[Record, ...]:
+        """Contiguous parts that keep their absolute time.
+
+        Parameters
+        ----------
+        parts : float, int or sequence of float
+            Fraction of the first of two parts; number of equal parts; or
+            the fractions of all parts, with sum 1.
+
+        Returns
+        -------
+        tuple of Record
+        """
+        if isinstance(parts, bool):
+            raise ValueError(f"split needs a fraction, a number or fractions, got {parts}")
+        if isinstance(parts, (int, np.integer)):
+            if not 1 <= parts <= len(self) // 2:
+                raise ValueError(
+                    f"cannot split {len(self)} samples into {parts} parts of 2 or more"
+                )
+            fractions = np.full(int(parts), 1 / int(parts))
+        elif isinstance(parts, (float, np.floating)):
+            fractions = np.array([parts, 1 - parts], dtype=float)
+        else:
+            fractions = vector("fractions", parts)
+        if not np.all(fractions > 0) or abs(fractions.sum() - 1) > 1e-9:
+            raise ValueError(
+                f"split fractions must be positive with sum 1, got {fractions.tolist()}"
+            )
+        edges = np.rint(np.cumsum(fractions) * len(self)).astype(int)
+        return self._cut([0, *edges[:-1].tolist(), len(self)])
+
+    def blocks(self, seconds: float) -> tuple[Record, ...]:
+        """Contiguous blocks of equal length.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of a block [s], rounded to whole samples. What is left
+            at the end is a block of its own if at least half as long, else part of
+            the last one.
+
+        Returns
+        -------
+        tuple of Record
+        """
+        size = min(
+            len(self), round(min(positive_number("seconds", seconds), self.duration) / self.dt)
+        )
+        if size < 2:
+            raise ValueError(f"blocks of {seconds:g} s hold fewer than 2 samples of {self.dt:g} s")
+        edges = list(range(0, len(self), size))
+        if len(self) - edges[-1] < max(2, size / 2) and len(edges) > 1:
+            edges.pop()
+        return self._cut([*edges, len(self)])
+
+    def _cut(self, edges: list[int]) -> tuple[Record, ...]:
+        return tuple(self[a:b] for a, b in itertools.pairwise(edges))
+
+    # ------------------------------------------------------------ resampling
+
+    def decimated(self, factor: int) -> Record:
+        """Every factor-th position with the mean input in between.
+
+        The mean keeps the impulse of the held input. An incomplete group at
+        the end is dropped.
+
+        Parameters
+        ----------
+        factor : int
+            Samples per group, 1 or more.
+
+        Returns
+        -------
+        Record
+        """
+        n = len(self)
+        if isinstance(factor, bool) or not isinstance(factor, (int, np.integer)) or factor < 1:
+            raise ValueError(f"factor must be a whole number of at least 1, got {factor!r}")
+        groups = n // int(factor)
+        if groups < 2:
+            raise ValueError(f"decimating {n} samples by {factor} leaves fewer than 2")
+        if factor == 1:
+            return self
+        pick = slice(0, groups * int(factor), int(factor))
+        u = self.u[: groups * int(factor)].reshape(groups, -1).mean(axis=1)
+        r = None if self.reference is None else self.reference[pick].copy()
+        return self._derived(
+            self.t[pick].copy(), u, self.x[pick].copy(), r, self.dt * int(factor),
+            f"decimated by {factor}",
+        )  # fmt: skip
+
+    def resampled(self, dt: float) -> Record:
+        """The record at another step, as `from_irregular` does it.
+
+        Parameters
+        ----------
+        dt : float
+            New step [s].
+
+        Returns
+        -------
+        Record
+        """
+        dt = positive_number("dt", dt)
+        t, u, x, r = resample(self.t, self.u, self.x, self.reference, dt, "zero", "monotone")
+        return self._derived(t, u, x, r, dt, f"resampled from {self.dt:g} s to {dt:g} s")
+
+    @classmethod
+    def from_irregular(
+        cls,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        x: npt.ArrayLike,
+        reference: npt.ArrayLike | None = None,
+        *,
+        dt: float | None = None,
+        hold: str = "zero",
+        interpolation: str = "monotone",
+        max_gap: float | None = None,
+        **options: Any,
+    ) -> Record:
+        """Record on a uniform grid from irregular time stamps.
+
+        Parameters
+        ----------
+        t, u, x, reference : array_like, shape (n,)
+            As for `Record`; ``t`` increasing with any steps.
+        dt : float, optional
+            Step of the grid [s]; the median step when left out.
+        hold : {"zero", "first"}
+            How ``u`` runs between stamps. Held (``"zero"``), a new sample is the
+            mean of the held input over its step, which keeps the impulse.
+            Linear (``"first"``), it is the value at the new stamp.
+        interpolation : {"monotone", "linear", "cubic"}
+            For ``x`` and ``reference``. ``"monotone"`` (PCHIP) does not overshoot,
+            so an axis at rest stays at rest; ``"cubic"`` is a spline.
+        max_gap : float, optional
+            Longest step that may be filled [s], 5 median steps when left
+            out.
+        **options
+            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap`` of `Record`.
+
+        Returns
+        -------
+        Record
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = np.cumsum(np.tile([0.004, 0.005, 0.006], 40))
+        >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
+        0.005
+        """
+        tv, uv, xv, rv = vectors(t, u, x, reference)
+        steps = increasing_steps(tv)
+        median = float(np.median(steps))
+        step = float(f"{median:.3g}") if dt is None else positive_number("dt", dt)
+        limit = 5 * median if max_gap is None else positive_number("max_gap", max_gap)
+        if np.any(steps > limit):
+            k = int(np.argmax(steps > limit))
+            raise ValueError(
+                f"gap of {steps[k]:.4g} s after t[{k}] = {tv[k]:.6g} s, longer than "
+                f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
+                "allow it with max_gap="
+            )
+        if (period := options.pop("unwrap", None)) is not None:
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period))
+        check_motion(uv, xv)
+        if options.get("quantum") is None:
+            options["quantum"] = estimated_quantum(xv) or 0.0
+        note = f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
+        options["notes"] = (*checked_notes(options.get("notes", ())), note)
+        return cls(*resample(tv, uv, xv, rv, step, hold, interpolation), **options)
+
+    @classmethod
+    def split_at_gaps(
+        cls,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        x: npt.ArrayLike,
+        reference: npt.ArrayLike | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+    ) -> tuple[Record, ...]:
+        """One record for each stretch without a gap in time.
+
+        Parameters
+        ----------
+        t, u, x, reference, units, name
+            As for `Record`.
+
+        Returns
+        -------
+        tuple of Record
+
+        Warns
+        -----
+        RecordWarning
+            When stretches of fewer than 10 samples are left out.
+        """
+        tv, uv, xv, rv = vectors(t, u, x, reference)
+        steps = increasing_steps(tv)
+        edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
+        check_motion(uv, xv)
+        whole = object.__new__(cls)
+        whole._set(tv, uv, xv, rv, float(np.median(steps)), checked_units(units), name, ())
+        stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
+        if not stretches:
+            raise ValueError(
+                f"the longest stretch without a gap has {max(np.diff(edges))} samples, at least "
+                f"{MIN_SAMPLES} are needed; use Record.from_irregular"
+            )
+        if lost := tv.size - sum(b - a for a, b in stretches):
+            warn(f"{lost} samples in stretches of fewer than {MIN_SAMPLES} were left out")
+        found = []
+        for a, b in stretches:
+            part = whole[a:b]
+            part.__dict__["dt"] = uniform_step(part.t)
+            found.append(part)
+        return tuple(found)
+
+    # ----------------------------------------------------------- derivatives
+
+    def derivatives(self, window: int | None = None) -> Derivatives:
+        """Zero-phase position, speed and acceleration.
+
+        Parameters
+        ----------
+        window : int, optional
+            Odd number of samples, 5 or more; `smoothing_window` when left
+            out, which is chosen from the noise, the quantum and ``dt``.
+
+        Returns
+        -------
+        Derivatives
+            Named tuple ``(x, v, a)``, each shape (n,).
+
+        Notes
+        -----
+        Cubic Savitzky-Golay fit. With white noise of standard deviation
+        s, that of the acceleration is about s sqrt(720 / N^5) / dt^2 for a window of N
+        samples. What happens within a window, a break-away say, is smeared
+        over it.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(1000)
+        >>> d = dfc.Record(t, np.sin(t), 0.5 * 3.0 * t**2).derivatives(window=9)
+        >>> round(float(d.a[500]), 6)
+        3.0
+        """
+        size = self.smoothing_window if window is None else window
+        if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size % 2 == 0:
+            raise ValueError(f"window must be an odd number of samples, got {size!r}")
+        if not _WINDOWS[0] <= size <= len(self):
+            raise ValueError(
+                f"window of {size} samples: it must be at least {_WINDOWS[0]} and at most the "
+                f"{len(self)} samples of the record"
+            )
+        return Derivatives(
+            *(savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
+        )
+
+    # -------------------------------------------------------------- exchange
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Any,
+        columns: Mapping[str, str | int | None] | None = None,
+        **options: Any,
+    ) -> Record:
+        """Record from a data frame.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            Columns are recognised as in `read_record`; the time may be the
+            index.
+        columns : mapping, optional
+            Role to column, as in `read_record`.
+        **options
+            Further options of `read_record`.
+
+        Returns
+        -------
+        Record
+        """
+        if not hasattr(frame, "columns"):
+            raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
+        return read_record(frame, columns, **options)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Data frame that `from_frame` turns back into this record.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns such as ``"x [m]"``; name, quantum and notes in ``attrs``.
+        """
+        try:
+            import pandas
+        except ImportError as err:
+            raise ImportError("to_pandas needs pandas: pip install pandas") from err
+        frame = pandas.DataFrame({h: a.copy() for h, a in self._columns().items()})
+        frame.attrs["dryfric_control"] = self._meta()
+        return frame
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write a CSV file that `read_record` reads back bit for bit.
+
+        The file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : path-like
+            Where to; a file that is there already is replaced.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".csv":
+            raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
+        if not target.parent.is_dir():
+            raise FileNotFoundError(f"there is no directory {str(target.parent)!r}; make it first")
+        columns = self._columns()
+        with (
+            replacing(target) as temporary,
+            temporary.open("w", encoding="utf-8", newline="\n") as file,
+        ):
+            file.write(f"{SIGNATURE} {FORMAT} {json.dumps(self._meta())}\n")
+            file.write(",".join(columns) + "\n")
+            for a in range(0, len(self), 65_536):
+                chunk = (c[a : a + 65_536].tolist() for c in columns.values())
+                file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
+
+    def _columns(self) -> dict[str, FloatArray]:
+        """Channels under headings with units."""
+        channels = {"t": self.t, "u": self.u, "x": self.x}
+        if self.reference is not None:
+            channels["reference"] = self.reference
+        return {self._label(role, role): array for role, array in channels.items()}
+
+    def _meta(self) -> dict[str, Any]:
+        return {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes)}
+
+    def _label(self, text: str, role: str) -> str:
+        unit = self.units.get("x" if role == "reference" else role)
+        return f"{text} [{unit}]" if unit else text
+
+    # --------------------------------------------------------------- display
+
+    def summary(self) -> str:
+        """Few lines of text: size, ranges, quantum, noise, notes."""
+        rows = self._rows()
+        width = max(len(k) for k, _ in rows)
+        return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
+
+    def _rows(self) -> list[tuple[str, str]]:
+        unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
+        quantum = f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"
+        return [
+            ("record", self.name or "(no name)"),
+            ("samples", f"{len(self)} at {self.dt:.6g} s, {self.duration:.6g} s"),
+            ("time", f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s"),
+            ("input", f"{self.u.min():.6g} to {self.u.max():.6g}{unit_u}"),
+            ("position", f"{self.x.min():.6g} to {self.x.max():.6g}{unit_x}"),
+            ("reference", "yes" if self.reference is not None else "no"),
+            ("quantum", quantum),
+            ("noise", f"{self.noise:.3g}{unit_x}"),
+            *(("note", n) for n in self.notes),
+        ]
+
+    def __repr__(self) -> str:
+        title = f"{self.name!r}, " if self.name else ""
+        unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
+        return (
+            f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, "
+            f"u {self.u.min():.4g} to {self.u.max():.4g}{unit_u}, "
+            f"x {self.x.min():.4g} to {self.x.max():.4g}{unit_x})"
+        )
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>"
+            for k, v in self._rows()
+        )
+        return f"<table>{cells}</table>"
+
+    def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
+        """Draw position and input over time, one above the other.
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw; a new figure when left out.
+        title : str, optional
+            Title.  Default: the name of the record.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        # Here: reading a record needs neither python-control nor its figures.
+        from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
+
+        axes = axes_of(ax, 2)
+        top, bottom = axes
+        top.plot(self.t, self.x, ".", color="0.6", ms=3, label="measured")
+        if self.reference is not None:
+            top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
+        legend_above(top)
+        bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
+        # Where nothing is said, the units are those that an axis has by default.
+        known = self.units if {"x", "u"} & set(self.units) else {"x": "m", "u": "N"}
+        for one, name, role in ((top, "position", "x"), (bottom, "input", "u")):
+            one.set_ylabel(f"{name} [{known[role]}]" if role in known else name)
+        bottom.set_xlabel("Time [s]")
+        for one in axes:
+            one.margins(x=0.0)
+        title_above(top, (self.name or "record") if title is None else title)
+        return control_plot(axes)
+
+
+def _restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
+              quantum: float | None) -> Record:  # fmt: skip
+    record = object.__new__(Record)
+    record._set(t, u, x, r, dt, units, name, notes)
+    record.__dict__["quantum"] = quantum
+    return record
+
+
+# ------------------------------------------------------------------- readers
+
+
+def read_record(
+    source: str | os.PathLike[str] | Mapping[str, Any] | Any,
+    columns: Mapping[str, str | int | None] | None = None,
+    gain: float = 1.0,
+    *,
+    units: Mapping[str, str] | None = None,
+    name: str | None = None,
+    dt: float | None = None,
+    unwrap: float | None = None,
+    max_rows: int = MAX_ROWS,
+) -> Record:
+    """Read a record from a file, data frame or mapping.
+
+    Parameters
+    ----------
+    source : path-like, DataFrame or mapping
+        Delimited text (.csv, .tsv, .txt, .dat; comma, semicolon, tab or blanks;
+        decimal comma unless commas separate; ``#`` comments; with or without headings), a
+        MAT-file up to version 7, or arrays by name.
+    columns : mapping, optional
+        Heading or index for any of ``t``, ``u``, ``x``, ``reference``
+        (None: no reference). The rest is recognised by usual names; without headings, three or
+        four columns are t, u, x, reference in this order. In the EMPS benchmark layout
+        (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is gtau * vir.
+    gain : float
+        Factor on ``u``, such as N per V.
+    units : mapping, optional
+        Units of ``t`` and ``x`` as stored, of ``u`` after the gain, where the
+        headings (``x [mm]``, ``time (ms)``, ``u / N``) do not tell them.
+    name : str, optional
+        Title; the file's name when left out.
+    dt : float, optional
+        Resample irregular time stamps to this step [s], see
+        `Record.from_irregular`.
+    unwrap : float, optional
+        Encoder period [unit of x], see `Record`.
+    max_rows : int
+        Longer sources are refused.
+
+    Returns
+    -------
+    Record
+        In SI units; ``record.notes`` lists what was converted.
+
+    Raises
+    ------
+    FileNotFoundError, IsADirectoryError
+        When the path leads to no file.
+    TypeError
+        When the source is of another kind.
+    ValueError
+        For everything wrong inside, with row and column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = np.arange(0, 2000.0)
+    >>> record = dfc.read_record({"time [ms]": t, "force": np.cos(t), "pos [mm]": np.sin(t / 99)})
+    >>> record.dt, dict(record.units)
+    (0.001, {'t': 's', 'x': 'm'})
+    >>> record.notes
+    ('t converted from ms to s', 'x converted from mm to m')
+    """
+    found: Channels = read_channels(source, columns, gain, units, max_rows)
+    options: dict[str, Any] = {
+        "units": found.units,
+        "name": found.name if name is None else name,
+        "notes": found.notes,
+        "quantum": found.quantum,
+        "unwrap": unwrap,
+    }
+    if dt is not None:
+        return Record.from_irregular(**found.values, dt=dt, **options)
+    return Record(**found.values, **options)
+
+
+def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:
+    """Read a servo log of the BAM project (JSON).
+
+    Parameters
+    ----------
+    path : path-like
+        Log of an XL330 servo that drives a pendulum.
+    dt : float, optional
+        Step of the uniform record [s]; the median step when left out.
+
+    Returns
+    -------
+    dict
+        ``record``: `Record` with u = duty * supply [V] and x [rad], 0 hanging;
+        ``volts`` [V], ``temperature`` [deg C] and ``torque_enable`` (bool), each shape (n,), held
+        onto the record's time; and the head of the log: ``mass`` [kg], ``length`` [m], ``kp``,
+        ``vin`` [V], ``motor``, ``trajectory``.
+
+    Raises
+    ------
+    FileNotFoundError, IsADirectoryError
+        When the path leads to no file.
+    ValueError
+        When the file is no such log or its data cannot be used.
+
+    Notes
+    -----
+    The torque is kt/R u - kt^2/R v. Where ``torque_enable`` is false there is neither, not even
+    the second term: leave these samples out of a fit, or treat them as a passive pendulum.
+    Time stamps 3.5 to 7 ms apart are resampled, see `Record.from_irregular`.
+
+    Examples
+    --------
+    A log as the project writes it, here one that is made up:
+
+    >>> import json, math, pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> entries = [
+    ...     {"timestamp": 5e-3 * k, "position": math.sin(0.02 * k), "speed": 0.0,
+    ...      "goal_position": 0.0, "load": 177 + k % 2, "input_volts": 5.0, "temp": 30.0,
+    ...      "torque_enable": True}
+    ...     for k in range(400)
+    ... ]
+    >>> head = {"mass": 0.1, "length": 0.15, "kp": 100, "vin": 5.0, "motor": "xl330",
+    ...         "trajectory": "sin"}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.json")
+    ...     _ = path.write_text(json.dumps(head | {"entries": entries}))
+    ...     log = dfc.read_bam(path, dt=5e-3)
+    >>> log["kp"], len(log["record"]), float(log["record"].u[0])
+    (100, 400, 1.0)
+    """
+    head, log = read_bam_entries(path)
+    enabled = log["torque_enable"] != 0
+    record = Record.from_irregular(
+        log["timestamp"],
+        np.where(enabled, log["duty"] * log["input_volts"], 0.0),
+        log["position"],
+        log["goal_position"],
+        dt=dt,
+        units={"u": "V", "x": "rad"},
+        name=Path(path).stem,
+        notes=("u = PWM duty * supply voltage",),
+    )
+    held = np.searchsorted(log["timestamp"], record.t + 1e-6 * record.dt, side="right") - 1
+    return {
+        **head,
+        "record": record,
+        "volts": log["input_volts"][held],
+        "temperature": log["temp"][held],
+        "torque_enable": enabled[held],
+    }

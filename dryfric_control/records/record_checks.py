@@ -1,0 +1,367 @@
+"""Checks and estimates on the arrays of a record.
+
+Plain arrays in, plain arrays or a clear error out; `records` builds on it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from dryfric_control.records.readers.channels import si_unit
+from dryfric_control.records.readers.sources import MAX_ROWS
+
+FloatArray = npt.NDArray[np.float64]
+
+MIN_SAMPLES = 10
+JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
+_MAX_MAGNITUDE = 1e100  # squares stay finite
+
+
+class RecordWarning(UserWarning):
+    """Data that can be used but look wrong.
+
+    Examples
+    --------
+    Time in milliseconds, taken for seconds:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = np.arange(2000.0)
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     record = dfc.Record(t, np.cos(3e-3 * t), np.sin(3e-3 * t))
+    >>> caught[0].category is dfc.RecordWarning
+    True
+    """
+
+
+# -------------------------------------------------------------------- checks
+
+
+def warn(message: str) -> None:
+    warnings.warn(message, RecordWarning, stacklevel=4)
+
+
+def checked_notes(notes: Any) -> tuple[str, ...]:
+    """Notes as a tuple of texts."""
+    if isinstance(notes, str) or not isinstance(notes, Iterable):
+        raise ValueError(f'notes must be a sequence of text such as ["filtered"], got {notes!r}')
+    notes = tuple(notes)
+    for note in notes:
+        if not isinstance(note, str):
+            raise ValueError(f"notes must hold text, got {note!r}")
+    return notes
+
+
+def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
+    """Units under their SI names; time is always in seconds."""
+    if units is not None and not isinstance(units, Mapping):
+        raise ValueError(f'units must be a mapping such as {{"x": "m"}}, got {units!r}')
+    labels = {"t": "s"}
+    for role, unit in (units or {}).items():
+        if role not in ("t", "u", "x"):
+            raise ValueError(f"units: {role!r} is no channel; the channels are t, u and x")
+        if unit == "" or unit is None:
+            continue
+        factor, si = si_unit(role, unit)
+        if factor != 1:
+            raise ValueError(
+                f"units: {role} in {unit} is not taken; pass {role} * {factor:g} in {si}, or let "
+                "read_record convert it"
+            )
+        labels[role] = si
+    return labels
+
+
+def vector(name: str, value: Any) -> FloatArray:
+    """A fresh finite float64 vector, or an error that names the argument."""
+    if value is None:
+        raise ValueError(f"{name} is missing")
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values; fill them, or "
+            "remove these samples and use Record.from_irregular"
+        )
+    try:
+        array = np.asarray(value)
+    except ValueError as err:
+        raise ValueError(f"{name} is no array of numbers (rows of unequal length?)") from err
+    mend = {
+        "c": "is complex; pass its real part",
+        "U": "holds text; convert it with np.asarray(..., dtype=float)",
+        "S": "holds text; convert it with np.asarray(..., dtype=float)",
+        "O": "is of dtype object (None, text or mixed values inside); convert it to float",
+        "M": "holds dates; pass seconds: (t - t[0]) / np.timedelta64(1, 's')",
+        "m": "holds durations; pass seconds: t / np.timedelta64(1, 's')",
+        "V": "is a structured array; pass one of its fields",
+    }.get(array.dtype.kind)
+    if mend:
+        raise ValueError(f"{name} {mend}")
+    if array.ndim != 1:
+        hint = "; use .ravel()" if array.size == max(array.shape, default=0) > 1 else ""
+        raise ValueError(f"{name} must be 1-D, got shape {array.shape}{hint}")
+    if array.size == 0:
+        raise ValueError(f"{name} is empty")
+    with np.errstate(over="ignore"):  # beyond float64 becomes inf, told below
+        out = np.array(array, dtype=np.float64)
+    bad = ~np.isfinite(out)
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise ValueError(
+            f"{name} has {int(bad.sum())} values that are not finite, the first {name}[{k}] = "
+            f"{out[k]}; remove these samples and use Record.from_irregular"
+        )
+    k = int(np.argmax(np.abs(out)))
+    if abs(out[k]) > _MAX_MAGNITUDE:
+        raise ValueError(f"{name}[{k}] = {out[k]:g} is no physical value; check the column")
+    return out
+
+
+def vectors(
+    t: Any, u: Any, x: Any, reference: Any
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """The four channels as vectors of one length."""
+    tv, uv, xv = (vector(n, a) for n, a in (("t", t), ("u", u), ("x", x)))
+    rv = None if reference is None else vector("reference", reference)
+    for name, array in (("u", uv), ("x", xv), ("reference", rv)):
+        if array is not None and array.size != tv.size:
+            raise ValueError(
+                f"{name} has {array.size} samples but t has {tv.size}; cut them to one length"
+            )
+    if tv.size < MIN_SAMPLES:
+        raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
+    return tv, uv, xv, rv
+
+
+def increasing_steps(t: FloatArray) -> FloatArray:
+    """The steps of a time that increases."""
+    steps = np.diff(t)
+    back = steps < 0
+    if back.any():
+        k = int(np.argmax(back))
+        raise ValueError(
+            f"t goes back {int(back.sum())} times, first from t[{k}] = {t[k]:.9g} to t[{k + 1}] = "
+            f"{t[k + 1]:.9g}; sort the samples by time, or split where runs were joined"
+        )
+    same = steps == 0
+    if same.any():
+        k = int(np.argmax(same))
+        raise ValueError(
+            f"t has {int(same.sum())} duplicated time stamps, first t[{k}] = t[{k + 1}] = "
+            f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0]"
+        )
+    return steps
+
+
+def uniform_step(t: FloatArray) -> float:
+    """Step of a uniform time; errors for gaps and jitter."""
+    steps = increasing_steps(t)
+    median = float(np.median(steps))
+    long = steps > 1.5 * median
+    regular = np.abs(steps - median) <= 0.2 * median
+    if long.any() and np.mean(regular) >= 0.9:
+        k = int(np.argmax(long))
+        missing = int(np.sum(np.rint(steps[long] / median) - 1))
+        raise ValueError(
+            f"{int(long.sum())} gaps in t, about {missing} samples dropped; the first of "
+            f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s. Split there with "
+            "Record.split_at_gaps(...), or fill short ones with Record.from_irregular(...) "
+            f"or read_record(..., dt={median:.4g})"
+        )
+    dt = float((t[-1] - t[0]) / (t.size - 1))
+    single = np.array_equal(t.astype(np.float32), t)
+    resolution = float(np.spacing(np.abs(t).max().astype(np.float32 if single else np.float64)))
+    jitter = float(np.abs(steps - dt).max())
+    if jitter > JITTER_LIMIT * dt:
+        coarse = (
+            f" At {t[-1]:.6g} s the stamps resolve {resolution:.2g} s: subtract the start first."
+            if resolution > 0.1 * JITTER_LIMIT * dt
+            else ""
+        )
+        raise ValueError(
+            f"t is not uniform: steps from {steps.min():.4g} s to {steps.max():.4g} s, jitter "
+            f"{100 * jitter / dt:.3g} % of dt = {dt:.4g} s (limit {100 * JITTER_LIMIT:g} %). "
+            f"Resample with Record.from_irregular(...) or read_record(..., dt={median:.3g}); "
+            f"if only the stamps are coarse, pass t = t0 + dt * np.arange(n).{coarse}"
+        )
+    off = float(np.abs(t - t[0] - dt * np.arange(t.size)).max())
+    if off > 0.5 * dt:
+        raise ValueError(
+            f"the clock of t drifts: {off:.3g} s away from uniform, more than half of dt = "
+            f"{dt:.4g} s. Resample with Record.from_irregular(...)"
+        )
+    # the roundest step that the stamps cannot tell from the mean
+    tolerance = (off + 4 * resolution) / (t.size - 1)
+    for digits in range(1, 10):
+        rounded = float(f"{dt:.{digits}g}")
+        if abs(rounded - dt) <= tolerance:
+            return rounded
+    return dt
+
+
+def check_motion(u: FloatArray, x: FloatArray) -> None:
+    """Errors for what never moves and for an encoder that wraps."""
+    for name, array, mend in (
+        ("x", x, "the axis never moved, or the wrong column was read"),
+        ("u", u, "without excitation nothing can be learned; check the column"),
+    ):
+        # a few units in the last place are rounding, not motion
+        if np.ptp(array) <= 8 * np.spacing(np.abs(array).max()):
+            raise ValueError(f"{name} is constant ({array[0]:.6g}): {mend}")
+    steps = np.abs(np.diff(x))
+    span = float(np.ptp(x))
+    usual = float(np.median(steps[steps > 0]))
+    jumps = np.flatnonzero(steps > 0.5 * span)
+    if jumps.size == 0 or usual > 0.1 * span:
+        return
+    before = steps[np.maximum(jumps - 1, 0)] * (jumps > 0)
+    after = steps[np.minimum(jumps + 1, steps.size - 1)] * (jumps < steps.size - 1)
+    lone = np.maximum(before, after) < 0.1 * steps[jumps]
+    low, high = x.min() + 0.1 * span, x.max() - 0.1 * span
+    ends = np.minimum(x[jumps], x[jumps + 1]), np.maximum(x[jumps], x[jumps + 1])
+    wraps = jumps[lone & (ends[0] <= low) & (ends[1] >= high)]
+    if wraps.size:
+        k = int(wraps[0])
+        period = float(np.median(steps[wraps])) + usual
+        for known in (2 * math.pi, 360.0, *(2.0**p for p in range(8, 33)), 1.0):
+            if abs(known / period - 1) < 0.02:
+                period = known
+        raise ValueError(
+            f"x jumps {wraps.size} times across its whole range, first from x[{k}] = {x[k]:.6g} to "
+            f"x[{k + 1}] = {x[k + 1]:.6g}: the encoder wraps around. Pass its period, unwrap="
+            f"{period:.10g} perhaps; if runs were joined, split there"
+        )
+    k = int(jumps[0])
+    warn(
+        f"x jumps {jumps.size} times by more than half its range in one sample, first from "
+        f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}; a glitch?"
+    )
+
+
+def unwrapped(
+    x: FloatArray, reference: FloatArray | None, period: float
+) -> tuple[FloatArray, FloatArray | None]:
+    """Position and reference without the jumps of a periodic encoder."""
+    x = np.unwrap(x, period=period)
+    if reference is not None:
+        reference = np.unwrap(reference, period=period)
+        reference = reference - period * np.rint((reference[0] - x[0]) / period)
+    return x, reference
+
+
+def warn_if_suspect(dt: float, u: FloatArray) -> None:
+    """Warnings for a time not in seconds and for a clipped input."""
+    if dt >= 0.1:
+        unit = "milliseconds" if dt < 50 else "microseconds"
+        factor = 1e-3 if dt < 50 else 1e-6
+        warn(
+            f"dt = {dt:g} s: time suspected in {unit}; then pass t * {factor:g}, or "
+            f'units={{"t": "{"ms" if dt < 50 else "us"}"}} to read_record'
+        )
+    clipped = [samples_at_limit(u, level) for level in (float(u.min()), float(u.max()))]
+    if all(clipped):
+        warn(
+            f"u rests {clipped[0]} samples at its minimum {u.min():.6g} and {clipped[1]} at its "
+            f"maximum {u.max():.6g}: clipped? Then make sure u is what acted, not what was asked"
+        )
+
+
+def samples_at_limit(u: FloatArray, level: float) -> int:
+    """Samples at a level that u reaches at speed and stays at.
+
+    A smooth crest slows down before it rests; a limit is run into. A
+    square wave comes in one step and a ramp with a hold is told apart by nothing, so
+    only an input that moves a good deal of the time is judged.
+    """
+    steps = np.abs(np.diff(u))
+    if np.mean(steps > 0) < 0.2:
+        return 0
+    at = np.concatenate(([False], u == level, [False]))
+    starts = np.flatnonzero(at[1:] & ~at[:-1])
+    lengths = np.flatnonzero(~at[1:] & at[:-1]) - starts
+    runs = starts[(lengths >= 3) & (starts >= 2)]
+    if runs.size == 0 or np.mean(steps[runs - 2] > 0.25 * np.median(steps[steps > 0])) < 0.5:
+        return 0
+    return int(at.sum())
+
+
+# ----------------------------------------------------- estimates, resampling
+
+
+def estimated_quantum(x: FloatArray) -> float | None:
+    """Largest grid on which the positions lie, None if there is none."""
+    resolution = float(np.spacing(np.abs(x).max()))
+    steps = np.abs(np.diff(x))
+    gaps = np.diff(np.unique(x))
+    steps, gaps = steps[steps > 64 * resolution], gaps[gaps > 64 * resolution]
+    repeated = gaps.size + 1 < x.size / 2
+    if gaps.size == 0 or (not repeated and min(gaps.size, steps.size) < MIN_SAMPLES):
+        return None
+    # at constant speed every step is the same: no sign of an encoder
+    if not repeated and np.ptp(steps) < 0.1 * steps.min():
+        return None
+    seen = np.concatenate([steps, gaps])
+    for start in np.unique(np.quantile(gaps, [0.5, 0.2, 0.05, 0.01, 0.0], method="lower"))[::-1]:
+        step = float(start)
+        for reach in (1.5, 4.5, 16.5, 64.5, 256.5):  # longer differences sharpen the step
+            count = np.rint(seen / step)
+            sound = (seen < reach * step) & (np.abs(seen / step - count) < 0.1)
+            longest = sound & (count >= max(1, 0.5 * count[sound].max()))
+            step = float(np.median(seen[longest] / count[longest]))
+        near = seen[seen < 256.5 * step] / step
+        on_grid = np.mean(np.abs(near - np.rint(near)) < 0.1)
+        if on_grid >= 0.98 and near.size >= 0.5 * gaps.size and step > 1e3 * resolution:
+            return step
+    return None
+
+
+def resample(
+    t: FloatArray,
+    u: FloatArray,
+    x: FloatArray,
+    reference: FloatArray | None,
+    dt: float,
+    hold: str,
+    interpolation: str,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """The channels on a uniform grid that starts at t[0]."""
+    if hold not in ("zero", "first"):
+        raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
+    if interpolation not in ("monotone", "linear", "cubic"):
+        raise ValueError(
+            f'interpolation must be "monotone", "linear" or "cubic", got {interpolation!r}'
+        )
+    count = (t[-1] - t[0]) / dt + 1e-6
+    if not MIN_SAMPLES - 1 <= count <= 10 * MAX_ROWS:
+        raise ValueError(
+            f"dt = {dt:g} s would make {count + 1:.3g} samples of {t[-1] - t[0]:.4g} s; it takes "
+            f"{MIN_SAMPLES} to {10 * MAX_ROWS}"
+        )
+    grid = t[0] + dt * np.arange(int(count) + 1)
+    inside = np.minimum(grid, t[-1])
+
+    def smooth(values: FloatArray) -> FloatArray:
+        if interpolation == "linear":
+            return np.asarray(np.interp(inside, t, values))
+        curve = PchipInterpolator if interpolation == "monotone" else CubicSpline
+        return np.asarray(curve(t, values)(inside))
+
+    if hold == "first":
+        held = np.interp(inside, t, u)
+    else:
+        slack = 1e-6 * dt  # a stamp this close to the grid counts as on it
+        first = np.searchsorted(t, grid + slack, side="right") - 1
+        last = np.searchsorted(t, grid + dt - slack, side="left") - 1
+        impulse = np.concatenate(([0.0], np.cumsum(u[:-1] * np.diff(t))))
+        upto = np.interp(grid, t, impulse), np.interp(grid + dt, t, impulse)
+        beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
+        held = np.where(first == last, u[first], (upto[1] + beyond - upto[0]) / dt)
+    return grid, held, smooth(x), None if reference is None else smooth(reference)

@@ -1,0 +1,1 @@
+"""Files: axes, batches of results, writing without half-written files."""

@@ -1,0 +1,245 @@
+"""An axis as a text file (TOML), for the command line and for keeping."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields
+from typing import Any
+
+from dryfric_control.checks import instance
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import Effect
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.store.files import existing_file, replacing
+
+_KEYS = tuple(item.name for item in fields(FrictionAxis))
+_NEEDED = ("mass", "viscous", "coulomb")
+_EXAMPLE = "mass = 2.0, viscous = 15.0, coulomb = 8.0"
+
+
+def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
+    """Read an axis from a TOML file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.  Its keys are the fields of `FrictionAxis`: `coulomb` is a
+        level, ``[plus, minus]``, or ``{plus = [c0, c1], minus = [c0]}``;
+        ``[stribeck]`` holds excess and speed; every ``[[effects]]`` names its
+        effect and the effect's parameters.
+
+    Returns
+    -------
+    FrictionAxis
+
+    Raises
+    ------
+    ValueError
+        If the file is no TOML, a key is missing or unknown, or a value is out
+        of its range; the message names the file and the key.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> text = '''
+    ... mass = 2.0
+    ... viscous = 15.0
+    ... coulomb = [8.0, 7.5]
+    ... [[effects]]
+    ... effect = "spring"
+    ... stiffness = 40.0
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "axis.toml")
+    ...     _ = path.write_text(text)
+    ...     axis = dfc.read_axis(path)
+    >>> axis.coulomb, axis.effects
+    (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
+    """
+    raw = existing_file(path).read_bytes()
+    try:
+        return _axis(tomllib.loads(raw.decode("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise ValueError(f"{path} is no TOML: {problem}") from None
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
+
+
+def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
+    """Write an axis to a TOML file that `read_axis` reads.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    path : path-like
+        The file to make or to replace, whole or not at all.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "axis.toml")
+    ...     dfc.write_axis(axis, path)
+    ...     dfc.read_axis(path) == axis
+    True
+    """
+    instance("axis", axis, FrictionAxis)
+    with replacing(path) as part:
+        part.write_text(axis_text(axis), encoding="utf-8")
+
+
+def axis_text(axis: FrictionAxis) -> str:
+    """An axis as TOML text.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> print(axis_text(dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)))
+    name = "axis"
+    units = ["m", "N"]
+    mass = 2.0
+    viscous = 15.0
+    coulomb = {plus = [8.0], minus = [8.0]}
+    stick_speed = 0.0001
+    stick_rate = 500.0
+    switching = "filippov"
+    <BLANKLINE>
+    """
+    level = axis.coulomb
+    lines = [
+        f"name = {_string(axis.name)}",
+        f"units = [{', '.join(_string(unit) for unit in axis.units)}]",
+        f"mass = {axis.mass!r}",
+        f"viscous = {axis.viscous!r}",
+        f"coulomb = {{plus = {_numbers(level.plus)}, minus = {_numbers(level.minus)}}}",
+        f"stick_speed = {axis.stick_speed!r}",
+        f"stick_rate = {axis.stick_rate!r}",
+        f"switching = {_string(axis.switching)}",
+    ]
+    if axis.travel is not None:
+        lines.append(f"travel = {_numbers(axis.travel)}")
+    if axis.stribeck is not None:
+        peak = axis.stribeck
+        lines += ["", "[stribeck]", f"excess = {peak.excess!r}", f"speed = {peak.speed!r}"]
+    for effect in axis.effects:
+        lines += ["", "[[effects]]", f"effect = {_string(effect.slug)}"]
+        lines += [f"{item.name} = {getattr(effect, item.name)!r}" for item in fields(effect)]
+    return "\n".join(lines) + "\n"
+
+
+def _string(text: str) -> str:
+    # JSON strings are TOML strings but for one character that TOML wants escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse keys that nobody reads, with the nearest that somebody does."""
+    known = list(known)
+    for key, value in given.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+            raise ValueError(f"{name}{key} = {value!r} is not known: {hint}")
+
+
+def _table(name: str, value: Any, example: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must be a table such as {example}, got {value!r}")
+    return value
+
+
+def _axis(data: dict[str, Any]) -> FrictionAxis:
+    _check_keys("", data, _KEYS)
+    missing = [key for key in _NEEDED if key not in data]
+    if missing:
+        raise ValueError(f"{missing[0]} is missing: give at least {_EXAMPLE}")
+    found = dict(data)
+    found["coulomb"] = _coulomb(data["coulomb"])
+    if "stribeck" in data:
+        peak = _table("stribeck", data["stribeck"], "{excess = 0.3, speed = 0.01}")
+        _check_keys("stribeck.", peak, ("excess", "speed"))
+        for key in ("excess", "speed"):
+            if key not in peak:
+                raise ValueError(f"stribeck.{key} is missing: add {key} = ... to [stribeck]")
+        found["stribeck"] = Stribeck(**peak)
+    for key in ("name", "switching"):
+        if not isinstance(data.get(key, ""), str):
+            raise ValueError(f'{key} must be text in quotes, such as "axis", got {data[key]!r}')
+    if "units" in data:
+        units = data["units"]
+        if (
+            not isinstance(units, list)
+            or len(units) != 2
+            or not all(isinstance(unit, str) for unit in units)
+        ):
+            raise ValueError(
+                f'units must be those of position and force, such as ["m", "N"], got {units!r}'
+            )
+        found["units"] = (units[0], units[1])
+    effects = data.get("effects", [])
+    if not isinstance(effects, list):
+        raise ValueError(f"effects must be tables headed [[effects]], got {effects!r}")
+    found["effects"] = tuple(_effect(i, item) for i, item in enumerate(effects))
+    return FrictionAxis(**found)
+
+
+def _coulomb(value: Any) -> CoulombMap:
+    if isinstance(value, dict):
+        _check_keys("coulomb.", value, ("plus", "minus"))
+        if "plus" not in value:
+            raise ValueError(
+                f"coulomb = {value!r} lacks plus: write coulomb = {{plus = [8.0], minus = [7.5]}}"
+            )
+        plus: Any = value["plus"]
+        return CoulombMap(plus, value.get("minus", plus))
+    return CoulombMap.of(value)
+
+
+def _effect(number: int, data: Any) -> Effect:
+    place = f"effects[{number}]"
+    table = _table(place, data, '{effect = "spring", stiffness = 40.0}')
+    slug = table.get("effect")
+    if not isinstance(slug, str):
+        raise ValueError(f'{place}.effect is {slug!r}: name the effect, such as effect = "spring"')
+    if slug not in REGISTRY:
+        near = difflib.get_close_matches(slug, REGISTRY, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(REGISTRY)}"
+        raise ValueError(f"{place}.effect = {slug!r} is not known: {hint}")
+    cls = REGISTRY[slug]
+    values = {key: value for key, value in table.items() if key != "effect"}
+    _check_keys(f"{place} ({slug}): ", values, [item.name for item in fields(cls)])
+    for item in fields(cls):
+        if item.default is MISSING and item.name not in values:
+            unit = item.metadata["unit"]
+            raise ValueError(
+                f"{place} ({slug}): {item.name} is missing: add {item.name} = ... [{unit}], "
+                f"the {item.metadata['doc']}"
+            )
+    try:
+        return cls(**values)
+    except ValueError as problem:
+        raise ValueError(f"{place}: {problem}") from None

@@ -1,0 +1,283 @@
+"""Run a function over many cases, and keep what is finished."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from tqdm import tqdm
+
+from dryfric_control.store.files import replacing
+
+# First entry of every store: what the file is, and how it is laid out.
+_FORMAT = "dryfric-control batch 1"
+_MEND = "give another file, or delete this one to start afresh"
+
+
+def run_batch(
+    function: Callable[[Any], Any],
+    cases: Mapping[Any, Any],
+    *,
+    store: str | os.PathLike[str] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    jobs: int | None = None,
+    progress: bool = True,
+) -> dict[Any, Any]:
+    """Run a function over cases, and keep what is finished.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(value)`` of one case; returns what JSON holds: numbers, text,
+        lists, dicts.  Other processes must be able to import it.
+    cases : mapping
+        Value of each case by its key: a number, text, or a tuple of such.
+    store : path-like, optional
+        File that takes each result as soon as it is there, one line of JSON each.
+        Cases that it already holds are not run again.
+    settings : mapping, optional
+        What else the results depend on, ready for JSON.  A store made with other
+        settings is refused.
+    jobs : int, optional
+        Cases at the same time, -1 for one on each core.  Default: what
+        `joblib.parallel_config` says, else one.
+    progress : bool, optional
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    dict
+        Result of each case by its key, in the order of `cases`, as JSON gives it
+        back: the same from a run and from a store, bit for bit.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, the store was made by other settings,
+        is none, or is damaged elsewhere than in a last line cut short; or if a
+        result is nothing that JSON holds.
+
+    Notes
+    -----
+    A run that is killed loses the cases under way and no others: the next call
+    with the same store runs what is missing.  An exception in a case ends the run
+    in the same way, with the case named in a note.  Two runs must not write one
+    store at the same time.  NaN and infinities stand in it as NaN and Infinity,
+    which Python reads and a strict reader of JSON refuses.
+
+    Examples
+    --------
+    >>> import math, pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     store = pathlib.Path(folder, "roots.jsonl")
+    ...     few = dfc.run_batch(math.sqrt, {"a": 4.0, "b": 9.0}, store=store, progress=False)
+    ...     all_three = dfc.run_batch(
+    ...         math.sqrt, {"a": 4.0, "b": 9.0, "c": 16.0}, store=store, progress=False
+    ...     )  # runs "c" alone
+    >>> all_three
+    {'a': 2.0, 'b': 3.0, 'c': 4.0}
+    """
+    if not callable(function):
+        raise ValueError(f"function must be callable with one case, got {function!r}")
+    if not isinstance(cases, Mapping):
+        raise ValueError(
+            f"cases must be a mapping of keys to values, got {type(cases).__name__}: "
+            "dict(enumerate(values)) numbers them"
+        )
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
+        raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
+    keys = {_text("cases", key): key for key in cases}
+    heading = _heading(settings)
+    done = {} if store is None else _stored(store, heading)
+    left = [text for text in keys if text not in done]
+    if left:
+        work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+            joblib.delayed(_run)(function, text, cases[keys[text]]) for text in left
+        )
+        bar = tqdm(
+            work, desc="batch", unit="case", total=len(keys), initial=len(keys) - len(left),
+            disable=not progress,
+        )  # fmt: skip
+        with _keeper(store, heading) as keep:
+            for text, result in bar:
+                keep(f'{{"case": {text}, "result": {result}}}\n')
+                done[text] = json.loads(result)
+    return {key: done[text] for text, key in keys.items()}
+
+
+def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
+    """Short text that differs wherever the numbers of two values do.
+
+    Parameters
+    ----------
+    *values
+        Numbers, text, arrays, mappings, sequences and dataclasses of such, told
+        apart by what they hold; anything else by its pickle.
+    without : tuple of type, optional
+        Classes whose objects are passed over, wherever they are held.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If a value cannot be pickled.
+
+    Examples
+    --------
+    >>> fingerprint([1.0, 2.0]) == fingerprint((1.0, 2.0)), fingerprint(0.0) == fingerprint(1e-300)
+    (True, False)
+    """
+    digest = hashlib.sha256()
+    for part in _parts(values, without):
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return digest.hexdigest()[:16]
+
+
+def _parts(value: Any, without: tuple[type, ...]) -> Iterator[bytes]:
+    if isinstance(value, without):
+        return
+    if is_dataclass(value) and not isinstance(value, type):
+        # By its fields: an object may also hold what it has worked out from them.
+        held = {item.name: getattr(value, item.name) for item in fields(value)}
+        yield type(value).__qualname__.encode()
+        yield from _parts(held, without)
+    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        yield f"array {value.dtype.str} {value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, Mapping):
+        yield f"mapping {len(value)}".encode()
+        for key, one in value.items():
+            yield from _parts(key, without)
+            yield from _parts(one, without)
+    elif isinstance(value, (tuple, list)):
+        yield f"sequence {len(value)}".encode()
+        for one in value:
+            yield from _parts(one, without)
+    elif isinstance(value, np.generic):
+        yield from _parts(value.item(), without)
+    elif isinstance(value, (str, int, float, type(None))):
+        yield repr(value).encode()
+    else:
+        try:
+            yield joblib.hash(value).encode()
+        except Exception as problem:  # whatever its own way of being pickled raises
+            raise ValueError(
+                f"store: results for {value!r} cannot be kept, as it cannot be pickled "
+                f"({problem}); make it an object of a class that a module defines"
+            ) from None
+
+
+def _text(name: str, value: Any) -> str:
+    try:
+        return json.dumps(value, allow_nan=False, sort_keys=True)
+    except (TypeError, ValueError, RecursionError) as problem:
+        raise ValueError(
+            f"{name} must be finite numbers, text, or tuples of such, got {value!r}: {problem}"
+        ) from None
+
+
+def _heading(settings: Mapping[str, Any] | None) -> dict[str, Any]:
+    if settings is not None and not isinstance(settings, Mapping):
+        raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
+    held = json.loads(_text("settings", dict(settings or {})))
+    return {"store": _FORMAT, "settings": held}
+
+
+def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, str]:
+    """One case, where joblib runs it."""
+    try:
+        result = function(value)
+    except Exception as problem:
+        problem.add_note(f"in case {text}")
+        raise
+    try:
+        return text, json.dumps(result)
+    except (TypeError, ValueError, RecursionError) as problem:
+        raise ValueError(
+            f"function must return numbers, text, lists or dicts, got {type(result).__name__} "
+            f"for case {text}: {problem}; arrays have tolist()"
+        ) from None
+
+
+def _whole_lines(path: Path) -> bytes:
+    """All of a store but a last line that was cut short."""
+    raw = path.read_bytes()
+    return raw[: raw.rfind(b"\n") + 1]
+
+
+def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
+    """Results that a store holds, by the text of their case."""
+    if not isinstance(store, (str, os.PathLike)):
+        raise ValueError(f"store must be the path of a file, got {store!r}")
+    path = Path(store)
+    if path.is_dir():
+        raise ValueError(f"store {path} is a folder: name a file in it")
+    if not path.parent.is_dir():
+        raise ValueError(f"store {path} lies in a folder that does not exist: make it first")
+    if not path.exists():
+        return {}
+    first, *lines = _whole_lines(path).split(b"\n")
+    made = _loaded(first)
+    if not isinstance(made, dict) or made.get("store") != _FORMAT:
+        raise ValueError(f"store {path} is no store of a batch: {_MEND}")
+    there, here = made.get("settings"), heading["settings"]
+    if there != here:
+        raise ValueError(
+            f"store {path} was made by other settings: {_differ(there, here)}; {_MEND}"
+        )
+    done = {}
+    for number, line in enumerate(lines[:-1], start=2):
+        entry = _loaded(line)
+        if not isinstance(entry, dict) or entry.keys() != {"case", "result"}:
+            raise ValueError(f"store {path} is damaged in line {number}: {_MEND}")
+        done[_text("cases", entry["case"])] = entry["result"]
+    return done
+
+
+def _loaded(line: bytes) -> Any:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _differ(there: Any, here: dict[str, Any]) -> str:
+    there = there if isinstance(there, dict) else {}
+    names = sorted(n for n in there.keys() | here.keys() if there.get(n) != here.get(n))
+    return ", ".join(f"{n} is {here.get(n)!r} and was {there.get(n)!r}" for n in names)
+
+
+@contextmanager
+def _keeper(
+    store: str | os.PathLike[str] | None, heading: dict[str, Any]
+) -> Iterator[Callable[[str], None]]:
+    """What takes each line, at once."""
+    if store is None:
+        yield lambda line: None
+        return
+    path = Path(store)
+    if path.exists():
+        os.truncate(path, len(_whole_lines(path)))
+    else:
+        # Whole or not at all: a file without a heading is not taken for a store.
+        with replacing(path) as part:
+            part.write_text(json.dumps(heading) + "\n", encoding="utf-8")
+    with path.open("a", encoding="utf-8", newline="\n") as file:
+
+        def keep(line: str) -> None:
+            file.write(line)
+            file.flush()
+
+        yield keep

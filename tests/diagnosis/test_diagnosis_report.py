@@ -1,0 +1,960 @@
+"""What a diagnosis shows: evidence, figures, HTML, the axis as a file, the command."""
+
+import importlib
+import io
+import json
+import math
+import re
+import sys
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dryfric_control as dfc
+from dryfric_control.__main__ import main
+from dryfric_control.diagnosis.evidence import (
+    autocorrelation,
+    binned,
+    evidence,
+    since_reversal,
+    where,
+)
+from dryfric_control.diagnosis.report import candidate_bars, figures, wording
+from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis, Gain, Unexplained
+from dryfric_control.diagnosis.report.page import html_page, html_summary, write_report
+from dryfric_control.estimation.windows import cut
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.store.axis_file import axis_text, read_axis, write_axis
+
+DT, QUANTUM = 1e-3, 4e-6
+NAME = '<script>alert("1")</script> & co'
+FILES = {"report.html", "report.png", "diagnosis.json", "extended.toml"}
+
+
+@pytest.fixture(autouse=True)
+def no_window():
+    matplotlib.use("Agg")
+    yield
+    matplotlib.pyplot.close("all")
+
+
+class Crawl:
+    """Stands for an experiment: what the report asks of one."""
+
+    def summary(self):
+        return "crawl & stop, it parts <spring> from gravity"
+
+    def to_dict(self):
+        return {"name": "crawl"}
+
+
+def cause(slug, parameters, errors, alternatives=()):
+    effect = REGISTRY[slug]
+    units = {name: effect.parameters()[name]["unit"] for name in parameters}
+    return Cause(
+        slug, effect.title, parameters, errors, units, 1.5, (1.2, 1.8), alternatives,
+        effect.explanation, effect.experiment,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A diagnosis made by hand: a spring and a bias in a closed loop of 8 s."""
+    believed = dfc.FrictionAxis(mass=3.0, viscous=14.0, coulomb=6.0, travel=(0.0, 0.3), name=NAME)
+    machine = believed.replace(
+        effects=(dfc.effects.Spring(stiffness=12.0, rest=0.1), dfc.effects.BiasForce(force=0.4))
+    )
+    t = DT * np.arange(8000)
+    target = np.repeat(np.random.default_rng(1).uniform(0.06, 0.24, 10), 800)
+    reference = np.convolve(target, np.ones(200) / 200.0, "same")
+    loop = dfc.PositionController(kp=4000.0, ki=0.0, kd=220.0, dt=DT, limit=60.0)
+    run = dfc.simulate_loop(machine, loop, reference, quantum=QUANTUM, x0=0.15)
+    record = dfc.Record(t, run.y[4], run.y[5], reference, name="run <7>", quantum=QUANTUM)
+    causes = (
+        cause("spring", {"stiffness": 12.0, "rest": 0.1}, {"stiffness": 0.1, "rest": math.inf},
+              ("gravity",)),
+        cause("bias_force", {"force": 0.4}, {"force": 0.01}),
+    )  # fmt: skip
+    scores = {"": 3.0, "spring": 1.1, "gravity": 1.12, "bias_force": 2.0, "backlash": math.inf}
+    return Diagnosis(
+        axis=believed,
+        record=record,
+        verdict="partly explained",
+        causes=causes,
+        extended=machine,
+        gain=Gain(9e-4, 1.2e-6, 1.1e-6, (500.0, 900.0), "m"),
+        unexplained=Unexplained(0.03, True, ("between x = 0.12 and 0.15 m",)),
+        next_experiment=Crawl(),
+        messages=("spring.rest is hardly determined by this record",),
+        scores=scores,
+        window=0.25,
+        roles=np.array([0, 1, 0, 1, 2])[(np.arange(32) // 2) % 5],
+    )
+
+
+@pytest.fixture(scope="module")
+def nothing(found):
+    """The same record with nothing wrong in the axis."""
+    return replace(
+        found, axis=found.extended, verdict="nothing to find", causes=(), scores={"": 0.2},
+        unexplained=Unexplained(0.0, False, ()), next_experiment=None, messages=(),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def uneven(found):
+    """Friction uneven in place and direction, and believed numbers a little off."""
+    believed = found.axis.replace(stribeck=dfc.Stribeck(0.2, 0.01), name="uneven")
+    machine = believed.replace(
+        mass=3.06, coulomb=5.4, stribeck=dfc.Stribeck(0.201, 0.0099),
+        effects=(
+            dfc.effects.PositionDependence(slope=1.5, curvature=3.0, centre=0.15),
+            dfc.effects.CoulombAsymmetry(force=-1.0),
+            dfc.effects.ViscousAsymmetry(viscous=2.5),
+        ),
+    )  # fmt: skip
+    causes = (
+        cause("coulomb_asymmetry", {"force": -1.0}, {"force": 3.8e-5}),
+        cause("position_dependence", {"slope": 1.5, "curvature": 3.0},
+              {"slope": 4e-4, "curvature": 0.005}),
+        cause("viscous_asymmetry", {"viscous": 2.5}, {"viscous": 0.02}),
+        cause("stribeck", {"excess": 0.201, "speed": 0.0099}, {"excess": 5e-5, "speed": 4e-5}),
+        # 10 % is more than a correction, 2 % is one.
+        replace(cause("coulomb", {}, {}), parameters={"coulomb": 5.4},
+                standard_errors={"coulomb": 1e-4}, units={"coulomb": "N"}),
+        replace(cause("inertia", {}, {}), parameters={"mass": 3.06},
+                standard_errors={"mass": 3e-5}, units={"mass": "kg"}),
+    )  # fmt: skip
+    # The peak alone does worse than other base parameters.
+    scores = {"": 6.95, "coulomb_asymmetry": 1.2, "spring": 7.26, "stribeck": 10.0}
+    return replace(
+        found, axis=believed, extended=machine, causes=causes, scores=scores, verdict="explained",
+        unexplained=Unexplained(0.0, False, ()), next_experiment=None, messages=(),
+    )  # fmt: skip
+
+
+def words_of(text):
+    """Text of a page with blanks as they are seen."""
+    return re.sub(r"\s+", " ", " ".join(Page(text).text))
+
+
+@pytest.fixture(scope="module")
+def shown(found):
+    return evidence(found.axis, found.record, found.window)
+
+
+# ---------------------------------------------------------------- evidence
+
+
+def test_force_residual_is_the_force_that_is_missing(found, shown):
+    # The machine has a spring and a bias that the believed axis lacks.
+    missing = -12.0 * (shown.x - 0.1) + 0.4
+    # The encoder leaves 0.12 N of noise (0.02 of the Coulomb level by design of the smoothing).
+    assert np.median(np.abs(shown.residual - missing)) < 0.12
+    assert np.corrcoef(shown.residual, missing)[0, 1] > 0.98
+
+
+def test_force_residual_agrees_with_derivatives_of_the_record(found, shown):
+    d = found.record.derivatives(31)
+    index = np.rint(shown.t / DT).astype(int)
+    # A central difference at k sees the mean of the drives held on both sides.
+    u = np.convolve(0.5 * (found.record.u[index] + found.record.u[index - 1]), [1.0])
+    way = np.sign(d.v[index])
+    direct = 3.0 * d.a[index] + 14.0 * d.v[index] + 6.0 * way - u
+    # Two smoothings of different length differ by noise and by curvature.
+    assert np.median(np.abs(direct - shown.residual)) < 0.2
+
+
+def test_free_runs_of_the_machine_itself_err_by_the_encoder_alone(found, shown):
+    own = evidence(found.extended, found.record)
+    # A rounding error is at most half a quantum, and 0.29 quanta RMS.
+    assert np.max(own.error_by_window) < 0.6 * QUANTUM
+    assert own.position_rms == pytest.approx(QUANTUM / math.sqrt(12.0), rel=0.2)
+    assert shown.position_rms > 50.0 * own.position_rms
+    np.testing.assert_allclose(own.positions - found.record.x, own.errors)
+    for i, (a, b) in enumerate(zip(own.windows.edges[:-1], own.windows.edges[1:], strict=True)):
+        assert own.error_by_window[i] == pytest.approx(np.sqrt(np.mean(own.errors[a:b] ** 2)))
+
+
+def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown):
+    own = evidence(found.extended, found.record)
+    # A start of motion may be seen a few samples apart, some 20 of them in 8000 samples.
+    assert own.disagreement < 0.02
+    assert shown.disagreement > 5.0 * own.disagreement
+    assert set(np.unique(own.mode_simulated)) == {-1, 0, 1}
+    still = evidence(found.axis.replace(coulomb=1000.0), found.record)
+    assert np.mean(still.mode_simulated == 0) > 0.8
+
+
+def test_effects_on_the_base_count_as_the_base(found, shown):
+    same = evidence(
+        found.axis.replace(mass=1.5, effects=(dfc.effects.Inertia(factor=2.0),)), found.record
+    )
+    np.testing.assert_array_equal(same.residual, shown.residual)
+
+
+def test_evidence_leaves_the_record_alone(found):
+    before = found.record.x.copy(), found.record.u.copy()
+    evidence(found.axis, found.record)
+    np.testing.assert_array_equal(found.record.x, before[0])
+    np.testing.assert_array_equal(found.record.u, before[1])
+
+
+def test_time_since_reversal_of_a_triangle():
+    t = DT * np.arange(4000)
+    x = 0.1 * np.abs((t % 2.0) - 1.0)  # turns at 1, 2, 3 s
+    since = since_reversal(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * x)))
+    assert np.isnan(since[:990]).all()
+    # A motion is told from its quantum within a few samples.
+    assert since[1500] == pytest.approx(0.5, abs=0.01)
+    assert since[3900] == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_rest_is_no_reversal():
+    t = DT * np.arange(3000)
+    x = np.interp(t, [0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.1, 0.2])
+    assert np.isnan(since_reversal(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * x)))).all()
+
+
+def test_autocorrelation_with_gaps_is_that_of_the_process():
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(20_000)
+    values = np.convolve(noise, [1.0, 0.5], "same")  # lag one: 0.5/1.25
+    index = np.flatnonzero((np.arange(20_000) // 500) % 2 == 0)
+    lags, found, white = autocorrelation(values[index], index, DT)
+    assert lags[1] == pytest.approx(DT)
+    # 10,000 pairs: three standard errors are 0.03.
+    assert found[0] == pytest.approx(1.0)
+    assert found[1] == pytest.approx(0.4, abs=0.03)
+    # White noise leaves the band at one lag in twenty.
+    lags, found, white = autocorrelation(noise[index], index, DT)
+    assert 0.01 < np.mean(np.abs(found[1:]) > white[1:]) < 0.1
+
+
+def test_autocorrelation_against_the_slow_sum():
+    rng = np.random.default_rng(6)
+    index = np.flatnonzero(rng.random(300) < 0.7)
+    values = rng.standard_normal(index.size)
+    _, found, white = autocorrelation(values, index, 1.0, longest=8.0)
+    r = dict(zip(index.tolist(), values - values.mean(), strict=True))
+    for lag in range(9):
+        pairs = [(r[k], r[k + lag]) for k in r if k + lag in r]
+        a, b = np.array(pairs).T
+        assert found[lag] == pytest.approx(np.sum(a * b) / np.sqrt(np.sum(a * a) * np.sum(b * b)))
+        assert white[lag] == pytest.approx(1.96 / math.sqrt(len(pairs)))
+
+
+def test_binned_quartiles_and_gaps():
+    by = np.array([0.1] * 9 + [0.9] * 4 + [2.5] * 5 + [np.nan])
+    values = np.array([*range(9), *range(4), 7.0, 7.0, 7.0, 7.0, np.nan, 1.0])
+    found = binned(values, by, [0.0, 1.0, 2.0, 3.0])
+    # The last bin keeps four known values: too few.
+    assert found.centre.tolist() == [0.5]
+    assert found.samples.tolist() == [13]
+    assert found.median[0] == pytest.approx(np.median(values[:13]))
+    assert found.low[0] == pytest.approx(np.quantile(values[:13], 0.25))
+    assert binned([], []).centre.size == 0
+
+
+# ------------------------------------------------------------------- where
+
+
+@pytest.fixture(scope="module")
+def wander():
+    """Windows over a motion whose place, speed and time are not tied together."""
+    t = DT * np.arange(20_000)
+    fast = np.sin(1.7 * t) ** 2 * 0.03 * np.sin(11.0 * t)
+    x = 0.15 + 0.06 * np.sin(1.1 * t) + fast
+    return cut(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * x)), 0.25)
+
+
+def parts(windows, mask):
+    return np.add.reduceat(mask.astype(float), windows.edges[:-1]) / windows.samples
+
+
+def numbers(words):
+    return [float(n) for n in re.findall(r"-?[\d.]+(?:e-?\d+)?", words.split("(")[0])]
+
+
+def test_where_finds_a_place(wander):
+    x = wander.record.x
+    bad = parts(wander, (x > 0.195) & (x < 0.2)) > 0.0
+    first = where(np.where(bad, 3.0, 0.2), 1.0, wander)[0]
+    assert "x =" in first and "m (" in first
+    # Edges are quantiles, one in forty of the samples: some 6 mm here.
+    assert any(abs(n - 0.195) < 0.006 or abs(n - 0.2) < 0.006 for n in numbers(first))
+
+
+def test_where_finds_a_time(wander):
+    bad = (wander.start_times > 6.0) & (wander.start_times < 9.0)
+    first = where(np.where(bad, 3.0, 0.2), 1.0, wander)[0]
+    assert first.startswith("between t =")
+    # Edges are quantiles of the windows, two windows apart.
+    np.testing.assert_allclose(numbers(first), [6.25, 9.0], atol=0.51)
+
+
+def test_where_finds_a_speed_and_follows_the_units(wander):
+    speed = np.abs(wander.record.derivatives().v)
+    bad = parts(wander, speed > 0.2) > 0.3
+    words = where(np.where(bad, 3.0, 0.2), 1.0, wander, ("rad", "N m"))
+    first = next(one for one in words if "|v|" in one)
+    assert "rad/s" in first
+    assert abs(numbers(first)[0] - 0.2) < 0.03
+
+
+def test_where_finds_reversals(wander):
+    turns = np.flatnonzero(np.diff(np.sign(np.gradient(wander.record.x))) != 0)
+    hit = np.zeros(len(wander.record), bool)
+    hit[turns] = True
+    first = where(np.where(parts(wander, hit) > 0.0, 3.0, 0.2), 1.0, wander)[0]
+    assert first.startswith("where the motion reverses")
+
+
+def test_where_says_nothing_of_noise(wander):
+    rng = np.random.default_rng(2)
+    assert where(rng.random(len(wander)), 1.0, wander) == ()
+    # Bad windows that lie anywhere: some 1 in 100 is tied to a place by chance.
+    claims = 0
+    for _ in range(100):
+        words = where(rng.random(len(wander)), 0.85, wander)
+        claims += not words[0].startswith("strewn over the record")
+    assert claims <= 5
+
+
+def test_where_counts_only_judged_windows(wander):
+    bad = (wander.start_times > 6.0) & (wander.start_times < 9.0)
+    scores = np.where(bad, 3.0, 0.2)
+    scores[::2] = np.nan
+    first = where(scores, 1.0, wander)[0]
+    hits, size, rest = (int(n) for n in re.findall(r"(\d+) of (\d+).*of (\d+)", first)[0])
+    assert size + rest == np.isfinite(scores).sum()
+    assert hits == np.sum(bad[1::2])
+
+
+def test_where_survives_a_record_full_of_bad_windows(wander):
+    # All are bad; those of one stretch far worse.
+    late = wander.start_times >= 14.0
+    words = where(np.where(late, 9.0, 3.0) + 0.01 * np.cos(np.arange(len(wander))), 1.0, wander)
+    assert words[0].startswith("after t = 14")
+    assert where(np.full(len(wander), 3.0), 1.0, wander)[0].startswith("strewn")
+
+
+# ----------------------------------------------------------------- figures
+
+
+def drawn(ax):
+    """Finite data of everything drawn."""
+    arrays = [np.asarray(line.get_xydata(), float) for line in ax.lines]
+    arrays += [np.array([[patch.get_width(), patch.get_y()]]) for patch in ax.patches
+               if hasattr(patch, "get_width")]  # fmt: skip
+    return [a[np.isfinite(a).all(axis=1)] for a in arrays]
+
+
+def test_page_draws_every_panel_with_units(found):
+    plot = found.plot()
+    axes = plot.axes.ravel()
+    assert axes.size == figures.PANELS
+    assert "no candidate" not in " ".join(text.get_text() for text in axes[-2].texts)
+    for ax in axes:
+        data = drawn(ax)
+        assert data and all(one.size for one in data), ax.get_xlabel()
+        low, high = ax.get_ylim()
+        assert np.isfinite([*ax.get_xlim(), low, high]).all()
+        assert re.search(r"\[.+\]", ax.get_xlabel())
+    ylabels = [ax.get_ylabel() for ax in axes]
+    assert ylabels[:3] == ["position [m]", "RMS error [m]", "force missing [N]"]
+    plot.figure.savefig(io.BytesIO())
+    words = " ".join(text.get_text() for ax in plot.figure.axes for text in ax.texts)
+    assert "partly explained: spring, bias force" in words
+    assert "next experiment" in words
+
+
+def test_nothing_in_the_page_overlaps(found):
+    figure = found.plot().figure
+    figure.canvas.draw()
+    boxes = [ax.get_tightbbox() for ax in figure.axes[1:]]
+    page = figure.bbox
+    for i, one in enumerate(boxes):
+        # One pixel: boxes are rounded outwards.
+        assert one.x0 > page.x0 - 1 and one.x1 < page.x1 + 1
+        assert one.y0 > page.y0 - 1 and one.y1 < page.y1 + 1
+        for other in boxes[:i]:
+            wide = min(one.x1, other.x1) - max(one.x0, other.x0)
+            high = min(one.y1, other.y1) - max(one.y0, other.y0)
+            assert wide < 1 or high < 1
+    text = [t.get_window_extent() for t in figure.axes[0].texts]
+    assert min(t.y0 for t in text) > max(box.y1 for box in boxes)
+    assert max(t.x1 for t in text) < page.x1
+
+
+def test_errors_are_those_of_the_windows(found, shown):
+    plot = found.plot()
+    line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "as believed")
+    # Motionless windows are drawn at a tenth of the floor.
+    np.testing.assert_allclose(
+        line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
+    )
+
+
+def test_bars_are_sorted_and_the_named_stand_out(found):
+    ax = found.plot().axes.ravel()[-2]
+    bars = [patch for patch in ax.patches if patch.get_width() > 0.0]
+    # Finite ones, best on top: a score lower by g is an error exp(g/2) times smaller.
+    ends = [bar.get_x() + bar.get_width() for bar in bars]
+    assert ends == pytest.approx([math.exp(g / 2.0) for g in (1.9, 1.88, 1.0)])
+    assert [bar.get_x() for bar in bars] == [1.0] * 3
+    labels = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert labels == ["1. spring", "gravity on a rotary axis", "2. bias force"]
+    assert bars[1].get_hatch() and not bars[0].get_hatch()
+    assert bars[0].get_facecolor() == bars[2].get_facecolor() != bars[1].get_facecolor()
+
+
+def test_what_does_no_good_alone_has_no_bar(uneven):
+    ax = uneven.plot().axes.ravel()[-2]
+    bars = [patch for patch in ax.patches if patch.get_width() != 0.0]
+    assert [bar.get_width() > 0.0 for bar in bars] == [True]
+    labels = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert labels == ["1. Coulomb asymmetry", "spring", "Stribeck peak"]
+    told = [text.get_text() for text in ax.texts]
+    assert " helps beside the others only" in told
+    assert any(text.startswith("no bar: alone no better") for text in told)
+    assert ax.get_xlim()[0] == 1.0
+
+
+def test_no_bar_at_all_is_told_in_a_sentence(found):
+    d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
+    ax = d.plot().axes.ravel()[-2]
+    assert not ax.patches and not ax.axison
+    sentence = candidate_bars.NO_BAR
+    assert " ".join(ax.texts[0].get_text().split()) == sentence
+    page = html_page(d)
+    assert sentence in words_of(page)
+    assert "Bars:" not in page
+    assert sentence not in words_of(html_page(found))
+
+
+def test_page_without_causes_shows_one_axis(nothing):
+    plot = nothing.plot()
+    labels = {line.get_label() for ax in plot.axes.ravel() for line in ax.lines}
+    assert "with the causes" not in labels
+    assert "no candidate had to be tried" in [t.get_text() for t in plot.axes.ravel()[-2].texts]
+    plot.figure.savefig(io.BytesIO())
+
+
+def test_page_draws_into_given_axes(found):
+    given = matplotlib.pyplot.figure().subplots(2, 4)
+    assert found.plot(given).axes.ravel()[0] is given[0, 0]
+    with pytest.raises(ValueError, match="ax must hold 8 axes"):
+        found.plot(given[:1])
+    with pytest.raises(ValueError, match="by must be one of"):
+        figures.draw_residual(None, None, "mass", given[0, 0])
+
+
+def medians(ax):
+    return [line for line in ax.lines if line.get_label() in ("its median", "with the causes")]
+
+
+@pytest.mark.parametrize("which", ["found", "uneven"])
+def test_scale_of_the_force_holds_zero_and_every_median(which, request):
+    axes = request.getfixturevalue(which).plot().axes.ravel()[2:6]
+    for ax in axes:
+        low, high = ax.get_ylim()
+        assert low < 0.0 < high
+        assert len(medians(ax)) == 2
+        for line in ax.lines:
+            if line.get_marker() != ".":
+                values = np.asarray(line.get_ydata(), float)
+                assert low < np.nanmin(values) and np.nanmax(values) < high, line.get_label()
+
+
+def test_scale_of_the_force_holds_what_lies_off_the_dots(found, shown):
+    """A push that is missing all the time: the dots alone leave zero out."""
+    pushed = replace(shown, residual=shown.residual + 8.0)
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(pushed, evidence(found.extended, found.record), "speed", ax)
+    low, high = ax.get_ylim()
+    line = next(li for li in ax.lines if li.get_label() == "with the causes").get_ydata()
+    assert low < 0.0 and low < np.min(line) and np.max(line) < high
+    assert high > np.quantile(pushed.residual, 0.99)
+    alone = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(pushed, None, "speed", alone)
+    assert alone.get_ylim()[0] < 0.0
+
+
+def test_medians_over_position_do_not_jump_between_the_directions(found):
+    """A level 1 N off both ways: the residual is -1 N forwards, +1 N backwards."""
+    low = found.extended.replace(coulomb=found.extended.coulomb.scaled(5.0 / 6.0))
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_residual(evidence(low, found.record), None, "position", ax)
+    lines = {line.get_marker(): line for line in ax.lines if line.get_gid() == "median"}
+    assert set(lines) == {">", "<"}
+    # Noise of a median of some 25 samples is a few hundredths of a newton.
+    for way, sign in ((">", -1.0), ("<", 1.0)):
+        np.testing.assert_allclose(lines[way].get_ydata(), sign, atol=0.4)
+    assert "> forwards, < backwards" in ax.get_xlabel()
+
+
+def test_title_of_many_causes_stays_on_the_page(uneven):
+    figure = uneven.plot().figure
+    figure.canvas.draw()
+    title = figure.axes[0].texts[0]
+    assert "Coulomb asymmetry, position-dependent friction and 2 more" in " ".join(
+        title.get_text().split()
+    )
+    box = title.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 < figure.bbox.x1
+    # The list below starts where the title ends.
+    assert figure.axes[0].texts[1].get_window_extent().y1 <= box.y0 + 1.0
+    wide = tuple(replace(c, title=30 * "M ") for c in uneven.causes)
+    long = replace(uneven, causes=wide)
+    figure = long.plot().figure
+    figure.canvas.draw()
+    assert figure.axes[0].texts[0].get_window_extent().x1 < figure.bbox.x1
+
+
+# ------------------------------------------- what a cause means in the axis
+
+
+def test_small_corrections_stand_apart_everywhere(uneven, found):
+    assert [c.effect for c in uneven.small_corrections] == ["stribeck", "inertia"]
+    assert [c.effect for c in uneven.main_causes] == [
+        "coulomb_asymmetry", "position_dependence", "viscous_asymmetry", "coulomb",
+    ]  # fmt: skip
+    assert found.small_corrections == ()
+    assert "Stribeck" not in figures.headline(uneven) and "inertia" not in figures.headline(uneven)
+    heading = "small corrections of believed numbers"
+    for text in (uneven.summary(), words_of(html_page(uneven)), words_of(html_summary(uneven))):
+        text = re.sub(r"\s+", " ", text).replace("\u2192", "->").replace("\u00b1", "+-")
+        causes, _, small = text.partition(heading if heading in text else heading.capitalize())
+        for change in (
+            "excess 0.2 -> 0.201000 +- 0.000050 (+0.5 %)",
+            "speed 0.01 -> 0.009900 +- 0.000040 m/s (-1 %)",
+            "mass 3 -> 3.060000 +- 0.000030 kg (+2 %)",
+        ):
+            assert change in small and change not in causes, change
+        assert "coulomb 6 -> 5.40000 +- 0.00010 N (-10 %)" in causes
+        assert heading.capitalize() not in words_of(html_summary(found))
+    told = uneven.to_dict()
+    assert told["small_corrections"] == ["stribeck", "inertia"]
+    assert told["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
+    assert told["causes"][0]["believed"] == {}
+    only = replace(uneven, causes=uneven.small_corrections)
+    assert figures.headline(only) == "explained: small corrections of believed numbers"
+    Page(html_page(only))
+
+
+def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
+    believed = found.axis.replace(effects=(dfc.effects.Spring(stiffness=12.0, rest=1e-4),))
+    near = cause("spring", {"stiffness": 12.1, "rest": 2e-4}, {"stiffness": 0.1, "rest": 1e-5})
+    far = replace(near, parameters={"stiffness": 12.1, "rest": 0.1})
+    d = replace(found, axis=believed, causes=(near,))
+    assert wording.is_small(d, near) and not wording.is_small(d, far)
+    assert "rest 0.0001 -> (2.00 +- 0.10)e-04 m (+0.0001 m)" in " ".join(d.summary().split())
+
+
+def law_level(x, way):
+    """Level of the machine of `uneven`, by hand."""
+    q = x - 0.15
+    return 5.4 * (1.0 + 1.5 * q + 3.0 * q**2) - way * 1.0
+
+
+def test_levels_are_those_of_the_laws(uneven):
+    x = np.linspace(0.0, 0.3, 7)
+    for way in (1, -1):
+        # Rounding alone: both are the same few operations.
+        np.testing.assert_allclose(
+            wording.levels(uneven.extended, x, way), law_level(x, way), rtol=1e-12
+        )
+        np.testing.assert_allclose(wording.levels(uneven.axis, x, way), 6.0, rtol=1e-12)
+    table = uneven.to_dict()["coulomb_level"]
+    ends = uneven.record.x.min(), uneven.record.x.max()
+    np.testing.assert_allclose(table["x"], [ends[0], 0.5 * sum(ends), ends[1]])
+    np.testing.assert_allclose(table["found"]["backwards"], law_level(np.array(table["x"]), -1))
+
+
+def test_a_force_and_a_load_are_no_part_of_the_level(uneven):
+    loaded = uneven.axis.replace(
+        effects=(dfc.effects.Spring(stiffness=100.0), dfc.effects.LoadDependence(coefficient=0.2))
+    )
+    assert wording.levels(loaded, [0.2], 1) == pytest.approx([6.0])
+
+
+def test_which_way_is_harder_is_told_in_newtons(uneven):
+    x = np.array(uneven.to_dict()["coulomb_level"]["x"])
+    flat = re.sub(r"\s+", " ", uneven.summary())
+    page = words_of(html_page(uneven))
+    for text in (flat, page, words_of(html_summary(uneven))):
+        for way, name in ((1, "forwards"), (-1, "backwards")):
+            places = ", ".join(f"{law_level(p, way):.3g} N at x = {p:.3g} m" for p in x)
+            assert f"{name}: {places}" in text
+        assert "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5" in text
+        assert "centre = 0.15 m" in text and "q = x - centre" in text
+        # Two causes act on the level: it is told once.
+        assert text.count("Coulomb level found") == 1
+    for i, p in enumerate(x):
+        assert f"Coulomb level backwards at x = {p:.3g} m 6 N {law_level(p, -1):.4g} N" in page, i
+    assert "viscous friction backwards 14 N s/m 11.5 N s/m -18 %" in page
+    assert "Coulomb + , Coulomb -" not in page and "the effects listed under them add to it" in page
+
+
+def test_asymmetry_alone_is_told_in_two_numbers(uneven):
+    d = replace(
+        uneven, causes=uneven.causes[:1],
+        extended=uneven.axis.replace(effects=(dfc.effects.CoulombAsymmetry(force=-1.0),)),
+    )  # fmt: skip
+    assert "forwards 5 N, backwards 7 N" in d.summary()
+    assert "Coulomb level believed (x grows forwards): 6 N, both ways" in d.summary()
+
+
+def test_levels_are_drawn_where_they_vary(uneven, found):
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_levels(uneven, ax)
+    lines = {line.get_label(): line for line in ax.lines}
+    for way, name in ((1, "forwards"), (-1, "backwards")):
+        line = lines[f"with the causes, {name}"]
+        np.testing.assert_allclose(line.get_ydata(), law_level(line.get_xdata(), way))
+        np.testing.assert_allclose(lines[f"as believed, {name}"].get_ydata(), 6.0)
+    assert {line.get_marker() for line in ax.lines} == {">", "<"}
+    assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
+    assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
+    alt = "Coulomb level over position; as believed: 6 N, both ways"
+    assert alt in html_page(uneven)
+    assert "Coulomb level over position" not in html_page(found)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (12.0, 0.1, "12.00 +- 0.10"),
+        (-1.010704, 3.78e-5, "-1.010704 +- 0.000038"),
+        (5.0, 0.0996, "5.00 +- 0.10"),
+        (123456.0, 996.0, "123500 +- 1000"),
+        (48.3, 120.0, "50 +- 120"),
+        (3.0e-7, 2e-9, "(3.000 +- 0.020)e-07"),
+        (2.5e9, 3e7, "(2.500 +- 0.030)e+09"),
+        (0.0, 2e-6, "(0.0 +- 2.0)e-06"),
+        (0.123456, math.inf, "0.123 (undetermined)"),
+        (0.5, 0.0, "0.5"),
+    ],
+)
+def test_errors_have_two_digits(value, error, text):
+    assert wording.with_error(value, error) == text
+
+
+def test_page_says_once_what_an_error_covers(found, uneven):
+    for d in (found, uneven):
+        for text in (html_page(d), html_summary(d)):
+            assert words_of(text).count("random error of this record alone, not that of") == 1
+
+
+def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
+    page = words_of(html_page(found))
+    assert "axis_file" not in page
+    code = re.search(r"(import dryfric_control as dfc.*?)Its file", "".join(Page(
+        html_page(found)).text), re.DOTALL)[1]  # fmt: skip
+    asked = []
+    monkeypatch.setattr(
+        dfc, "design_pi_observer", lambda axis, **given: asked.append((axis, given))
+    )
+    monkeypatch.chdir(tmp_path)
+    write_axis(found.extended, "extended.toml")
+    names = {"u": found.record.u[:100]}
+    exec(code, names)
+    assert asked == [(found.extended, {"dt": DT, "encoder_quantum": QUANTUM})]
+    assert names["run"].time[1] == pytest.approx(DT)
+
+
+def test_words_are_those_of_a_user(found, uneven):
+    for d in (found, uneven):
+        figure = d.plot().figure
+        drawn_words = " ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
+        for text in (d.summary(), words_of(html_page(d)), words_of(html_summary(d)), drawn_words):
+            for insider in ("held-out", "looks the same", "log(1", "log score", "told wrongly"):
+                assert insider not in text, insider
+    page = words_of(html_page(found))
+    assert "no other cause does as well" in page
+    # A gain of 1.5 (1.2 to 1.8) is an error exp(0.75) times smaller.
+    assert "2.12 times smaller (1.82 to 2.46)" in page
+    assert "motion or rest seen otherwise *" in page and "the verdict does not rest on it" in page
+
+
+# -------------------------------------------------------------------- HTML
+
+
+class Page(HTMLParser):
+    """Checks that tags close in order, and collects what they hold."""
+
+    VOID = frozenset({"meta", "img", "br"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.attributes, self.text = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, *pair) for pair in attrs]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.mark.parametrize("which", ["found", "nothing"])
+def test_page_stands_alone_and_escapes(which, request):
+    d = request.getfixturevalue(which)
+    text = html_page(d)
+    page = Page(text)
+    assert text.startswith("<!DOCTYPE html>")
+    assert "script" not in page.tags and "link" not in page.tags
+    for _, name, value in page.attributes:
+        if name in ("src", "href"):
+            assert value.startswith("data:image/png;base64,")
+    assert not re.search(r"https?://|url\(|@import", text)
+    words = " ".join(page.text)
+    assert NAME in words and "run <7>" in words
+    alts = [value for _, name, value in page.attributes if name == "alt"]
+    assert len(alts) == page.tags.count("img") >= 4
+    assert all(len(alt) > 20 for alt in alts)
+    assert not re.search(r"\bnan\b|\binf\b", words)
+
+
+def test_page_tells_everything(found):
+    words = " ".join(Page(html_page(found)).text)
+    for part in (
+        "partly explained",
+        "stiffness = 12.00 \u00b1 0.10 N/m",
+        "rest = 0.1 m (undetermined)",
+        "gravity on a rotary axis",
+        "between x = 0.12 and 0.15 m",
+        "parts <spring> from gravity",
+        "hardly determined",
+        found.causes[0].explanation,
+        found.causes[1].experiment,
+        "750 times smaller (90 %: 500 to 900)",
+        "1.2 \u00b5m",
+        found.extended.describe(),
+        axis_text(found.extended),
+    ):
+        assert part in words, part
+
+
+def test_summary_is_a_fragment(found, nothing):
+    page = Page(html_summary(found))
+    assert "img" not in page.tags and "html" not in page.tags and "table" in page.tags
+    assert "script" not in page.tags
+    assert found._repr_html_() == html_summary(found)
+    assert "table" not in Page(html_summary(nothing)).tags
+
+
+def test_json_round_trips_without_nan(found, tmp_path):
+    def refuse(name):
+        raise AssertionError(name)
+
+    path = tmp_path / "d.json"
+    text = found.to_json(path)
+    data = json.loads(text, parse_constant=refuse)
+    assert data == json.loads(path.read_text())
+    assert data["causes"][0]["standard_errors"] == {"stiffness": 0.1, "rest": None}
+    assert "backlash" not in data["scores"]
+    json.dumps(evidence(found.axis, found.record).to_dict(), allow_nan=False)
+
+
+# --------------------------------------------------------- the axis as a file
+
+
+EFFECTS = (
+    dfc.effects.Spring(stiffness=12.0, rest=0.1),
+    dfc.effects.Cogging(amplitude=0.6, period=0.021, phase=-0.4),
+    dfc.effects.Presliding(distance=2e-5),
+    dfc.effects.InputDelay(delay=2e-3),
+    dfc.effects.Backlash(gap=1e-4, load_fraction=0.4),
+)
+numbers_above_zero = st.floats(1e-12, 1e12)
+
+
+@settings(max_examples=60)
+@given(
+    mass=numbers_above_zero,
+    viscous=st.floats(0.0, 1e9),
+    plus=st.lists(st.floats(0.1, 50.0), min_size=1, max_size=4),
+    minus=st.lists(st.floats(0.1, 50.0), min_size=1, max_size=4),
+    excess=st.floats(0.0, 5.0),
+    name=st.text(st.characters(codec="utf-8"), max_size=20),
+    effects=st.lists(st.sampled_from(EFFECTS), unique=True),
+    peak=st.booleans(),
+)
+def test_axis_file_round_trips(
+    tmp_path_factory, mass, viscous, plus, minus, excess, name, effects, peak
+):
+    axis = dfc.FrictionAxis(
+        mass=mass, viscous=viscous, coulomb=dfc.CoulombMap(plus, minus),
+        stribeck=dfc.Stribeck(excess, 0.01) if peak else None, stick_speed=3e-5,
+        stick_rate=700.0, travel=(0.0, 0.3), switching="paper", effects=tuple(effects),
+        name=name, units=("rad", "N m"),
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("axis") / "axis.toml"
+    write_axis(axis, path)
+    back = read_axis(path)
+    for item in fields(axis):
+        assert getattr(back, item.name) == getattr(axis, item.name), item.name
+    assert [p.name for p in path.parent.iterdir()] == ["axis.toml"]
+
+
+@pytest.mark.parametrize("slug", sorted(REGISTRY))
+def test_every_effect_round_trips(slug, tmp_path):
+    cls = REGISTRY[slug]
+    low_high = {name: about["bounds"] for name, about in cls.parameters().items()}
+    effect = cls(**{n: 0.3 if low <= 0.3 <= high else low for n, (low, high) in low_high.items()})
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=1.0, effects=(effect,))
+    write_axis(axis, tmp_path / "axis.toml")
+    assert read_axis(tmp_path / "axis.toml") == axis
+
+
+BASE = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
+
+
+@pytest.mark.parametrize(
+    ("level", "expected"),
+    [
+        ("8.0", dfc.CoulombMap(8.0)),
+        ("8", dfc.CoulombMap(8.0)),
+        ("[8.0, 7.5]", dfc.CoulombMap(8.0, 7.5)),
+        ("{plus = [8.0, 1.0], minus = [7.0]}", dfc.CoulombMap([8.0, 1.0], [7.0])),
+        ("{plus = 8.0}", dfc.CoulombMap(8.0)),
+        ("{plus = 8.0, minus = 0.0}", dfc.CoulombMap(8.0, 0.0)),
+    ],
+)
+def test_levels_in_every_form(tmp_path, level, expected):
+    path = tmp_path / "axis.toml"
+    path.write_text(f"mass = 2.0\nviscous = 15.0\ncoulomb = {level}\ntravel = [0.0, 0.3]\n")
+    assert read_axis(path).coulomb == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("mass = ", "is no TOML"),
+        ("\udcff", "is no TOML"),
+        ("viscous = 1.0\ncoulomb = 1.0", "mass is missing: give at least"),
+        (BASE + "massive = 3.0", "massive = 3.0 is not known: did you mean 'mass'"),
+        (BASE + "zzz = 3.0", "zzz = 3.0 is not known: known are mass, viscous"),
+        (BASE.replace("2.0", "-2.0"), "mass must be more than zero .*-2.0"),
+        (BASE.replace("2.0", '"two"'), "mass must be a number in kg, got 'two'"),
+        (BASE.replace("2.0", "nan"), "mass must be a finite number"),
+        (BASE.replace("8.0", "[8.0, 7.0, 6.0]"), "coulomb must be a level, a pair"),
+        (BASE.replace("8.0", "{minus = 7.0}"), "lacks plus"),
+        (BASE.replace("8.0", "{plus = 7.0, minos = 7.0}"), "coulomb.minos = 7.0 .*'minus'"),
+        (BASE + "units = 'm'", "units must be those of position and force.*got 'm'"),
+        (BASE + "name = 3", "name must be text in quotes.*got 3"),
+        (BASE + "switching = 'mine'", 'switching must be "filippov" or "paper"'),
+        (BASE + "travel = [0.3, 0.0]", "travel must run from low to high"),
+        (BASE + "stribeck = 3.0", "stribeck must be a table such as"),
+        (BASE + "[stribeck]\nexcess = 0.3", "stribeck.speed is missing"),
+        (BASE + "[stribeck]\nexcess = 0.3\nsped = 0.1", "stribeck.sped = 0.1 .*'speed'"),
+        (BASE + "[stribeck]\nexcess = -0.3\nspeed = 0.1", "stribeck.excess .*-0.3"),
+        (BASE + "effects = 3", r"effects must be tables headed \[\[effects\]\], got 3"),
+        (BASE + "[[effects]]\nstiffness = 3.0", r"effects\[0\].effect is None: name the effect"),
+        (BASE + "[[effects]]\neffect = 'sprung'", r"effects\[0\].effect = 'sprung' .*'spring'"),
+        (BASE + "[[effects]]\neffect = 'spring'", r"\(spring\): stiffness is missing.*\[N/m\]"),
+        (BASE + "[[effects]]\neffect = 'spring'\nstifness = 1.0", "stifness = 1.0 .*'stiffness'"),
+        (BASE + "[[effects]]\neffect = 'spring'\nstiffness = -1.0", "spring.stiffness must lie"),
+        (BASE + 2 * "[[effects]]\neffect = 'input_delay'\ndelay = 1.0\n", "more than one delay"),
+    ],
+)
+def test_bad_axis_files_name_file_value_and_mend(tmp_path, text, words):
+    path = tmp_path / "axis.toml"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(ValueError, match=words) as problem:
+        read_axis(path)
+    assert str(problem.value).startswith(str(path))
+
+
+# ------------------------------------------------------------- command line
+
+
+@pytest.fixture
+def files(found, tmp_path):
+    record, axis = tmp_path / "run.csv", tmp_path / "axis.toml"
+    columns = np.column_stack([found.record.t, found.record.u, found.record.x])
+    np.savetxt(record, columns, delimiter=",", header="t,u,x", comments="", fmt="%.12g")
+    write_axis(found.axis, axis)
+    return record, axis, tmp_path / "out"
+
+
+@pytest.fixture
+def asked(found, monkeypatch):
+    """Stands for the search: keeps what it was asked, and answers at once."""
+    calls = []
+
+    def diagnose(axis, record, **options):
+        calls.append((axis, record, options))
+        return found
+
+    # By its full name: the package may hold a function of the same name.
+    module = importlib.import_module("dryfric_control.diagnosis.diagnose")
+    monkeypatch.setattr(module, "diagnose", diagnose)
+    return calls
+
+
+@pytest.mark.parametrize(("quiet", "terminal"), [(True, True), (False, True), (False, False)])
+def test_command_writes_the_report(files, asked, found, capsys, monkeypatch, quiet, terminal):
+    record, axis, out = files
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    command = ["diagnose", str(record), "--axis", str(axis), "--out", str(out)]
+    assert main(command + ["--quiet"] * quiet) == 0
+    ((given_axis, given_record, options),) = asked
+    assert given_axis == found.axis
+    np.testing.assert_allclose(given_record.x, found.record.x, atol=1e-9)
+    assert options == {"progress": terminal and not quiet}
+    assert {path.name for path in out.iterdir()} == FILES
+    assert found.summary() in capsys.readouterr().out
+    assert read_axis(out / "extended.toml") == found.extended
+    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "partly explained"
+    assert (out / "report.png").read_bytes().startswith(b"\x89PNG")
+    Page((out / "report.html").read_text())
+
+
+@pytest.mark.parametrize(
+    ("which", "content", "words"),
+    [
+        ("record", None, "no file|not exist|No such file"),
+        ("record", "t,u,x\n0,1,2\n0.001,abc,2\n", "row|line"),
+        ("axis", None, "no file|No such file"),
+        ("axis", "mass = ", "is no TOML"),
+        ("axis", BASE + "masss = 1.0", "did you mean 'mass'"),
+        ("out", "a file", "is a file: name a folder"),
+    ],
+)
+def test_command_tells_bad_input_in_one_line(files, asked, capsys, which, content, words):
+    record, axis, out = files
+    target = {"record": record, "axis": axis, "out": out}[which]
+    target.unlink(missing_ok=True)
+    if content is not None:
+        target.write_text(content)
+    assert main(["diagnose", str(record), "--axis", str(axis), "--out", str(out)]) == 2
+    told = capsys.readouterr()
+    assert told.err.count("\n") == 1 and re.search(words, told.err), told.err
+    assert asked == [] and not out.is_dir()
+
+
+def test_report_is_written_whole_or_not_at_all(found, tmp_path, monkeypatch):
+    def fail(d):
+        raise ValueError("no page today")
+
+    monkeypatch.setattr("dryfric_control.diagnosis.report.page.html_page", fail)
+    with pytest.raises(ValueError, match="no page today"):
+        write_report(found, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert matplotlib.pyplot.get_fignums() == []

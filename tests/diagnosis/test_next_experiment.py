@@ -1,0 +1,324 @@
+"""Pairs of causes that one record cannot tell apart, and the experiment that can."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import control as ct
+import matplotlib
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
+from dryfric_control.diagnosis.experiment import Experiment, next_experiment
+from dryfric_control.estimation.windows import cut
+
+matplotlib.use("Agg")
+
+DT, QUANTUM = 1e-3, 1e-6
+#: What the drive of a machine that has only been moved gently can do.
+WIDE = Limits(travel=(-0.2, 0.2), drive=40.0, speed=0.6)
+pytestmark = pytest.mark.filterwarnings("ignore::dryfric_control.RecordWarning")
+
+
+def axis(*effects, **changes):
+    return dfc.FrictionAxis(
+        **(
+            {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0, "travel": (-0.2, 0.2)}
+            | changes
+            | {"effects": effects}
+        )
+    )
+
+
+def recorded(machine, reference, quantum=QUANTUM, v0=0.0, gains=None):
+    """A closed-loop record of a machine."""
+    loop = gains or dfc.PositionController.from_bandwidth(machine.effective(), 20.0, DT, 60.0)
+    run = dfc.simulate_loop(machine, loop, reference, quantum, float(reference[0]), v0)
+    return dfc.Record(DT * np.arange(reference.size), run.y[4], run.y[5], quantum=quantum)
+
+
+def sine(amplitude, frequency, n=8000):
+    return amplitude * np.sin(2.0 * np.pi * frequency * DT * np.arange(n))
+
+
+def jumps(n=8000, seed=0):
+    return np.repeat(np.random.default_rng(seed).uniform(-0.05, 0.05, n // 500), 500)
+
+
+def eased(n, over):
+    s = np.clip(np.arange(n) / over, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def worst(model, record):
+    """Errors of free runs, a line of each window left out, in quanta: the middle one."""
+    windows = cut(record)
+    errors = (windows.run(model) - record.x)[: 250 * (len(record) // 250)].reshape(-1, 250)
+    line = np.vander(np.arange(250.0), 2)
+    left = errors.T - line @ np.linalg.lstsq(line, errors.T, rcond=None)[0]
+    return float(np.sqrt(np.median(np.mean(left**2, axis=0))) / (record.quantum or 1.0))
+
+
+def bias_or_asymmetry():
+    machine = axis(dfc.effects.BiasForce(force=2.0))
+    return machine, axis(dfc.effects.CoulombAsymmetry(force=-2.0)), recorded(machine, jumps()), None
+
+
+def dead_zone_or_level():
+    machine = axis(dfc.effects.DeadZone(width=2.0))
+    return machine, axis(coulomb=10.0), recorded(machine, sine(0.05, 0.4)), WIDE
+
+
+def gain_or_load():
+    machine = axis(dfc.effects.InputGain(gain=0.85))
+    rival = axis(dfc.effects.LoadDependence(coefficient=0.15))
+    return machine, rival, recorded(machine, sine(0.05, 0.4)), WIDE
+
+
+def inertia_or_gain():
+    machine = axis(dfc.effects.Inertia(factor=1.25))
+    # u 0.8 = 0.8 (2.5 a + 15 v + 8 s): the same motion from the same drive.
+    rival = axis(dfc.effects.InputGain(gain=0.8), viscous=12.0, coulomb=6.4)
+    return machine, rival, recorded(machine, jumps()), None
+
+
+def spring_or_gravity():
+    travel = (-1.5, 1.5)
+    machine = axis(dfc.effects.Spring(stiffness=6.0), travel=travel)
+    rival = axis(dfc.effects.Gravity(amplitude=6.0), travel=travel)
+    return machine, rival, recorded(machine, sine(0.1, 1.0)), None
+
+
+def delay_or_lag():
+    machine = axis(dfc.effects.InputDelay(delay=3e-3))
+    rival = axis(dfc.effects.ActuatorLag(time_constant=3e-3))
+    return machine, rival, recorded(machine, sine(0.05, 0.8), 2e-6), WIDE
+
+
+def stribeck_or_dwell():
+    machine = axis(stribeck=dfc.Stribeck(excess=0.3, speed=5e-5))
+    rival = axis(dfc.effects.DwellTime(rise=2.4, time_constant=0.05))
+    way = 0.05 * eased(500, 300)
+    gains = dfc.PositionController(kp=2000.0, ki=0.0, kd=60.0, dt=DT)
+    # All rests are longer than five time constants: as good as endless.
+    record = recorded(machine, np.tile(np.concatenate((way, 0.05 - way)), 8), 5e-6, gains=gains)
+    return machine, rival, record, None
+
+
+def cogging_or_time():
+    speed = 0.1
+    machine = axis(dfc.effects.Cogging(amplitude=0.3, period=0.005))
+    record = recorded(machine, -0.16 + speed * DT * np.arange(3000), v0=speed)
+    rivals = [
+        axis(dfc.effects.TimePeriodic(amplitude=0.3, frequency=speed / 0.005, phase=phase))
+        for phase in np.linspace(0.0, 2.0 * np.pi, 65)
+    ]
+    return machine, min(rivals, key=lambda one: worst(one, record)), record, None
+
+
+PAIRS = {
+    ("dead_zone", "coulomb"): dead_zone_or_level,
+    ("input_gain", "load_dependence"): gain_or_load,
+    ("inertia", "input_gain"): inertia_or_gain,
+    ("spring", "gravity"): spring_or_gravity,
+    ("input_delay", "actuator_lag"): delay_or_lag,
+    ("stribeck", "dwell_time"): stribeck_or_dwell,
+    ("cogging", "time_periodic"): cogging_or_time,
+}
+
+
+@pytest.fixture(scope="module", params=PAIRS, ids="-".join)
+def found(request):
+    machine, rival, record, limits = PAIRS[request.param]()
+    experiment = next_experiment(machine, [rival], record, names=request.param, limits=limits)
+    return request.param, machine, rival, record, limits, experiment
+
+
+def test_the_record_does_not_tell_the_pair_apart(found):
+    """Free runs of the rival are as close to the record as the truth's, to 1.5 quanta."""
+    _, machine, rival, record, _, _ = found
+    assert worst(rival, record) < worst(machine, record) + 1.5
+
+
+def test_the_experiment_parts_the_pair(found):
+    """Several quanta even after the rival's refit, and more than the set does in the middle."""
+    names, *_, experiment = found
+    assert isinstance(experiment, Experiment)
+    assert experiment.separates == (names[1],)
+    assert experiment.cause == names[0]
+    assert experiment.score[names[1]] > 5.0
+    assert experiment.score[names[1]] > np.median(list(experiment.tried.values()))
+
+
+def test_travel_speed_and_drive_stay_within_limits(found):
+    names, machine, rival, record, limits, experiment = found
+    limits = limits or Limits.of(machine, record)
+    assert limits.drive <= 40.0 or limits.drive == np.abs(record.u).max()
+    for name in names:
+        x = experiment.positions[name]
+        assert limits.travel[0] <= x.min() and x.max() <= limits.travel[1]
+        # Mean speed over a sample is not above the largest inside it.
+        assert np.abs(np.diff(x)).max() <= limits.speed * DT * (1.0 + 1e-9)
+        # The drive is a sum of two numbers that are limited by a difference.
+        assert np.abs(experiment.drives[name]).max() <= limits.drive * (1.0 + 1e-12)
+
+
+def test_the_predictions_are_those_of_the_hypotheses(found):
+    """An open-loop run on the predicted drive moves as predicted, and the rival does not."""
+    names, machine, rival, record, limits, experiment = found
+    change = next(e.change for e in EXCITATIONS if e.name == experiment.name)
+    if change is not None:
+        stage = Stage.of(machine, limits or Limits.of(machine, record), DT)
+        machine, rival = change(stage, machine), change(stage, rival)
+    x = experiment.positions[names[0]]
+    own, other = (
+        one.simulate(experiment.drives[names[0]], DT, x0=float(x[0])).y[0]
+        for one in (machine, rival)
+    )
+    np.testing.assert_allclose(own, x, atol=1e-9)
+    assert np.abs(other - x).max() > 5.0 * record.quantum
+
+
+def test_equal_causes_ask_for_a_change_of_the_bench():
+    """F = s Fc + b and levels Fc + s b are one law: no motion, mass or force parts them."""
+    machine, rival, record, _ = bias_or_asymmetry()
+    experiment = next_experiment(machine, [rival], record)
+    assert experiment.name == "change_of_bench"
+    assert experiment.cause == "bias_force"
+    assert experiment.separates == ()
+    assert experiment.score == {"coulomb_asymmetry": 0.0}
+    assert "tilt" in experiment.description
+    assert experiment.t.size == 0
+    # The bench changes that the set holds were tried as well.
+    assert {"added_mass", "known_force"} <= set(experiment.tried)
+    with pytest.raises(ValueError, match="no reference"):
+        experiment.to_csv("nowhere.csv")
+    assert isinstance(experiment.plot(), ct.ControlPlot)
+
+
+def test_what_a_refit_takes_away_is_no_difference():
+    """A viscous coefficient that the slow record leaves open may not part equal laws."""
+    machine = axis(dfc.effects.BiasForce(force=2.0))
+    rival = axis(dfc.effects.CoulombAsymmetry(force=-2.0), viscous=15.3)
+    record = recorded(machine, sine(0.002, 0.2))
+    experiment = next_experiment(machine, [rival], record, limits=WIDE)
+    assert np.median(list(experiment.tried.values())) > 5.0
+    assert experiment.separates == ()
+    assert experiment.name == "change_of_bench"
+
+
+def test_equal_and_different_rivals_together():
+    """What can be parted is parted; what cannot is named as open, with score 0."""
+    machine, rival, record, _ = bias_or_asymmetry()
+    spring = axis(dfc.effects.Spring(stiffness=40.0, rest=0.05))
+    experiment = next_experiment(machine, [rival, spring], record)
+    assert experiment.separates == ("spring",)
+    assert experiment.score["coulomb_asymmetry"] == 0.0
+    assert "coulomb_asymmetry open" in experiment.summary()
+
+
+def test_only_a_known_mass_or_force_parts_inertia_from_gain():
+    machine, rival, record, _ = inertia_or_gain()
+    experiment = next_experiment(machine, [rival], record)
+    assert experiment.name in ("added_mass", "known_force")
+    # Without them the two are one law, apart by round-off alone.
+    plain = {e.name for e in EXCITATIONS if e.change is None} & set(experiment.tried)
+    assert len(plain) > 5
+    assert max(experiment.tried[name] for name in plain) < 1e-3
+
+
+def test_presliding_against_backlash_and_compliance():
+    """Structural hypotheses run with their inner states."""
+    machine = axis(dfc.effects.Presliding(distance=40e-6))
+    rivals = [
+        axis(dfc.effects.Backlash(gap=40e-6, load_fraction=0.5)),
+        axis(dfc.effects.Compliance(stiffness=2e5, damping=60.0, load_fraction=0.5)),
+    ]
+    experiment = next_experiment(machine, rivals, recorded(machine, jumps(3000)))
+    assert set(experiment.separates) == {"backlash", "compliance"}
+
+
+def test_the_same_question_has_the_same_answer():
+    machine, rival, record, limits = gain_or_load()
+    first, second = (next_experiment(machine, [rival], record, limits=limits) for _ in range(2))
+    assert first.to_dict() == second.to_dict()
+
+
+def test_a_single_cause_needs_no_experiment():
+    machine, _, record, _ = delay_or_lag()
+    assert next_experiment(machine, [], record) is None
+
+
+def test_limits_that_no_experiment_keeps_are_told():
+    """A bias of 2 N cannot be held by a drive of 0.1 N: every run would leave the travel."""
+    machine = axis(dfc.effects.BiasForce(force=2.0), coulomb=1.0)
+    rival = axis(dfc.effects.Spring(stiffness=10.0, rest=0.2), coulomb=1.0)
+    limits = Limits(travel=(-0.2, 0.2), drive=0.1, speed=0.6)
+    experiment = next_experiment(machine, [rival], recorded(machine, jumps(2000)), limits=limits)
+    assert experiment.tried == {}
+    assert experiment.separates == ()
+    assert "widen them" in experiment.description
+
+
+def test_it_does_not_change_its_arguments():
+    machine, rival, record, _ = spring_or_gravity()
+    before = record.u.copy(), record.x.copy()
+    next_experiment(machine, [rival], record)
+    np.testing.assert_array_equal(record.u, before[0])
+    np.testing.assert_array_equal(record.x, before[1])
+
+
+def test_report_file_and_figure(tmp_path):
+    machine, rival, record, limits = dead_zone_or_level()
+    experiment = next_experiment(
+        machine, [rival], record, names=["dead_zone", "coulomb"], limits=limits
+    )
+    assert "dead_zone from coulomb" in experiment.summary()
+    json.dumps(experiment.to_dict())
+    path = tmp_path / "next.csv"
+    experiment.to_csv(path)
+    with path.open() as lines:
+        rows = list(csv.reader(lines))
+    assert rows[0][:2] == ["t", "reference"]
+    # Nine digits are written.
+    np.testing.assert_allclose(
+        np.array(rows[1:], dtype=float)[:, 1], experiment.reference, rtol=1e-8, atol=1e-12
+    )
+    plot = experiment.plot()
+    assert isinstance(plot, ct.ControlPlot)
+    assert "[m]" in np.ravel(plot.axes)[0].get_ylabel()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"axis": None}, "axis must be a FrictionAxis"),
+        ({"rivals": [1.0]}, "rivals must hold FrictionAxis"),
+        ({"rivals": 3}, "rivals must be a sequence"),
+        ({"record": "run.csv"}, "record must be a Record"),
+        ({"names": ["spring"]}, "names must hold 2"),
+        ({"names": ["spring", "spring"]}, "names must hold 2 different"),
+        ({"limits": (0.0, 1.0)}, "limits must be Limits"),
+    ],
+)
+def test_bad_arguments_are_named(change, message):
+    machine, rival, record, _ = spring_or_gravity()
+    given = {"axis": machine, "rivals": [rival], "record": record} | change
+    with pytest.raises(ValueError, match=message):
+        next_experiment(**given)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"travel": (1.0, 0.0)}, "travel must run from low to high"),
+        ({"drive": 0.0}, "limits.drive"),
+        ({"speed": -1.0}, "limits.speed"),
+    ],
+)
+def test_bad_limits_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        Limits(**({"travel": (0.0, 1.0), "drive": 1.0, "speed": 1.0} | change))

@@ -1,0 +1,161 @@
+"""The noise floor: what chance makes of a perfect model, and what is beyond chance."""
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
+from dryfric_control.diagnosis.search import Bench
+from dryfric_control.estimation.windows import cut
+
+DT = 1e-3
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+QUANTUM = 5e-6
+
+
+def made(quantum=QUANTUM, noise=0.0):
+    """A record of the axis itself, its encoder's grid and noise in it."""
+    t = DT * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = AXIS.simulate(u, dt=DT).y[0] + noise * np.random.default_rng(3).standard_normal(t.size)
+    return dfc.Record(t, u, quantum * np.round(x / quantum) if quantum else x)
+
+
+def floor_of(record, model=AXIS, active=None, truths=4, seed=0):
+    bench = Bench(cut(record))
+    active = np.ones(len(bench.windows), bool) if active is None else active
+    at = bench.evaluate(AXIS, active)
+    return noise_floor(bench, model, [AXIS] * truths, at, active, seed), bench
+
+
+def of_scores(*replays):
+    scores = np.array(replays, dtype=float)
+    return Floor(scores, scores)
+
+
+ALL = np.ones(80, bool)
+QUIET = of_scores(np.zeros(80), np.zeros(80))
+
+
+def raised(value, count):
+    scores = np.zeros(80)
+    scores[:count] = value
+    return scores
+
+
+# -- what is beyond chance ----------------------------------------------------------------------
+
+
+def test_replays_give_each_window_its_mean_and_its_worst():
+    floor = of_scores([0.1, 0.5], [0.3, 0.1])
+    np.testing.assert_allclose(floor.expected, [0.2, 0.3])
+    np.testing.assert_allclose(floor.worst, [0.3, 0.5])
+    both = np.array([True, True])
+    assert floor.outliers(np.array([1.29, 1.51]), both).tolist() == [False, True]
+    assert floor.outliers(np.array([1.29, 1.51]), ~both).tolist() == [False, False]
+    assert not np.any(QUIET.outliers(raised(1.0, 1), ALL))  # as far as that is no outlier
+
+
+def test_one_window_in_forty_may_be_out_of_line():
+    assert QUIET.reached(raised(9.0, 2), ALL)
+    assert not QUIET.reached(raised(9.0, 3), ALL)
+    # And one in any case.
+    few = np.arange(80) < 20
+    assert QUIET.reached(raised(9.0, 1), few)
+    assert not QUIET.reached(raised(9.0, 2), few)
+
+
+def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
+    assert QUIET.reached(np.full(80, 0.149), ALL)
+    assert not QUIET.reached(np.full(80, 0.151), ALL)
+    # The one out of line has no say in the mean.
+    assert QUIET.reached(np.full(80, 0.14) + raised(9.0, 1), ALL)
+    # Windows not asked for have none either.
+    half = np.arange(80) < 40
+    assert QUIET.reached(np.where(half, 0.0, 0.9), half)
+    # Scores that scatter say less: four standard errors.
+    rough = np.tile([0.9, -0.5], 40)
+    assert QUIET.excess(rough, ALL) == pytest.approx((0.2, 0.7 / np.sqrt(80)))
+    assert QUIET.reached(rough, ALL)
+    assert not QUIET.reached(rough + 0.12, ALL)
+
+
+def test_nothing_means_nothing():
+    assert QUIET.nothing(np.full(80, 0.049), ALL)
+    assert not QUIET.nothing(np.full(80, 0.051), ALL)
+    assert not QUIET.nothing(raised(1.01, 1), ALL)
+    # Of windows not asked for nothing is known.
+    assert QUIET.nothing(raised(1.01, 1), np.arange(80) > 0)
+
+
+def test_the_error_of_a_mean_is_that_of_the_record_or_of_the_replays():
+    apart = of_scores(np.zeros(80), np.full(80, 0.4))
+    excess, error = apart.excess(np.full(80, 0.3), ALL)
+    assert (excess, error) == pytest.approx((0.1, 0.2))
+    assert apart.excess(np.full(80, 0.3), np.arange(80) < 1) == (0.0, np.inf)
+    two = np.arange(80) < 2
+    assert apart.excess(np.full(80, 0.3), two) == pytest.approx((0.1, 0.2))
+
+
+# -- replays ------------------------------------------------------------------------------------
+
+
+def test_a_true_model_leaves_the_noise_of_the_encoder():
+    floor, bench = floor_of(made())
+    rms = np.sqrt(floor.squares[:, bench.moving].mean())
+    # Two coordinates of the start are fitted in each window, and correct little of 250 samples.
+    assert rms == pytest.approx(QUANTUM / np.sqrt(12.0), rel=0.05)
+    # log(1 + 1/c^2) is the score of noise alone; a start beside the truth would cost more.
+    assert floor.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
+    assert np.all(floor.scores >= 0.0) and floor.scores.shape == (4, len(bench.windows))
+
+
+def test_noise_that_is_no_quantum_is_replayed_too():
+    noise = 3e-6
+    floor, bench = floor_of(made(quantum=None, noise=noise))
+    assert np.sqrt(floor.squares[:, bench.moving].mean()) == pytest.approx(noise, rel=0.1)
+    coarse, bench = floor_of(made(noise=noise))
+    both = np.hypot(noise, QUANTUM / np.sqrt(12.0))
+    assert np.sqrt(coarse.squares[:, bench.moving].mean()) == pytest.approx(both, rel=0.15)
+
+
+def test_replays_differ_and_come_again_with_their_seed():
+    first, _ = floor_of(made())
+    again, _ = floor_of(made())
+    other, _ = floor_of(made(), seed=1)
+    np.testing.assert_array_equal(first.scores, again.scores)
+    assert not np.any(np.all(first.scores == other.scores, axis=1))
+    # Another grid and other starts in every replay.
+    assert np.unique(first.scores, axis=0).shape[0] == 4
+
+
+def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
+    record = made()
+    floor, bench = floor_of(record)
+    known = np.ones(len(bench.windows), bool)
+    scores = bench.scores(bench.evaluate(AXIS, known, thorough=True).costs)
+    assert floor.reached(scores, known)
+    wrong = AXIS.replace(mass=2.1)
+    scores = bench.scores(bench.evaluate(wrong, known, thorough=True).costs)
+    assert not floor.reached(scores, known)
+    # The same wrong model, scored on replays of the truth.
+    lifted, _ = floor_of(record, model=wrong)
+    assert lifted.expected.mean() > 5.0 * floor.expected.mean()
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_replays_start_where_the_model_was_found_to_start(row):
+    bench = Bench(cut(made()))
+    known = np.ones(len(bench.windows), bool)
+    at = bench.evaluate(AXIS, known)
+    at.starts[row] += 30.0 * (bench.windows.x0_error, bench.windows.v0_error)[row]
+    moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
+
+
+def test_only_windows_asked_for_are_scored():
+    record = made()
+    active = np.arange(len(cut(record))) % 2 == 0
+    floor, _ = floor_of(record, active=active)
+    assert np.all(floor.scores[:, active] > 0.0)
+    assert np.all(floor.scores[:, ~active] == 0.0)

@@ -1,0 +1,62 @@
+"""A record of another unit, sign or column is told before it is taken for friction."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.estimation.plausibility import warn_if_implausible
+
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.05, 0.25))
+T = 1e-3 * np.arange(4000)
+U = 20.0 * np.sin(6.0 * T)
+X = 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=1e-3).y[0])
+
+
+@pytest.mark.parametrize(
+    ("u", "x", "words"),
+    [
+        (U, 1e3 * X, r"positions run from .* the axis' travel is .* such as mm"),
+        (U, X + 3.0, "counted from elsewhere"),
+        (-U, X, "takes energy out of the machine .* sign of u or x reversed"),
+        (U, 0.2 - X, "takes energy out of the machine"),
+        (1e-3 * U, X, r"at most 0.02 N and moves an axis whose Coulomb level is at least 8 N"),
+    ],
+)
+def test_what_cannot_be_of_this_axis_is_told(u, x, words):
+    record = dfc.Record(T, u, x)
+    with pytest.warns(dfc.RecordWarning, match=words):
+        warn_if_implausible(AXIS, record)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        dfc.fit(AXIS, record)
+    ours = [w for w in caught if w.category is dfc.RecordWarning]
+    assert ours and all(w.filename == __file__ for w in ours)
+
+
+def test_swapped_columns_are_told():
+    with pytest.warns(dfc.RecordWarning, match="swapped"):
+        warn_if_implausible(AXIS.replace(travel=None, coulomb=0.1), dfc.Record(T, X, U))
+
+
+def test_diagnose_tells_too():
+    with (
+        pytest.warns(dfc.RecordWarning, match="such as mm"),
+        pytest.raises(ValueError, match="lasts"),
+    ):
+        dfc.diagnose(AXIS, dfc.Record(T[:500], U[:500], 1e3 * X[:500]))
+
+
+@pytest.mark.parametrize(
+    "machine",
+    [
+        AXIS, AXIS.replace(effects=(dfc.effects.Spring(60.0, 0.1),)),
+        AXIS.replace(coulomb=4.0, mass=3.0, effects=(dfc.effects.BiasForce(0.3),)),
+    ],
+)  # fmt: skip
+def test_a_wrong_model_is_no_wrong_record(machine):
+    x = machine.simulate(U, dt=1e-3).y[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_if_implausible(AXIS, dfc.Record(T, U, x))

@@ -1,0 +1,365 @@
+"""Fits of axes to records: recovered parameters, honest errors, clear words."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.estimation.motion import directions
+from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
+from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.windows import cut, shifted
+from dryfric_control.identification import FitWarning, fit, replay, replay_loop
+from dryfric_control.identification.fit import typical
+from dryfric_control.records.record import Record, read_record
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import truth
+
+EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
+needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not at hand")
+EMPS_LOOP = dfc.PositionController(
+    kp=160.18 * 243.45 * 35.1507, ki=0.0, kd=243.45 * 35.1507, dt=1e-3, limit=351.507, span=2
+)
+
+
+def axis_of(case, **wrong):
+    a = case.actual
+    stribeck = dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None
+    axis = dfc.FrictionAxis(
+        mass=a["mass"], viscous=a["viscous"], coulomb=a["coulomb"], stribeck=stribeck,
+        stick_speed=a["stick_speed"], travel=a["travel"],
+    )  # fmt: skip
+    return axis.replace(**{k: factor * a[k] for k, factor in wrong.items()})
+
+
+def record_of(case):
+    return Record(case.t, case.u, case.x, case.reference, quantum=case.quantum)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_base_parameters_of_an_independent_bench(seed):
+    case = truth.make_null(seed)
+    found = fit(axis_of(case, mass=1.3, viscous=0.6, coulomb=1.4), record_of(case))
+    # An encoder of 1 to 5 um over 20 s leaves some 1e-5; 1e-3 holds any noise
+    # of the seed, and is far below the 30 % from which the search started.
+    for name in ("mass", "viscous", "coulomb"):
+        assert found.parameters[name] == pytest.approx(case.actual[name], rel=1e-3)
+
+
+def test_coarse_encoder_does_not_bias_the_inertia():
+    # 50 um; the regression on differentiated positions is the classical trap.
+    case = truth.make_null(0, "coarse")
+    found = fit(axis_of(case, mass=1.3), record_of(case))
+    assert found.axis.mass == pytest.approx(case.actual["mass"], rel=2e-3)
+    a = np.gradient(np.gradient(case.x, 1e-3), 1e-3)
+    v = np.gradient(case.x, 1e-3)
+    naive = np.linalg.lstsq(np.column_stack([a, v, np.sign(v)]), case.u, rcond=None)[0][0]
+    # The same data do mislead a method that ignores errors in variables.
+    assert naive < 0.5 * case.actual["mass"]
+
+
+@pytest.mark.parametrize("samples", [-0.5, 0.5])
+def test_input_recorded_half_a_sample_off(samples):
+    case = truth.make_null(1)
+    record = record_of(case)
+    off = Record(case.t, shifted(case.u, samples), case.x, quantum=case.quantum)
+    exact = fit(axis_of(case), record)
+    plain = fit(axis_of(case), off)
+    # Half a millisecond against motions of some 0.1 s: below 1 % even unknown.
+    assert plain.axis.mass == pytest.approx(case.actual["mass"], rel=1e-2)
+    freed = fit(axis_of(case), off, free=("mass", "viscous", "coulomb", "input_shift"))
+    # Found, it leaves what the mean over a sample cannot undo.
+    assert freed.parameters["input_shift"] == pytest.approx(-samples * 1e-3, abs=5e-5)
+    assert freed.axis.mass == pytest.approx(exact.axis.mass, rel=5e-4)
+
+
+def test_effect_is_added_and_found():
+    case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
+    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "bias_force"))
+    # 1e-3 N: a hundredth of what 5 um over 0.25 s could hide for one window.
+    assert found.parameters["bias_force.force"] == pytest.approx(1.0, abs=1e-2)
+    assert found.axis.effects[0].slug == "bias_force"
+
+
+def test_input_delay_is_found():
+    case = truth.make_case({"input_delay": {"delay": 3.4e-3}}, seed=2)
+    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "input_delay"))
+    # A fiftieth of a sample.
+    assert found.parameters["input_delay.delay"] == pytest.approx(3.4e-3, abs=2e-5)
+
+
+def test_standard_errors_are_of_the_size_of_the_errors():
+    scores = []
+    rng = np.random.default_rng(7)
+    for seed in range(10):
+        case = truth.make_null(seed, "short")
+        # Noise far above what the generator's own time steps leave.
+        noisy = case.x + 20e-6 * rng.standard_normal(case.x.size)
+        record = Record(case.t, case.u, noisy, quantum=0.0)
+        found = fit(axis_of(case, mass=1.1), record, starts=1)
+        scores += [
+            (found.parameters[n] - case.actual[n]) / found.standard_errors[n]
+            for n in ("mass", "viscous", "coulomb")
+        ]
+    # 30 scores in correlated triples: the RMS of honest ones lies within these.
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 2.0
+
+
+def noisy(case):
+    """Record with noise that hides where in the peak a free run starts."""
+    noise = 80e-6 * np.random.default_rng(case.seed).standard_normal(case.x.size)
+    return Record(case.t, case.u, case.x + noise, quantum=0.0)
+
+
+@pytest.mark.parametrize("seed", [2, 5, 8])
+def test_starts_inside_the_peak_are_found(seed):
+    # With the true parameters every window is noise, wherever it starts.
+    case = truth.make_null(seed)
+    record = noisy(case)
+    axis, parameters = choose(axis_of(case), ("stribeck",), typical([record]))
+    problem = Problem(axis, parameters, [cut(record)])
+    problem.scales = [80e-6]
+    true = values_of(axis, problem.names)
+    z = np.array([p.search(v) for p, v in zip(parameters, true, strict=True)])
+    # Chi-squared of 250 samples: 430 is eight standard deviations off.
+    assert problem.parts(z)[0].costs.max() < 430.0
+
+
+def test_intervals_cover_with_the_peak_free():
+    # `benchmarks/identification.py stribeck` prints the table.
+    names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
+    hits, scores = [], []
+    for seed in (1, 2, 5, 8, 24):
+        case = truth.make_null(seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FitWarning)  # a faint peak trades with the levels
+            found = fit(axis_of(case, mass=1.1), noisy(case), names, starts=1)
+        true = values_of(axis_of(case), names)
+        for name, value in zip(names, true, strict=True):
+            low, high = found.interval()[name]
+            hits.append(low <= value <= high)
+            scores.append((found.parameters[name] - value) / found.standard_errors[name])
+    # Binomial: 25 draws at 0.9 fall below 20 once in 30 at most.
+    assert sum(hits) >= 20
+    # Student's t with the two degrees of freedom of a peak told by few slips:
+    # 10 is passed once in 100; a search that ends in a wrong valley is 20 off.
+    assert np.max(np.abs(scores)) < 10.0
+
+
+def test_intervals_widen_with_the_level():
+    case = truth.make_null(0)
+    found = fit(axis_of(case), record_of(case), starts=1)
+    for kind in (found.interval, found.bootstrap):
+        narrow, wide = kind(0.5), kind(0.95)
+        for name, value in found.parameters.items():
+            assert wide[name][0] < narrow[name][0] < value < narrow[name][1] < wide[name][1]
+
+
+def test_bias_and_asymmetry_cannot_be_told_apart():
+    case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
+    assert case.actual["stribeck"] is None
+    free = ("mass", "viscous", "coulomb_plus", "coulomb_minus", "bias_force")
+    with pytest.warns(FitWarning, match="cannot be told apart.*tilt the axis"):
+        found = fit(axis_of(case), record_of(case), free=free)
+    assert np.isinf(found.standard_errors["bias_force.force"])
+    assert np.isfinite(found.standard_errors["mass"])
+    # The combination that the record does fix.
+    difference = found.parameters["coulomb_plus"] - found.parameters["coulomb_minus"]
+    assert difference - 2.0 * found.parameters["bias_force.force"] == pytest.approx(-2.0, abs=2e-2)
+
+
+def test_crawl_without_acceleration_names_the_inertia():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=400.0, coulomb=8.0, stick_speed=1e-6)
+    t = 1e-3 * np.arange(20_000)
+    u = 8.0 + 400.0 * (0.01 + 1e-4 * np.sin(0.5 * t))
+    x = axis.simulate(u, dt=1e-3, v0=0.01).y[0]
+    x = 5e-6 * np.round(x / 5e-6)
+    record = Record(t, u + 1e-3 * np.sin(40.0 * t), x)
+    with pytest.warns(FitWarning, match="mass .*hardly accelerates"):
+        fit(axis, record, free=("mass", "coulomb"))
+
+
+def test_several_records_are_fitted_together():
+    case = truth.make_null(3)
+    record = record_of(case)
+    first, second = record.split(0.5)
+    one, both = fit(axis_of(case), record), fit(axis_of(case), (first, second))
+    # The same windows but for the smoothing at the cut.
+    assert both.axis.mass == pytest.approx(one.axis.mass, rel=1e-4)
+    assert len(both.training) == 2
+
+
+def test_inputs_stay_unchanged():
+    case = truth.make_null(2, "short")
+    axis, record = axis_of(case, mass=1.2), record_of(case)
+    before = axis.mass, record.u.copy(), record.x.copy()
+    fit(axis, record, starts=1)
+    assert axis.mass == before[0]
+    assert np.array_equal(record.u, before[1]) and np.array_equal(record.x, before[2])
+
+
+def test_same_seed_same_answer_in_parallel():
+    case = truth.make_null(2, "short")
+    axis, record = axis_of(case, mass=1.2), record_of(case)
+    runs = [fit(axis, record, starts=3, seed=1, jobs=jobs) for jobs in (1, 2)]
+    assert runs[0].parameters == runs[1].parameters
+
+
+@pytest.mark.parametrize(
+    ("free", "words"),
+    [
+        (("masse",), "'masse' is no parameter"),
+        ((), "free is empty"),
+        (("mass", "mass"), "more than once"),
+        (("coulomb", "coulomb_plus"), "one or the other"),
+        (("spring.stifness",), "has no parameter 'stifness'"),
+        (("cogging",), "no neutral value"),
+    ],
+)
+def test_bad_names_are_refused(free, words):
+    case = truth.make_null(2, "short")
+    with pytest.raises(ValueError, match=words):
+        fit(axis_of(case), record_of(case), free=free)
+
+
+def test_bad_windows_are_refused():
+    record = record_of(truth.make_null(2, "short"))
+    with pytest.raises(ValueError, match="window"):
+        cut(record, window=2e-3)
+    with pytest.raises(ValueError, match="hold"):
+        cut(record, hold="second")
+    with pytest.raises(ValueError, match="record must be a Record"):
+        cut(np.zeros(10))
+
+
+def test_values_go_in_and_come_out():
+    axis = dfc.FrictionAxis(
+        mass=1.0, viscous=0.4, coulomb=dfc.CoulombMap([2.0, 1.0], [3.0]), travel=(0.0, 1.0)
+    )
+    names = ["mass", "coulomb_plus[1]", "coulomb_minus", "stribeck.excess", "spring.stiffness"]
+    axis, parameters = choose(axis, names, Scales(1.0, 1.0, 1.0, 1e-3))
+    values = [2.0, 0.5, 4.0, 0.2, 7.0]
+    changed = with_values(axis, [p.name for p in parameters], values)
+    assert values_of(changed, names).tolist() == values
+    assert changed.coulomb.plus == (2.0, 0.5)
+    # "coulomb" moves both directions and keeps their ratio.
+    scaled = with_values(axis, ["coulomb"], [5.0]).coulomb
+    assert scaled.plus == (4.0, 2.0) and scaled.minus == (6.0,)
+
+
+def test_windows_agree_with_one_simulation():
+    axis = dfc.FrictionAxis(
+        mass=2.0,
+        viscous=5.0,
+        coulomb=3.0,
+        effects=(dfc.effects.InputDelay(2.3e-3), dfc.effects.ActuatorLag(4e-3)),
+    )
+    rng = np.random.default_rng(0)
+    u = 10.0 * np.repeat(rng.standard_normal(40), 50)
+    response = axis.simulate(u, dt=1e-3)
+    record = Record(response.t, u, response.y[0])
+    windows = cut(record, window=0.1)
+    exact = response.y[:, windows.edges[:-1]]
+    run = windows.run(axis, dx=exact[0] - windows.x0, dv=exact[1] - windows.v0)
+    # Same kernel; what differs is the lag's start, from ten time constants back.
+    assert np.max(np.abs(run - response.y[0])) < 1e-7
+
+
+def test_directions_know_rest_from_motion():
+    axis = dfc.FrictionAxis(mass=1.0, viscous=2.0, coulomb=5.0)
+    t = 1e-3 * np.arange(4000)
+    response = axis.simulate(9.0 * np.sin(3.0 * t), dt=1e-3)
+    rng = np.random.default_rng(0)
+    x = 2e-6 * np.round((response.y[0] + 5e-7 * rng.standard_normal(4000)) / 2e-6)
+    found = directions(Record(t, response.u[0], x))
+    # Within 50 ms of a switch, or of the ends, the readings cannot yet tell.
+    unsure = (t < 0.05) | (t > t[-1] - 0.05)
+    for time in response.events.time:
+        unsure |= np.abs(t - time) < 0.05
+    assert np.array_equal(found[~unsure], response.mode[~unsure])
+
+
+@needs_emps
+def test_emps_mass_and_held_out_errors():
+    train, test = read_record(EMPS).split(0.6)
+    axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+    # Published: 95.11 kg by inverse dynamics; 3 % is the demand.
+    assert found.axis.mass == pytest.approx(95.11, rel=0.03)
+    # Held out as good as trained: nothing was fitted that does not stay.
+    assert found.replay(test).rms < 1.5 * found.training[0].rms
+
+
+@needs_emps
+@pytest.mark.parametrize(
+    ("free", "published"),
+    [
+        (("mass", "viscous", "coulomb", "bias_force"), 4.08),
+        (("mass", "viscous", "coulomb", "bias_force", "viscous_asymmetry"), 3.11),
+    ],
+)
+def test_emps_relative_force_error(free, published):
+    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+    from identification import force_error
+
+    record = read_record(EMPS)
+    believed = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(believed, record, free, window=0.1, starts=1)
+    # The demand: not above the published error by more than 0.1 point.
+    assert force_error(found.axis, record) < published + 0.1
+
+
+@needs_emps
+def test_emps_closed_loop():
+    train, _ = read_record(EMPS).split(0.6)
+    axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+    loop = replay_loop(found.axis, read_record(EMPS), EMPS_LOOP)
+    # The loop is stiff: positions agree to some um, the force tells the model.
+    assert loop.position_rms < 5e-6
+    assert loop.relative_force < 0.06
+
+
+def test_replay_of_the_truth_is_at_the_floor():
+    case = truth.make_null(0)
+    run = replay(axis_of(case), record_of(case))
+    assert run.median < 10.0 * case.quantum
+    off = replay(axis_of(case, mass=1.1), record_of(case))
+    assert off.median > 5.0 * run.median
+
+
+def test_replay_loop_needs_its_reference():
+    case = truth.make_null(0, "short")
+    record = Record(case.t, case.u, case.x)
+    loop = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=1e-3)
+    with pytest.raises(ValueError, match="no reference"):
+        replay_loop(axis_of(case), record, loop)
+    other = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=2e-3)
+    with pytest.raises(ValueError, match="must agree"):
+        replay_loop(axis_of(case), record_of(case), other)
+
+
+def test_results_show_themselves():
+    import json
+
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    case = truth.make_null(2, "short")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        found = fit(axis_of(case), record_of(case), starts=1)
+    assert "mass" in found.summary() and "<table>" in found._repr_html_()
+    json.dumps(found.to_dict())
+    plot = found.plot()
+    assert plot.axes.ravel()[0].get_xlabel() == "speed [m/s]"
+    assert len(plot.lines.ravel()[0]) >= 3
+    axes = found.training[0].plot().axes.ravel()
+    assert axes[-1].get_xlabel() == "Time [s]"
+    plt.close("all")

@@ -1,0 +1,245 @@
+"""Slow ramp, Coulomb maps and the Stribeck peak, from an independent bench."""
+
+import csv
+import json
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.identification import (
+    FitWarning,
+    fit,
+    identify_coulomb,
+    identify_stribeck,
+    ripple,
+    slow_ramp_experiment,
+)
+from dryfric_control.records.record import Record
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import truth
+
+PLACES = np.linspace(0.01, 0.29, 60)
+
+
+def bench(seed, excess=0.3, speed=0.01, omega=12.0, quantum=2e-6, stick_speed=1e-4, duration=60.0):
+    """Crawl of an independent plant: 2 kg, 15 N s/m, 8 N, parabolic levels."""
+    rng = np.random.default_rng(seed)
+    plant = truth.Plant(
+        mass=2.0, viscous=15.0, coulomb=8.0, excess=excess, stribeck_speed=speed,
+        stick_speed=stick_speed, asymmetry=0.1, slope=0.2, curvature=-0.1, middle=0.15,
+        half_travel=0.15,
+    )  # fmt: skip
+    n = round(duration * 1e3)
+    t = 1e-3 * np.arange(n)
+    reference = np.interp(t, [0.0, 0.5 * duration, duration], [0.0, 0.3, 0.0])
+    kp, kd, zero = 2.0 * omega**2, 1.6 * omega, np.zeros(n)
+    noise = 0.3 * quantum * rng.standard_normal(n)
+    u, y, _ = truth.closed_loop(
+        plant, reference, 1e-3, 30, kp, 2.0 * kp, kd, 3e-3, 40.0, quantum, noise, zero, zero, zero
+    )
+    loop = dfc.PositionController(kp=kp, ki=2.0 * kp, kd=kd, dt=1e-3, limit=40.0, filter_time=3e-3)
+    return Record(t, u, y, reference, quantum=quantum), loop
+
+
+def level(x, s):
+    """True Coulomb level of `bench`."""
+    q = (x - 0.15) / 0.15
+    return 8.0 * (1.0 + 0.1 * s) * (1.0 + 0.2 * q - 0.1 * q**2)
+
+
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
+
+
+@pytest.mark.parametrize("options", [{"excess": 0.0}, {}, {"omega": 25.0}, {"quantum": 2e-5}])
+def test_levels_within_two_percent(options):
+    record, _ = bench(0, **options)
+    found = identify_coulomb(record, axis=AXIS)
+    for s in (1, -1):
+        # The demand; with stick-slip, without, and with a coarse encoder.
+        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
+
+
+def test_levels_without_knowing_the_axis():
+    # Smooth crawl: what is neglected is f v, 15 N s/m at 0.01 m/s.
+    record, _ = bench(0, excess=0.0)
+    found = identify_coulomb(record)
+    for s in (1, -1):
+        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
+
+
+@pytest.mark.parametrize("options", [{}, {"duration": 120.0}])
+def test_a_crawl_within_the_peak_is_told(options):
+    record, _ = bench(4, speed=0.04, omega=25.0, **options)
+    with pytest.warns(FitWarning, match="the levels are friction at .* m/s, with"):
+        raised = identify_coulomb(record)
+    peak = dfc.Stribeck(excess=0.3, speed=0.04)
+    axis = dfc.FrictionAxis(2.0, 15.0, 8.0, stribeck=peak, stick_speed=1e-4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = identify_coulomb(record, axis=axis)
+    for s in (1, -1):
+        assert np.all(raised(PLACES, s) > 1.1 * level(PLACES, s))
+        np.testing.assert_allclose(found(PLACES, s), level(PLACES, s), rtol=0.02)
+
+
+def test_an_experiment_within_the_peak_is_told():
+    axis = dfc.FrictionAxis(
+        mass=4.0, viscous=30.0, coulomb=12.0, stribeck=dfc.Stribeck(0.25, 0.02), travel=(0.0, 0.5)
+    )
+    with pytest.warns(FitWarning, match="stays within the Stribeck peak .* Lower bandwidth"):
+        slow_ramp_experiment(axis, duration=300.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        slow_ramp_experiment(axis, duration=60.0, bandwidth=3.0)
+        slow_ramp_experiment(axis, duration=20.0)
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("options", [{}, {"omega": 25.0}, {"quantum": 2e-5}, {"duration": 30.0}])
+def test_levels_from_the_record_alone(seed, options):
+    # With stick-slip, what inertia and viscous friction take is found as well.
+    record, _ = bench(seed, **options)
+    found = identify_coulomb(record)
+    for s in (1, -1):
+        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02  # the demand
+
+
+def test_few_slips_give_no_polynomial():
+    axis = dfc.presets.clutch_actuator()
+    ramp = slow_ramp_experiment(axis, quantum=dfc.presets.QUANTUM, bandwidth=4.0)
+    with pytest.warns(FitWarning, match="rests on . slips"):
+        found = identify_coulomb(ramp.record)
+    assert max(found.degrees) <= 1
+    with pytest.raises(ValueError, match="needs at least 8 slips"):
+        identify_coulomb(ramp.record, degree=5)
+
+
+def test_result_is_a_coulomb_map():
+    record, _ = bench(0, excess=0.0, duration=20.0)
+    found = identify_coulomb(record, degree=2)
+    assert isinstance(found, dfc.CoulombMap) and found.coulomb(0.1, 1) == found(0.1, 1)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=found, travel=found.travel)
+    assert axis.coulomb.plus == found.plus
+    json.dumps(found.to_dict())
+
+
+def test_degree_follows_the_data():
+    record, _ = bench(0, excess=0.0)
+    assert identify_coulomb(record, axis=AXIS).degrees == (2, 2)
+    assert identify_coulomb(record, degree=4, axis=AXIS).degrees == (4, 4)
+
+
+def test_intervals_cover_the_truth():
+    # `benchmarks/identification.py coverage` prints the table of 200 repeats.
+    names, repeats = ("mass", "viscous", "coulomb"), 32
+    hits = {name: 0 for name in names}
+    scores = []
+    for seed in range(repeats):
+        case = truth.make_null(seed, "short")
+        rng = np.random.default_rng(seed)
+        noisy = case.x + 20e-6 * rng.standard_normal(case.x.size)
+        a = case.actual
+        axis = dfc.FrictionAxis(
+            mass=1.1 * a["mass"], viscous=a["viscous"], coulomb=a["coulomb"], travel=a["travel"],
+            stribeck=dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None,
+            stick_speed=a["stick_speed"],
+        )  # fmt: skip
+        found = fit(axis, Record(case.t, case.u, noisy, quantum=0.0), names, starts=1)
+        for name, (low, high) in found.interval().items():
+            hits[name] += low <= a[name] <= high
+        record, _ = bench(seed, excess=0.0, quantum=5e-6, duration=20.0)
+        levels = identify_coulomb(record, degree=2, axis=AXIS)
+        for s in (1, -1):
+            places = np.array([0.05, 0.15, 0.25])
+            scores.append((levels(places, s) - level(places, s)) / levels.standard_error(places, s))
+    # Binomial: 32 draws at 0.9 fall below 24 once in 300.
+    assert min(hits.values()) >= 24, hits
+    # Standard errors as large as the errors: 64 curves, 20 blocks each.
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_stribeck_and_levels_from_ripple():
+    # The crawl runs inside the peak, so the levels of `identify_coulomb` are
+    # 20 % too high: the fit of the slips puts that right.
+    record, loop = bench(1, speed=0.03)
+    raised = identify_coulomb(record, degree=2, axis=AXIS)
+    assert np.max(np.abs(raised(PLACES, -1) / level(PLACES, -1) - 1.0)) > 0.05
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # the stick speed is unseen here
+        found = identify_stribeck(raised.apply(AXIS), record, loop, starts=2)
+    assert found.stribeck.excess == pytest.approx(0.3, rel=0.1)
+    assert found.stribeck.speed == pytest.approx(0.03, rel=0.1)
+    for s in (1, -1):
+        assert np.max(np.abs(found.axis.coulomb(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
+    # The demand: amplitude and period of the replayed ripple within 10 %.
+    assert found.replayed.amplitude == pytest.approx(found.measured.amplitude, rel=0.1)
+    assert found.replayed.period == pytest.approx(found.measured.period, rel=0.1)
+    json.dumps(found.to_dict())
+
+
+@pytest.mark.parametrize(("seed", "options"), [(0, {}), (2, {"omega": 6.0})])
+def test_ripple_comes_back(seed, options):
+    record, loop = bench(seed, **options)
+    levels = identify_coulomb(record, axis=AXIS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # the stick speed is unseen here
+        found = identify_stribeck(levels.apply(AXIS), record, loop, starts=1)
+    assert found.replayed.amplitude == pytest.approx(found.measured.amplitude, rel=0.1)
+    assert found.replayed.period == pytest.approx(found.measured.period, rel=0.1)
+    # Half of the demand on the ripple, which the excess drives.
+    assert found.stribeck.excess == pytest.approx(0.3, rel=0.05)
+
+
+def test_ripple_of_a_smooth_crawl_is_none():
+    record, _ = bench(0, excess=0.0)
+    assert ripple(record) is None
+    with pytest.raises(ValueError, match="stick phases"):
+        identify_stribeck(AXIS, record)
+
+
+def test_one_way_record_is_refused():
+    record, _ = bench(0, excess=0.0)
+    with pytest.raises(ValueError, match="both ways"):
+        identify_coulomb(record.split(0.45)[0])
+    with pytest.raises(ValueError, match="degree"):
+        identify_coulomb(record, degree=-1)
+
+
+def test_slow_ramp_reference_and_csv(tmp_path):
+    ramp = slow_ramp_experiment(AXIS, duration=10.0, quantum=1e-6)
+    # A triangle: up for one half, down for the other, over the whole travel.
+    r = ramp.reference
+    assert r[0] == 0.0 and r.max() == pytest.approx(0.3) and r.argmax() == 5000
+    assert np.allclose(np.diff(r)[:4999], 0.3 / 5000)
+    assert np.max(np.abs(ramp.record.x - r)) < 0.05
+    path = tmp_path / "ramp.csv"
+    ramp.to_csv(path)
+    with path.open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["t [s]", "reference [m]"] and len(rows) == 10_001
+    assert float(rows[5001][1]) == pytest.approx(0.3)
+    assert list(tmp_path.iterdir()) == [path]  # nothing half-written beside it
+
+
+def test_slow_ramp_needs_a_travel():
+    with pytest.raises(ValueError, match="travel"):
+        slow_ramp_experiment(AXIS.replace(travel=None))
+
+
+def test_figures_show_what_they_name():
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    ramp = slow_ramp_experiment(AXIS, duration=10.0, quantum=1e-6)
+    assert ramp.plot().axes.ravel()[-1].get_xlabel() == "Time [s]"
+    found = identify_coulomb(ramp.record, axis=AXIS)
+    ax = found.plot().axes.ravel()[0]
+    assert ax.get_xlabel() == "position [m]" and len(ax.get_lines()) == 3
+    plt.close("all")

@@ -1,0 +1,231 @@
+"""The switched axis against closed forms, and what it refuses."""
+
+import math
+
+import control as ct
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+DT = 1e-3
+
+
+def plain(**changes):
+    base = dict(mass=2.0, viscous=0.0, coulomb=8.0, stick_speed=1e-9)
+    return dfc.FrictionAxis(**(base | changes))
+
+
+def test_coulomb_mass_stops_after_v0_squared_over_two_mu_g():
+    resp = plain().simulate(np.zeros(2001), DT, v0=1.0)
+    # x = m v0^2 / (2 Fc) and t = m v0 / Fc; the stick speed of 1e-9 costs 1e-9.
+    assert resp.y[0, -1] == pytest.approx(0.125, abs=2e-9)
+    assert resp.events.time == pytest.approx([0.25], abs=2e-9)
+    assert list(resp.events.before) == [1] and list(resp.events.after) == [0]
+
+
+def test_viscous_and_coulomb_stop_in_closed_form():
+    m, f, fc, v0 = 2.0, 3.0, 8.0, -1.5
+    resp = plain(viscous=f).simulate(np.zeros(2001), DT, v0=v0)
+    stop = m / f * math.log1p(f * abs(v0) / fc)
+    where = -(m * abs(v0) / f - fc / f * stop)
+    assert resp.events.time == pytest.approx([stop], abs=1e-9)
+    assert resp.y[0, -1] == pytest.approx(where, abs=1e-9)
+
+
+def test_stop_inside_a_sample_does_not_depend_on_the_sampling():
+    coarse = plain().simulate(np.zeros(41), 0.05, v0=0.777)
+    fine = plain().simulate(np.zeros(20001), 1e-4, v0=0.777)
+    assert coarse.events.time[0] == pytest.approx(fine.events.time[0], abs=1e-9)
+    assert coarse.y[0, -1] == pytest.approx(fine.y[0, -1], abs=1e-9)
+
+
+def test_stuck_axis_holds_what_is_below_breakaway_and_moves_above():
+    axis = plain(coulomb=(8.0, 6.0), stribeck=dfc.Stribeck(excess=0.5, speed=0.01))
+    for force, mode in ((11.9, 0), (12.1, 1), (-8.9, 0), (-9.1, -1)):
+        resp = axis.simulate(np.full(20, force), DT)
+        assert resp.mode[-1] == mode, force
+        if mode == 0:
+            assert np.all(resp.y[2] == force)
+            assert np.all(resp.y[:2] == 0.0)
+
+
+def test_leftover_speed_dies_at_the_stick_rate():
+    axis = plain(stick_speed=1e-2, stick_rate=200.0)
+    resp = axis.simulate(np.zeros(100), DT, v0=5e-3)
+    expected = 5e-3 * np.exp(-200.0 * resp.t)
+    np.testing.assert_allclose(resp.y[1], expected, rtol=1e-12)
+    np.testing.assert_allclose(resp.y[0], (5e-3 - expected) / 200.0, rtol=1e-9, atol=1e-18)
+
+
+def test_level_follows_position_direction_and_stops_at_the_travel():
+    level = dfc.CoulombMap(plus=[4.0, 2.0], minus=[5.0, -1.0, 0.5])
+    axis = plain(coulomb=level, travel=(-1.0, 2.0), viscous=1.0)
+    for x, v, expected in ((1.0, 1.0, 6.0), (1.0, -1.0, -4.5), (9.0, 1.0, 8.0), (-9.0, -1.0, -6.5)):
+        resp = axis.simulate([0.0, 0.0], DT, x0=x, v0=v)
+        assert resp.y[2, 0] == pytest.approx(expected, rel=1e-15)
+
+
+def test_stribeck_level_is_the_printed_one():
+    axis = plain(stribeck=dfc.Stribeck(excess=0.4, speed=0.02), stick_speed=5e-3)
+    for v in (5e-3 + 1e-9, 0.01, 0.03, 0.5):
+        expected = 8.0 * (1.0 + 0.4 * math.exp(-(((v - 5e-3) / 0.02) ** 2)))
+        for s in (1, -1):
+            resp = axis.simulate([0.0, 0.0], DT, v0=s * v)
+            assert resp.y[2, 0] == pytest.approx(s * expected, rel=1e-15)
+
+
+def chatter_case(switching):
+    """Load between the Coulomb and the breakaway level while the axis slows."""
+    axis = dfc.FrictionAxis(
+        mass=1.0,
+        viscous=0.0,
+        coulomb=1.0,
+        stribeck=dfc.Stribeck(excess=0.5, speed=0.05),
+        stick_speed=1e-5,
+        switching=switching,
+    )
+    return axis.simulate(np.full(3001, 1.2), DT, v0=0.02)
+
+
+def test_completed_rule_sticks_where_the_printed_one_chatters():
+    completed, printed = chatter_case("filippov"), chatter_case("paper")
+    assert [(b, a) for _, b, a in completed.events] == [(1, 0)]
+    assert completed.mode[-1] == 0
+    # The printed rule flips the sign of the speed again and again, to the end.
+    assert len(printed.events) > 1000
+    assert printed.events.time[-1] > 2.99
+    assert 0 not in printed.mode[200:]
+
+
+def test_speed_passes_through_zero_when_the_load_reverses_it():
+    resp = plain().simulate(np.full(1001, -30.0), DT, v0=0.5)
+    # Decelerates at (30 + 8)/2, then accelerates at (30 - 8)/2.
+    assert [(b, a) for _, b, a in resp.events] == [(1, -1)]
+    assert resp.events.time[0] == pytest.approx(0.5 / 19.0, abs=1e-12)
+    assert resp.y[1, -1] == pytest.approx(-11.0 * (1.0 - 0.5 / 19.0), rel=1e-12)
+
+
+def test_first_order_hold_integrates_a_ramp_exactly():
+    t = np.arange(1001) * DT
+    resp = plain(coulomb=2.0).simulate(10.0 * t, DT, hold="first")
+    start = 0.2
+    assert resp.events.time == pytest.approx([start], abs=1e-12)
+    run = t[-1] - start
+    assert resp.y[1, -1] == pytest.approx(10.0 * run**2 / 4.0, rel=1e-9)
+    held = plain(coulomb=2.0).simulate(10.0 * t, DT)
+    assert held.events.time == pytest.approx([0.2 + DT], abs=1e-12)
+
+
+def test_response_is_a_time_response_of_python_control():
+    pytest.importorskip("pandas")
+    u = np.linspace(0.0, 20.0, 50)
+    kept = u.copy()
+    resp = plain().simulate(u, DT)
+    assert isinstance(resp, ct.TimeResponseData)
+    assert resp.output_labels == ["x", "v", "F", "mode"] and resp.input_labels == ["u"]
+    assert resp.outputs.shape == (4, 50) and resp.states.shape == (2, 50)
+    assert resp.t[-1] == pytest.approx(49 * DT)
+    assert np.array_equal(u, kept)
+    assert resp(squeeze=True).events is resp.events
+    frame = resp.to_pandas()
+    assert list(frame.columns) == ["time", "u", "x", "v", "F", "mode"]
+
+
+def test_stepper_walks_the_same_path_as_simulate():
+    rng = np.random.default_rng(3)
+    u = 12.0 * rng.standard_normal(500)
+    axis = plain(viscous=5.0, effects=(dfc.effects.Spring(100.0), dfc.effects.InputDelay(2.5e-3)))
+    resp = axis.simulate(u, DT, x0=0.01, v0=0.1)
+    plant = axis.stepper(DT, x0=0.01, v0=0.1)
+    for k in range(499):
+        assert (plant.x, plant.v) == (resp.y[0, k], resp.y[1, k])
+        plant.step(u[k])
+    assert plant.time == pytest.approx(499 * DT)
+    assert plant.mode in (0, 1, -1)
+
+
+def test_stuck_position_does_not_drift():
+    axis = plain(stick_speed=1e-3)
+    rng = np.random.default_rng(0)
+    resp = axis.simulate(7.9 * rng.uniform(-1.0, 1.0, 200_000), DT, x0=0.3, v0=1e-3)
+    assert resp.y[0, -1] == pytest.approx(0.3 + 1e-3 / 500.0, abs=1e-15)
+    assert len(resp.events) == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (dict(mass=0.0), "mass must be more than zero"),
+        (dict(mass=-1.0), "mass"),
+        (dict(mass=math.nan), "mass must be a finite number"),
+        (dict(mass="heavy"), "mass must be a number"),
+        (dict(mass=True), "mass"),
+        (dict(viscous=-0.1), "viscous must be zero or more"),
+        (dict(viscous=math.inf), "viscous"),
+        (dict(coulomb=-1.0), "coulomb.plus must be a magnitude"),
+        (dict(coulomb=(1.0, -1.0)), "coulomb.minus must be a magnitude"),
+        (dict(coulomb=(1.0, 2.0, 3.0)), "coulomb must be a level"),
+        (dict(coulomb="8"), "coulomb must be a level"),
+        (dict(coulomb=dfc.CoulombMap([1.0, 2.0])), "give travel"),
+        (dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
+        (dict(coulomb=dfc.CoulombMap([1.0, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
+        (dict(stribeck=0.3), "stribeck must be dfc.Stribeck"),
+        (dict(stick_speed=0.0), "stick_speed must be more than zero"),
+        (dict(stick_rate=-5.0), "stick_rate"),
+        (dict(travel=(1.0, 0.0)), "travel must run from low to high"),
+        (dict(travel=1.0), "travel must be"),
+        (dict(switching="karnopp"), "switching must be"),
+        (dict(effects=("spring",)), "effects must hold effects"),
+        (
+            dict(effects=(dfc.effects.InputDelay(0.1), dfc.effects.InputDelay(0.1))),
+            "more than one delay",
+        ),
+    ],
+)
+def test_bad_axis_is_refused_by_name(changes, words):
+    with pytest.raises(ValueError, match=words):
+        plain(**changes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (dict(u=[]), "at least one sample"),
+        (dict(u=[[1.0, 2.0]]), "shape"),
+        (dict(u=3.0), "shape"),
+        (dict(u=[1.0, math.nan, math.inf]), "2 value.*first at index 1"),
+        (dict(u=["a", "b"]), "array of numbers"),
+        (dict(dt=0.0), "dt must be more than zero"),
+        (dict(dt=-1e-3), "dt"),
+        (dict(x0=math.nan), "x0 must be a finite number"),
+        (dict(v0=None), "v0 must be a number"),
+        (dict(hold="linear"), 'hold must be "zero" or "first"'),
+    ],
+)
+def test_bad_simulation_is_refused_by_name(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        plain().simulate(**(dict(u=[0.0, 1.0], dt=DT) | arguments))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dfc.CoulombMap([]), "plus is empty"),
+        (lambda: dfc.CoulombMap([1.0, math.nan]), r"plus\[1\]"),
+        (lambda: dfc.CoulombMap("12"), "plus must be a number or the coefficients"),
+        (lambda: dfc.CoulombMap(1.0)(0.0, 0), "direction must be"),
+        (lambda: dfc.Stribeck(excess=-0.1, speed=0.1), "stribeck.excess"),
+        (lambda: dfc.Stribeck(excess=0.1, speed=0.0), "stribeck.speed"),
+        (lambda: plain().mode(2), "mode must be 0"),
+        (lambda: plain().mode_ss(0, 1e-3, "tustin"), "method must be"),
+        (lambda: plain().mode_ss(0, 1e-3, input="v"), "input must be"),
+        (lambda: plain().mode_ss(0, 5e-3), r"dt \* stick_rate < 2, got 2.5"),
+        (lambda: plain(viscous=5000.0).mode_ss(1, 1e-3), "viscous / mass"),
+        (lambda: plain().stepper(0.0), "dt"),
+        (lambda: plain().stepper(1e-3).step(math.nan), "u must be a finite number"),
+    ],
+)
+def test_other_bad_input_is_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()

@@ -1,0 +1,212 @@
+"""The python-control faces agree with the compiled path and with theory."""
+
+import control as ct
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+DT = 1e-3
+
+
+@pytest.fixture
+def axis():
+    return dfc.FrictionAxis(
+        mass=1.0,
+        viscous=1.0,
+        coulomb=dfc.CoulombMap([1.0, 0.5], [1.2, -0.1]),
+        travel=(-1.0, 1.0),
+        stribeck=dfc.Stribeck(0.3, 0.01),
+        stick_speed=1e-4,
+        effects=(
+            dfc.effects.Spring(5.0),
+            dfc.effects.CoulombAsymmetry(0.1),
+            dfc.effects.Cogging(0.2, 0.01),
+        ),
+    )
+
+
+def dithered(n, seed=0):
+    t = np.arange(n) * DT
+    rng = np.random.default_rng(seed)
+    return t, 2.0 * np.sin(2.0 * np.pi * 7.0 * t) + 4.0 * rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("build", [dfc.axis_block, dfc.switched_axis])
+def test_blocks_walk_the_compiled_path_through_thousands_of_switches(axis, build):
+    t, u = dithered(20_000)
+    resp = axis.simulate(u, DT)
+    assert len(resp.events) > 2000
+    block = ct.input_output_response(build(axis, DT), t, u)
+    scale = np.abs(resp.y).max(axis=1, keepdims=True)
+    # The same kernel: 1e-9 is asked for, nothing but round-off is expected.
+    assert np.all(np.abs(block.outputs - resp.y) <= 1e-9 * scale)
+
+
+@pytest.mark.parametrize("effect", [dfc.effects.InputDelay(3.4e-3), dfc.effects.ActuatorLag(4e-3)])
+def test_block_carries_the_memory_of_effects(axis, effect):
+    moved = axis.replace(effects=(*axis.effects, effect))
+    t, u = dithered(2000)
+    block = dfc.axis_block(moved, DT)
+    assert block.nstates > 3
+    out = ct.input_output_response(block, t, u).outputs
+    np.testing.assert_allclose(out, moved.simulate(u, DT).y, rtol=1e-12, atol=1e-15)
+    for build in (dfc.switched_axis, dfc.supervisor):
+        with pytest.raises(ValueError, match="take axis_block"):
+            build(moved, DT)
+
+
+def test_supervisor_alone_tells_the_modes_of_a_run(axis):
+    t, u = dithered(3000)
+    resp = axis.simulate(u, DT)
+    signals = np.vstack([u, resp.y[0], resp.y[1]])
+    modes = ct.input_output_response(dfc.supervisor(axis, DT), t, signals).outputs
+    assert np.array_equal(np.ravel(modes), resp.y[3])
+
+
+def test_closed_loop_by_interconnect_is_the_compiled_loop(axis):
+    loop = dfc.PositionController.from_bandwidth(axis, 20.0, DT)
+    reference = 0.2 * np.sign(np.sin(np.arange(3000) * 3e-3))
+    resp = dfc.simulate_loop(axis, loop, reference, quantum=1e-5)
+    parts = [loop.block(), dfc.axis_block(axis, DT), dfc.encoder(1e-5, DT)]
+    outputs = ["x", "v", "F", "mode", "u", "y"]
+    system = ct.interconnect(parts, inputs=["xref"], outputs=outputs)
+    block = ct.input_output_response(system, resp.t, reference)
+    np.testing.assert_allclose(block.outputs, resp.y, rtol=1e-12, atol=1e-15)
+
+
+def test_reference_passes_through_filter_and_loop_by_signal_names(axis):
+    parts = [
+        dfc.reference_filter(20.0, DT),
+        dfc.position_controller(axis, 10.0, DT),
+        dfc.switched_axis(axis, DT),
+        dfc.encoder(1e-6, DT),
+    ]
+    system = ct.interconnect(parts, inputs=["r"], outputs=["x", "mode"])
+    resp = ct.input_output_response(system, np.arange(1500) * DT, np.full(1500, 0.05))
+    assert resp.outputs[0, -1] == pytest.approx(0.05, abs=5e-3)
+
+
+@pytest.mark.parametrize("method", ["euler", "zoh"])
+def test_sampled_modes_are_the_printed_ones(method):
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, stick_rate=400.0)
+    for index, rate, gain in ((0, 400.0, 0.0), (1, 7.5, 0.5), (-1, 7.5, 0.5)):
+        system = axis.mode_ss(index, dt=DT, method=method)
+        if method == "euler":
+            a, b = [[1.0, DT], [0.0, 1.0 - DT * rate]], [[0.0], [DT * gain]]
+        else:
+            continuous = ct.ss([[0, 1], [0, -rate]], [[0], [gain]], [[1, 0]], 0)
+            exact = ct.c2d(continuous, DT, "zoh")
+            a, b = exact.A, exact.B
+        np.testing.assert_allclose(system.A, a, rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(system.B, b, rtol=1e-9, atol=1e-18)
+        assert np.array_equal(system.C, [[1.0, 0.0]]) and system.dt == DT
+    # The direction of an unknown force is there in every mode.
+    assert axis.mode_ss(0, DT, input="force").B[1, 0] == pytest.approx(DT / 2.0)
+
+
+def test_zoh_of_a_frictionless_mode_has_no_division_by_zero():
+    axis = dfc.FrictionAxis(mass=4.0, viscous=0.0, coulomb=1.0)
+    system = axis.mode_ss(1, DT, "zoh")
+    np.testing.assert_allclose(system.A, [[1.0, DT], [0.0, 1.0]], rtol=1e-15)
+    np.testing.assert_allclose(system.B, [[DT**2 / 8.0], [DT / 4.0]], rtol=1e-12)
+
+
+def test_python_control_works_on_the_modes(axis):
+    for index in (0, 1, -1):
+        mode = axis.mode(index)
+        linear = ct.linearize(mode, [0.1, 0.3 * index], [2.0])
+        rate = axis.viscous / axis.mass if index else axis.stick_rate
+        assert linear.A[1, 1] == pytest.approx(-rate, rel=1e-5)
+        resp = ct.input_output_response(mode, np.linspace(0.0, 0.1, 20), 2.0, [0.1, 0.2 * index])
+        assert np.all(np.isfinite(resp.outputs))
+        for system in (
+            axis.mode_ss(index, DT),
+            axis.mode_ss(index),
+            axis.mode_ss(index, DT, "zoh"),
+        ):
+            assert ct.frequency_response(system).omega.size > 10
+            ct.bode_plot(system)
+            ct.step_response(system, T=np.arange(100) * DT)
+    plt.close("all")
+    ct.linearize(dfc.axis_block(axis, DT), [0.0, 0.3, 1.0], [2.0])
+
+
+def test_mode_block_follows_the_switched_axis_while_it_slides(axis):
+    t = np.linspace(0.0, 0.2, 201)
+    alone = ct.input_output_response(
+        axis.mode(+1), t, 3.0, [0.0, 0.5], solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}
+    )
+    switched = axis.simulate(np.full(201, 3.0), DT, v0=0.5)
+    assert len(switched.events) == 0
+    np.testing.assert_allclose(alone.outputs[:3], switched.y[:3], rtol=1e-7, atol=1e-9)
+
+
+def test_controller_puts_the_poles_where_it_says():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=0.0)
+    for bandwidth in (0.5, 3.0, 20.0):
+        loop = dfc.PositionController.from_bandwidth(axis, bandwidth, DT)
+        sliding = axis.mode_ss(1, DT, "zoh")
+        a = np.block([[sliding.A, np.zeros((2, 1))], [-DT * sliding.C, np.ones((1, 1))]])
+        b = np.vstack([sliding.B, [[0.0]]])
+        poles = np.linalg.eigvals(a - b @ np.array([[loop.kp, loop.kd, -loop.ki]]))
+        # Two of the three poles coincide: their error is the root of round-off's.
+        assert np.sort(np.abs(poles))[-2:] == pytest.approx(np.exp(-bandwidth * DT), abs=1e-5)
+        assert loop.kd >= 0.0
+
+
+def test_anti_windup_limits_the_overshoot():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=40.0, coulomb=4.0)
+    loop = dfc.PositionController.from_bandwidth(axis, 10.0, DT, limit=12.0)
+    resp = dfc.simulate_loop(axis, loop, np.full(8000, 0.5))
+    assert np.abs(resp.y[4]).max() == 12.0
+    assert resp.y[0].max() < 0.5 * 1.05
+    assert resp.y[0, -1] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_encoder_rounds_to_the_nearest_increment():
+    x = np.linspace(-1.0, 1.0, 1001)
+    system = dfc.encoder(0.01, DT)
+    y = np.array([system.output(0.0, [], [value])[0] for value in x])
+    assert np.abs(y - x).max() <= 0.005 + 1e-15
+    np.testing.assert_allclose(y / 0.01, np.round(y / 0.01), atol=1e-9)
+    assert dfc.encoder(0.0, DT).output(0.0, [], [0.1234])[0] == 0.1234
+
+
+def test_reference_filter_is_a_butterworth_low_pass():
+    system = dfc.reference_filter(20.0, DT)
+    gain = np.abs(np.ravel(system(np.exp(1j * np.array([1e-3, 20.0, 200.0]) * DT))))
+    assert gain[0] == pytest.approx(1.0, abs=1e-9)
+    assert gain[1] == pytest.approx(2.0**-0.5, rel=1e-9)
+    assert gain[2] == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda a: dfc.axis_block(a, 0.0), "dt must be more than zero"),
+        (lambda a: dfc.switched_axis(a, -1.0), "dt"),
+        (lambda a: dfc.supervisor(a, np.nan), "dt must be a finite number"),
+        (lambda a: dfc.encoder(-1e-6, DT), "quantum must be zero or more"),
+        (lambda a: dfc.encoder(1e-6, 0.0), "dt"),
+        (lambda a: dfc.reference_filter(0.0, DT), "bandwidth must be more than zero"),
+        (lambda a: dfc.reference_filter(4000.0, DT), "Nyquist"),
+        (lambda a: dfc.reference_filter(20.0, DT, order=0), "order must be a whole number"),
+        (lambda a: dfc.position_controller(a, 0.0, DT), "bandwidth"),
+        (lambda a: dfc.position_controller(a, 500.0, DT), "too high for dt"),
+        (lambda a: dfc.position_controller(a, 5.0, DT, limit=-1.0), "limit must be more"),
+        (lambda a: dfc.PositionController(1.0, 0.0, 0.0, DT, span=9), "span must be"),
+        (lambda a: dfc.PositionController(-1.0, 0.0, 0.0, DT), "kp must be more"),
+        (lambda a: dfc.PositionController(1.0, 0.0, np.nan, DT), "kd must be a finite"),
+        (
+            lambda a: dfc.simulate_loop(
+                a, dfc.PositionController(1.0, 0.0, 0.0, DT), [0.0] * 5, disturbance=[0.0] * 4
+            ),
+            "disturbance has 4 samples",
+        ),
+    ],
+)
+def test_bad_blocks_are_refused_by_name(axis, call, words):
+    with pytest.raises(ValueError, match=words):
+        call(axis)

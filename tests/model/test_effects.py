@@ -1,0 +1,336 @@
+"""Every effect against its equation, integrated by someone else."""
+
+import math
+from dataclasses import dataclass, fields, make_dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dryfric_control as dfc
+from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
+from dryfric_control.model.effects.effect import REGISTRY
+
+DT = 1e-3
+MASS, VISCOUS, COULOMB = 2.0, 3.0, 5.0
+
+
+def axis_with(*effects):
+    return dfc.FrictionAxis(mass=MASS, viscous=VISCOUS, coulomb=COULOMB, effects=effects)
+
+
+def slide(drive, extra, level=COULOMB, v0=0.5, end=0.2):
+    """Slow oracle: one sliding direction, tight tolerance, no switches."""
+    s = math.copysign(1.0, v0)
+
+    def rates(t, state):
+        x, v = state
+        u = drive(t)
+        c = level(t, x, u) if callable(level) else level
+        return [v, (u + extra(t, x, v) - VISCOUS * v - s * c) / MASS]
+
+    grid = np.arange(round(end / DT) + 1) * DT
+    state, out = [0.01, v0], [[0.01, v0]]
+    for a, b in zip(grid[:-1], grid[1:], strict=True):
+        state = solve_ivp(rates, (a, b), state, rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
+        out.append(state)
+    return np.array(out).T
+
+
+FORCES = [
+    (dfc.effects.BiasForce(1.5), lambda t, x, v: 1.5),
+    (dfc.effects.ViscousAsymmetry(0.7), lambda t, x, v: -0.7 * abs(v)),
+    (dfc.effects.QuadraticDrag(2.5), lambda t, x, v: -2.5 * v * abs(v)),
+    (dfc.effects.Spring(40.0, rest=0.02), lambda t, x, v: -40.0 * (x - 0.02)),
+    (dfc.effects.Gravity(3.0, phase=0.4), lambda t, x, v: -3.0 * math.sin(x - 0.4)),
+    (
+        dfc.effects.Cogging(0.8, period=0.02, phase=0.3),
+        lambda t, x, v: 0.8 * math.sin(2 * math.pi * x / 0.02 + 0.3),
+    ),
+    (
+        dfc.effects.TimePeriodic(0.8, frequency=35.0, phase=0.3),
+        lambda t, x, v: 0.8 * math.sin(2 * math.pi * 35.0 * t + 0.3),
+    ),
+]
+
+LEVELS = [
+    (
+        dfc.effects.PositionDependence(slope=1.5, curvature=-2.0, centre=0.02),
+        lambda t, x, u: COULOMB * (1.0 + 1.5 * (x - 0.02) - 2.0 * (x - 0.02) ** 2),
+    ),
+    (dfc.effects.LoadDependence(0.1), lambda t, x, u: COULOMB + 0.1 * abs(u)),
+    (dfc.effects.Drift(0.6), lambda t, x, u: COULOMB * (1.0 + 0.6 * t)),
+]
+
+
+@pytest.mark.parametrize(("effect", "law"), FORCES, ids=lambda p: getattr(p, "slug", ""))
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_force_effect_acts_by_its_equation(effect, law, s):
+    drive = 9.0 * s
+    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
+    x, v = slide(lambda t: drive, law, v0=0.5 * s)
+    # The step's own tolerance is 1e-9 of the speed; 200 of them add up.
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(("effect", "level"), LEVELS, ids=lambda p: getattr(p, "slug", ""))
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_friction_effect_acts_by_its_equation(effect, level, s):
+    drive = 9.0 * s
+    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
+    x, v = slide(lambda t: drive, lambda t, x, v: 0.0, level=level, v0=0.5 * s)
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize("rest", [0.01, 0.1, 1.0])
+def test_breakaway_grows_with_the_time_at_rest(rest):
+    effect = dfc.effects.DwellTime(rise=3.0, time_constant=0.2)
+    level = COULOMB + 3.0 * (1.0 - math.exp(-rest / 0.2))
+    n = round(rest / DT)
+    for force, mode in ((0.999 * level, 0), (1.001 * level, 1)):
+        resp = axis_with(effect).simulate(np.r_[np.zeros(n), force, force], DT)
+        assert resp.mode[n] == mode
+    # Sliding, and at rest again, it starts anew.
+    block = dfc.axis_block(axis_with(effect), DT)
+    assert block.state_labels[3] == "rest"
+
+
+def test_effects_add_up_in_any_order():
+    effects = [effect for effect, _ in FORCES]
+    one = axis_with(*effects).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+    other = axis_with(*effects[::-1]).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+    np.testing.assert_allclose(one.y[:2], other.y[:2], rtol=1e-12)
+    x, v = slide(lambda t: 9.0, lambda t, x, v: sum(law(t, x, v) for _, law in FORCES))
+    np.testing.assert_allclose(one.y[1], v, rtol=0, atol=5e-8)
+
+
+def test_coulomb_asymmetry_shifts_each_direction():
+    axis = axis_with(dfc.effects.CoulombAsymmetry(1.25))
+    for s in (1.0, -1.0):
+        resp = axis.simulate([0.0, 0.0], DT, v0=s)
+        assert resp.y[2, 0] == pytest.approx(s * (COULOMB + 1.25 * s), rel=1e-15)
+        hold = axis.simulate([s * (COULOMB + 1.25 * s) * 0.999] * 3, DT)
+        assert hold.mode[-1] == 0
+        go = axis.simulate([s * (COULOMB + 1.25 * s) * 1.001] * 3, DT)
+        assert go.mode[-1] == s
+
+
+def test_spring_alone_swings_at_its_frequency():
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=0.0, coulomb=0.0, effects=(dfc.effects.Spring(200.0),)
+    )
+    resp = axis.simulate(np.zeros(1001), DT, x0=0.1)
+    # Without friction an axis still passes through its modes at the turning points.
+    np.testing.assert_allclose(resp.y[0], 0.1 * np.cos(10.0 * resp.t), atol=2e-6)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("delay", [1e-3, 2.5e-3, 7.3e-3, 0.4e-3])
+def test_input_delay_is_the_shifted_input(delay, hold):
+    rng = np.random.default_rng(1)
+    u = np.concatenate([np.zeros(5), 15.0 * rng.standard_normal(300)])
+    fine = 10
+    t = np.arange(u.size * fine) * (DT / fine)
+    if hold == "zero":
+        shifted = u[np.clip(np.floor((t - delay) / DT + 1e-9).astype(int), 0, None)]
+    else:
+        shifted = np.interp(t - delay, np.arange(u.size) * DT, u)
+    shifted[t < delay] = 0.0
+    one = axis_with(dfc.effects.InputDelay(delay)).simulate(u, DT, v0=0.1, hold=hold)
+    other = axis_with().simulate(shifted, DT / fine, v0=0.1, hold=hold)
+    np.testing.assert_allclose(one.y[0], other.y[0, ::fine], atol=1e-9)
+
+
+def test_actuator_lag_is_a_first_order_filter():
+    lag = 4e-3
+    u = np.where(np.arange(201) < 100, 9.0, 14.0)
+
+    def filtered(t):
+        force = 9.0 * (1.0 - math.exp(-t / lag))
+        return force + (5.0 * (1.0 - math.exp(-(t - 0.1) / lag)) if t > 0.1 else 0.0)
+
+    resp = axis_with(dfc.effects.ActuatorLag(lag)).simulate(u, DT, x0=0.01, v0=0.5)
+    x, v = slide(filtered, lambda t, x, v: 0.0)
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("effect", "u", "acting"),
+    [
+        (dfc.effects.InputGain(0.8), 10.0, 8.0),
+        (dfc.effects.DeadZone(2.0), 10.0, 8.0),
+        (dfc.effects.DeadZone(2.0), -10.0, -8.0),
+        (dfc.effects.DeadZone(2.0), 1.5, 0.0),
+        (dfc.effects.Saturation(6.5), 10.0, 6.5),
+        (dfc.effects.Saturation(6.5), -10.0, -6.5),
+    ],
+)
+def test_input_effect_maps_the_drive(effect, u, acting):
+    one = axis_with(effect).simulate(np.full(100, u), DT, v0=0.1)
+    other = axis_with().simulate(np.full(100, acting), DT, v0=0.1)
+    np.testing.assert_allclose(one.y, other.y, rtol=1e-14, atol=1e-15)
+
+
+CHANGES = [
+    (dfc.effects.Inertia(1.3), {"mass": 1.3 * MASS}),
+    (dfc.effects.ViscousFriction(0.6), {"viscous": 0.6 * VISCOUS}),
+    (dfc.effects.CoulombFriction(1.2), {"coulomb": 1.2 * COULOMB}),
+    (dfc.effects.StribeckPeak(0.3, 0.02), {"stribeck": dfc.Stribeck(0.3, 0.02)}),
+]
+
+
+@pytest.mark.parametrize(("effect", "change"), CHANGES, ids=lambda p: getattr(p, "slug", ""))
+def test_axis_effect_is_the_axis_with_other_base_parameters(effect, change):
+    u = 9.0 * np.sin(np.arange(2000) * 5e-3)
+    believed = axis_with(effect).replace(stribeck=dfc.Stribeck(0.1, 0.05))
+    actual = axis_with().replace(**({"stribeck": dfc.Stribeck(0.1, 0.05)} | change))
+    same = believed.simulate(u, DT).y
+    # The same arrays reach the same kernel: nothing may differ.
+    assert np.array_equal(same, actual.simulate(u, DT).y)
+    assert not np.array_equal(same, believed.replace(effects=()).simulate(u, DT).y)
+    for index in (0, 1):
+        one, other = believed.mode_ss(index, DT), actual.mode_ss(index, DT)
+        assert np.array_equal(one.A, other.A) and np.array_equal(one.B, other.B)
+    assert np.array_equal(believed.breakaway([0.0, 0.1], 1), actual.breakaway([0.0, 0.1], 1))
+    assert believed.effective() == actual
+    assert actual.effective() is actual
+
+
+def test_axis_effects_act_one_after_the_other_and_keep_the_rest():
+    axis = axis_with(
+        dfc.effects.Inertia(2.0), dfc.effects.Spring(40.0), dfc.effects.Inertia(1.5)
+    ).effective()
+    assert axis.mass == 3.0 * MASS
+    assert [effect.slug for effect in axis.effects] == ["spring"]
+
+
+def test_axis_effects_are_parameters_of_a_fit():
+    axis = axis_with(dfc.effects.StribeckPeak(0.3, 0.02))
+    scales = Scales(force=10.0, length=0.1, time=0.5, step=DT)
+    # The effect's peak hides the axis' own, so that a fit must move the effect's.
+    moved, chosen = choose(axis, ("inertia.factor", "stribeck.excess"), scales)
+    names = [parameter.name for parameter in chosen]
+    assert values_of(moved, names).tolist() == [1.0, 0.3]
+    after = with_values(moved, names, [1.2, 0.4]).effective()
+    assert (after.mass, after.stribeck) == (1.2 * MASS, dfc.Stribeck(0.4, 0.02))
+
+
+def test_user_effect_runs_like_a_built_in_one():
+    @dfc.effects.register_effect
+    @dataclass(frozen=True)
+    class Magnet(dfc.effects.Effect):
+        strength: float = dfc.effects.parameter("N m^2", "pull", bounds=(0.0, 10.0))
+        slug = "test_magnet"
+        action = "force"
+
+        @staticmethod
+        def law(t, x, v, u, level, direction, rest, p):
+            return p[0] / (0.2 + x) ** 2
+
+    try:
+        resp = axis_with(Magnet(0.1)).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
+        _, v = slide(lambda t: 9.0, lambda t, x, v: 0.1 / (0.2 + x) ** 2)
+        np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+        with pytest.raises(ValueError, match="test_magnet.strength must lie between 0 and 10"):
+            Magnet(11.0)
+    finally:
+        REGISTRY.pop("test_magnet", None)
+
+
+def declared(count, law, shared=False):
+    """An effect with `count` parameters, which share one declaration or have their own."""
+    one = dfc.effects.parameter("N", "level", default=0.0)
+    names = [
+        (f"p{k}", float, one if shared else dfc.effects.parameter("N", "l")) for k in range(count)
+    ]
+    return make_dataclass(
+        "Reader", names, bases=(dfc.effects.Effect,), frozen=True,
+        namespace={"slug": "reader", "action": "force", "law": staticmethod(law)},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (
+            declared(1, lambda t, x, v, u, level, s, rest, p: p[1]),
+            r"reads p\[1\].*p\[0\] to p\[0\]",
+        ),
+        (declared(2, lambda t, x, v, u, level, s, rest, p: p[-1]), r"reads p\[-1\]"),
+        (declared(2, lambda t, x, v, u, level, s, rest, p: p[int(t)] / v), r"reads p\[2\]"),
+        (declared(0, lambda t, x, v, u, level, s, rest, p: p[0]), "declares no parameter"),
+        (
+            declared(3, lambda t, x, v, u, level, s, rest, p: p[2], True),
+            "p0 is no field.*for each parameter",
+        ),
+    ],
+)
+def test_a_law_that_reads_numbers_not_its_own_is_refused(effect, words):
+    """Compiled, it would read whatever lies behind them in memory."""
+    with pytest.raises(ValueError, match=words):
+        dfc.effects.register_effect(effect)
+    assert "reader" not in REGISTRY
+    with pytest.raises(ValueError, match=words):
+        axis_with(effect(*[0.0] * len(fields(effect)))).simulate(np.zeros(3), DT)
+
+
+def test_a_law_may_fail_where_it_is_tried():
+    """Its own table may end before the places that are tried."""
+    table = (1.0, 2.0)
+    reader = declared(1, lambda t, x, v, u, level, s, rest, p: p[0] * table[int(t)])
+    try:
+        assert dfc.effects.register_effect(reader) is reader
+    finally:
+        REGISTRY.pop("reader", None)
+
+
+def test_every_effect_tells_what_it_is():
+    for slug, cls in REGISTRY.items():
+        assert cls.slug == slug
+        assert cls.title and cls.explanation.endswith(".") and cls.experiment.endswith("."), slug
+        for name, info in cls.parameters().items():
+            assert info["unit"] and info["doc"], f"{slug}.{name}"
+            low, high = info["bounds"]
+            assert low < high
+        assert len(fields(cls)) >= 1
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dfc.effects.Spring(-1.0), "spring.stiffness must lie between 0 and inf N/m"),
+        (lambda: dfc.effects.Spring(math.nan), "spring.stiffness must be a finite number"),
+        (lambda: dfc.effects.Cogging(1.0, 0.0), "cogging.period"),
+        (lambda: dfc.effects.InputDelay(-1e-3), "input_delay.delay"),
+        (lambda: dfc.effects.register_effect(type("A", (dfc.effects.Effect,), {})), "slug must be"),
+        (
+            lambda: dfc.effects.register_effect(type("A", (dfc.effects.Effect,), {"slug": "a"})),
+            "action must be",
+        ),
+        (
+            lambda: dfc.effects.register_effect(
+                type("A", (dfc.effects.Effect,), {"slug": "a", "action": "force"})
+            ),
+            "needs a static method law",
+        ),
+        (
+            lambda: dfc.effects.register_effect(
+                type("A", (dfc.effects.Effect,), {"slug": "a", "action": "axis"})
+            ),
+            "needs a method alter",
+        ),
+        (lambda: dfc.effects.Inertia(0.0), "inertia.factor must lie between 1e-09 and inf"),
+        (lambda: dfc.effects.StribeckPeak(0.3, 0.0), "stribeck.speed must lie between"),
+        (
+            lambda: dfc.effects.register_effect(
+                type("A", (dfc.effects.Effect,), {"slug": "spring", "action": "delay"})
+            ),
+            "belongs to Spring",
+        ),
+    ],
+)
+def test_bad_effects_are_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()

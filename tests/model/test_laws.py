@@ -1,0 +1,509 @@
+"""Comparison friction laws against closed forms and an independent integration."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import dryfric_control as dfc
+from dryfric_control.model.laws import Dahl, Karnopp, LuGre, Sign, Tanh
+
+DT = 1e-3
+EVERY_LAW = (
+    Sign(),
+    Tanh(speed=1e-3),
+    Karnopp(band=1e-4),
+    Dahl(stiffness=1e4),
+    LuGre(stiffness=1e4, damping=100.0),
+)
+each_law = pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: type(law).__name__)
+
+
+@dataclasses.dataclass(frozen=True)
+class Ageing(dfc.effects.Effect):
+    """Breakaway level that grows with the time at rest."""
+
+    rate: float = dfc.effects.parameter("N/s", "growth")
+
+    slug = "ageing_in_these_tests"
+    action = "friction"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return p[0] * rest
+
+
+def coulomb_axis(**changes):
+    """m = 2, Fc = 3 and nothing else, unless changed."""
+    return dfc.FrictionAxis(
+        **({"mass": 2.0, "viscous": 0.0, "coulomb": 3.0, "stick_speed": 1e-6} | changes)
+    )
+
+
+def rich_axis(**changes):
+    """Asymmetric, position-dependent, Stribeck, viscous, with a spring."""
+    return dfc.FrictionAxis(
+        **(
+            {
+                "mass": 1.5,
+                "viscous": 0.4,
+                "coulomb": dfc.CoulombMap(plus=[1.0, 0.3, 0.2], minus=[1.3, -0.2]),
+                "stribeck": dfc.Stribeck(excess=0.4, speed=0.05),
+                "stick_speed": 1e-3,
+                "travel": (-1.0, 1.0),
+                "effects": (dfc.effects.Spring(stiffness=2.0, rest=0.1),),
+            }
+            | changes
+        )
+    )
+
+
+# --- closed forms ---------------------------------------------------------------------
+
+
+def test_sign_stops_after_the_closed_form_distance():
+    v0 = 0.77
+    x, v, force, mode = Sign().run(coulomb_axis(), np.zeros(1000), DT, v0=v0)
+    t = DT * np.arange(1000)
+    # The speed is linear in time, so the method is exact; what is left is round-off.
+    np.testing.assert_allclose(v, np.maximum(v0 - 3.0 / 2.0 * t, 0.0), atol=1e-13)
+    assert x[-1] == pytest.approx(2.0 * v0**2 / (2 * 3.0), abs=1e-13)
+    assert mode[0] == 1 and force[0] == 3.0
+    assert mode[-1] == 0 and force[-1] == 0.0
+
+
+def test_sign_with_viscous_drag_stops_after_the_closed_form_time():
+    axis = coulomb_axis(viscous=0.8)
+    v0 = 0.77
+    _, v, _, _ = Sign().run(axis, np.zeros(1000), DT, v0=v0)
+    stop = 2.0 / 0.8 * math.log1p(0.8 * v0 / 3.0)
+    assert v[int(stop / DT)] > 0.0
+    assert v[int(stop / DT) + 1] == 0.0
+    t = DT * np.arange(1000)
+    moving = (v0 + 3.0 / 0.8) * np.exp(-0.8 / 2.0 * t) - 3.0 / 0.8
+    # tolerance = 1e-8 per substep of a speed that loses at most Fc dt / m in one.
+    np.testing.assert_allclose(v, np.maximum(moving, 0.0), atol=1e-9)
+
+
+def test_sign_loses_two_friction_widths_each_half_swing():
+    # A mass on a spring under Coulomb friction turns at |x0| - 2 n Fc/k and
+    # stops at the first turn with |x| <= Fc/k.
+    axis = coulomb_axis(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.0),))
+    x, _, _, mode = Sign(tolerance=1e-10).run(axis, np.zeros(6000), DT, x0=1.0)
+    width = 3.0 / 40.0
+    half_swings = math.ceil((1.0 / width - 1.0) / 2.0)
+    assert half_swings == 7
+    expected = -(1.0 - 2 * half_swings * width)
+    # Seven half swings of some 700 substeps each, 1e-10 of the speed in each.
+    assert x[-1] == pytest.approx(expected, abs=1e-8)
+    assert np.count_nonzero(np.diff(mode)) >= half_swings
+
+
+def test_sign_sees_a_stop_inside_a_sample_that_ends_in_motion():
+    # u runs from 2 to 6 in one sample: v0 is gone before u passes Fc = 3 at 25 ms, the
+    # mass waits for that, and then gains 40 (t - 25 ms)^2 / (2 m).
+    _, v, _, _ = Sign().run(coulomb_axis(), np.array([2.0, 6.0]), 0.1, v0=0.005, hold="first")
+    assert v[1] == pytest.approx(40.0 * 0.075**2 / (2 * 2.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "u", "braking"),
+    [
+        (dfc.effects.BiasForce(force=-1.0), 0.0, 4.0),
+        (dfc.effects.CoulombAsymmetry(force=0.5), 0.0, 3.5),
+        (dfc.effects.InputGain(gain=0.5), -2.0, 4.0),
+    ],
+    ids=lambda value: getattr(value, "slug", None),
+)
+@pytest.mark.parametrize("law", [Sign(), Karnopp(band=1e-12)], ids=lambda law: type(law).__name__)
+def test_effects_of_every_kind_reach_the_laws(law, effect, u, braking):
+    v0 = 0.77
+    x, _, _, mode = law.run(coulomb_axis(effects=(effect,)), np.full(1000, u), DT, v0=v0)
+    assert mode[-1] == 0
+    assert x[-1] == pytest.approx(2.0 * v0**2 / (2 * braking), abs=1e-12)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_sign_breaks_away_inside_the_sample_of_a_ramp(direction):
+    axis = coulomb_axis(coulomb=(3.0, 2.0))
+    level = 3.0 if direction > 0 else 2.0
+    t = DT * np.arange(1500)
+    slope = 4.4444
+    x, v, _, _ = Sign().run(axis, direction * slope * t, DT, hold="first")
+    past = np.maximum(t - level / slope, 0.0)
+    # Polynomials in time of degree 2 and 3: exact for a fifth-order method.
+    np.testing.assert_allclose(v, direction * slope * past**2 / (2 * 2.0), atol=1e-12)
+    np.testing.assert_allclose(x, direction * slope * past**3 / (6 * 2.0), atol=1e-12)
+
+
+def test_tanh_follows_its_closed_form():
+    # m v' = -Fc tanh(v/w) has sinh(v/w) = sinh(v0/w) exp(-Fc t / (m w)).
+    width, v0 = 0.05, 0.3
+    _, v, force, _ = Tanh(speed=width).run(coulomb_axis(), np.zeros(400), DT, v0=v0)
+    t = DT * np.arange(400)
+    expected = width * np.arcsinh(np.sinh(v0 / width) * np.exp(-3.0 * t / (2.0 * width)))
+    # 400 substeps, each within 1e-8 of max(|v|, width).
+    np.testing.assert_allclose(v, expected, atol=1e-7)
+    np.testing.assert_allclose(force, 3.0 * np.tanh(v / width), rtol=1e-14)
+
+
+def test_tanh_creeps_under_a_load_below_the_level():
+    _, v, _, _ = Tanh(speed=1e-3).run(coulomb_axis(), np.full(500, 2.0), DT)
+    # At rest since 500 ms, some 700 time constants m w / Fc.
+    assert v[-1] == pytest.approx(1e-3 * math.atanh(2.0 / 3.0), rel=1e-7)
+
+
+def test_tanh_tends_to_the_sign_law():
+    axis = coulomb_axis(stick_speed=1e-9)
+    u = 5.0 * np.sin(2 * np.pi * 2.0 * DT * np.arange(2000))
+    exact, _, _, _ = Sign().run(axis, u, DT)
+    gap = [np.abs(Tanh(speed=w).run(axis, u, DT)[0] - exact).max() for w in (1e-2, 1e-3, 1e-4)]
+    # First order in the width, up to a logarithm: the creep at rest is w artanh(u/Fc).
+    assert gap[1] < gap[0] / 5
+    assert gap[2] < gap[1] / 5
+
+
+def test_karnopp_rests_below_breakaway_and_leaves_the_band_on_time():
+    axis = coulomb_axis(stribeck=dfc.Stribeck(excess=0.5, speed=0.01))
+    law = Karnopp(band=1e-3)
+    held = np.full(300, 4.49)  # Fc = 3 < u < Fs = 4.5
+    x, v, force, mode = law.run(axis, held, DT, x0=0.2)
+    assert np.all(x == 0.2) and np.all(v == 0.0) and np.all(mode == 0)
+    np.testing.assert_allclose(force, held, rtol=1e-15)
+
+    # Beyond breakaway the momentum builds up at u - Fs: out after m band / (u - Fs).
+    x, v, force, mode = law.run(axis, np.full(300, 4.63), DT, x0=0.2)
+    out = 2.0 * 1e-3 / 0.13
+    first = int(np.argmax(mode))
+    assert first == math.ceil(out / DT)
+    assert np.all(x[:first] == 0.2) and np.all(force[:first] == 4.5)
+    assert np.all(np.diff(v[first:]) > 0.0)
+
+
+def test_karnopp_gathers_momentum_over_pulses():
+    # Two triangles of 1.2 mN s above Fc: 1.2e-3 of the 2e-3 = m band after the first, out
+    # inside the second; without other losses the speed is that of both impulses.
+    u = np.full(300, 3.0)
+    u[100] = u[200] = 3.0 + 1.2
+    x, v, _, mode = Karnopp(band=1e-3).run(coulomb_axis(), u, DT, hold="first")
+    assert np.all(mode[:201] == 0) and np.all(x[:201] == 0.0)
+    np.testing.assert_allclose(v[201:], 2 * 1.2e-3 / 2.0, rtol=1e-9)
+
+    # A load that falls from 1.2 N above Fc to 1.2 N below gives half a triangle, 0.3 mN s.
+    u = np.full(300, 3.0)
+    u[0], u[1] = 3.0 + 1.2, 3.0 - 1.2
+    u[200] = u[201] = 3.0 + 1.2
+    _, v, _, _ = Karnopp(band=1e-3).run(coulomb_axis(), u, DT, hold="first")
+    np.testing.assert_allclose(v[202:], (0.3e-3 + 2.4e-3) / 2.0, rtol=1e-9)
+
+
+def test_karnopp_breakaway_grows_with_the_time_at_rest():
+    axis = coulomb_axis(effects=(Ageing(rate=2.0),))
+    t = DT * np.arange(3000)
+    # From rest at t = 0 the load 5 t meets 3 + 2 t at 1 s; a push, a stop, and again.
+    u = np.interp(t, [0.0, 1.1, 1.101, 1.5, 2.9], [0.0, 5.5, 0.0, 0.0, 7.0])
+    _, _, _, mode = Karnopp(band=1e-9).run(axis, u, DT, hold="first")
+    starts = t[1:][(mode[:-1] == 0) & (mode[1:] == 1)]
+    (stop,) = t[1:][(mode[:-1] == 1) & (mode[1:] == 0)]
+    assert starts[0] == pytest.approx(1.0, abs=1.01 * DT)
+    assert 1.1 < stop < 1.5
+    # 5 (t - 1.5) = 3 + 2 (t - stop), the stop being known to a sample.
+    assert starts[1] == pytest.approx((3.0 + 7.5 - 2 * stop) / 3.0, abs=2 * DT)
+
+
+def test_karnopp_waits_at_the_edge_until_it_can_leave():
+    # Drag begins at the edge: u between Fs and Fs + f band fills the band and stays.
+    axis = coulomb_axis(viscous=20.0)
+    law = Karnopp(band=0.01)
+    u = 3.0 + 0.1 * np.minimum(DT * np.arange(4000), 3.0)
+    x, _, force, mode = law.run(axis, u, DT, x0=0.2, hold="first")
+    leave = 20.0 * 0.01 / 0.1  # when u = Fc + f band
+    first = int(np.argmax(mode))
+    assert first == math.floor(leave / DT) + 1
+    assert np.all(x[:first] == 0.2) and np.all(force == 3.0) and np.all(mode[first:] == 1)
+
+
+def test_karnopp_stops_at_the_edge_of_its_band():
+    v0, band = 0.77, 0.01
+    x, v, _, mode = Karnopp(band=band).run(coulomb_axis(), np.zeros(1000), DT, v0=v0)
+    assert x[-1] == pytest.approx(2.0 * (v0**2 - band**2) / (2 * 3.0), abs=1e-13)
+    assert mode[-1] == 0 and v[-1] == 0.0
+
+
+def test_dahl_slows_down_along_its_closed_form():
+    # F(x) = Fc (1 - exp(-sigma0 x / Fc)) from unloaded bristles; energy gives v(x).
+    stiffness, v0 = 50.0, 0.5
+    x, v, force, _ = Dahl(stiffness=stiffness).run(coulomb_axis(), np.zeros(200), DT, v0=v0)
+    sag = 1.0 - np.exp(-stiffness * x / 3.0)
+    np.testing.assert_allclose(force, 3.0 * sag, atol=3e-7)  # 200 substeps of 1e-8 in z
+    spent = 3.0 * x - 3.0**2 / stiffness * sag
+    np.testing.assert_allclose(v**2, v0**2 - 2 / 2.0 * spent, atol=3e-7)
+
+
+def test_dahl_hysteresis_between_reversals():
+    # Whatever the motion, from one reversal (xr, Fr) to the next
+    # F = s Fc + (Fr - s Fc) exp(-s sigma0 (x - xr) / Fc).
+    stiffness = 300.0
+    u = 16.0 * np.sin(2 * np.pi * 3.0 * DT * np.arange(2000))
+    x, v, force, _ = Dahl(stiffness=stiffness).run(coulomb_axis(viscous=30.0), u, DT)
+    turns = np.flatnonzero(np.diff(np.sign(v)) != 0) + 1
+    assert len(turns) >= 10
+    for begin, end in itertools.pairwise(turns):
+        s = np.sign(v[begin])
+        part = slice(begin, end)
+        expected = 3.0 * s + (force[begin] - 3.0 * s) * np.exp(
+            -s * stiffness * (x[part] - x[begin]) / 3.0
+        )
+        # Some 200 substeps of 1e-8 relative to the bristle's full deflection.
+        np.testing.assert_allclose(force[part], expected, atol=6e-6)
+    assert np.abs(force).max() > 2.9  # the loop nears saturation, or it tests little
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.2])
+def test_lugre_slides_steadily_at_the_stribeck_level(speed):
+    axis = coulomb_axis(viscous=60.0, stribeck=dfc.Stribeck(excess=0.5, speed=0.05))
+    level = 3.0 * (1 + 0.5 * math.exp(-(((speed - 1e-6) / 0.05) ** 2)))
+    u = np.full(3000, level + 60.0 * speed)
+    law = LuGre(stiffness=1e4, damping=100.0)
+    _, v, force, _ = law.run(axis, u, DT, v0=speed)
+    # Settled: 3 s against time constants of at most 0.1 s.
+    assert force[-1] == pytest.approx(level, rel=1e-7)
+    assert v[-1] == pytest.approx(speed, rel=1e-6)
+
+
+def test_lugre_presliding_is_a_spring_of_stiffness_sigma0():
+    stiffness = 1e4
+    law = LuGre(stiffness=stiffness, damping=200.0)
+    # Monotone slow loading from rest gives u = Fc (1 - exp(-sigma0 x / Fc)).
+    u = 0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(4000) / 2000, 1.0))
+    x, v, force, _ = law.run(coulomb_axis(), u, DT, hold="first")
+    assert force[-1] == pytest.approx(1.0, rel=1e-6)
+    assert abs(v[-1]) < 1e-9
+    # Left out: inertia, (pi / 2 s)^2 m / sigma0 = 5e-4 of the load, and only on the way.
+    assert x[-1] == pytest.approx(-3.0 / stiffness * math.log1p(-1.0 / 3.0), rel=1e-4)
+
+    # The slope at the origin is sigma0: u / Fc = 0.003 bends it by half of that.
+    x, _, _, _ = law.run(coulomb_axis(), np.full(1000, 0.009), DT)
+    assert x[-1] == pytest.approx(0.009 / stiffness, rel=0.003)
+
+
+def test_lugre_without_damping_is_dahl():
+    u = 4.0 * np.sin(7.0 * DT * np.arange(500))
+    almost = LuGre(stiffness=1e3, damping=1e-300).run(rich_axis(), u, DT)
+    dahl = Dahl(stiffness=1e3).run(rich_axis(), u, DT)
+    for a, b in zip(almost, dahl, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# --- an independent integration -------------------------------------------------------
+
+
+def stiff_reference(law, u, hold, x0, v0):
+    """x, v, F of the rich axis by Radau, written from the published equations."""
+    n = len(u)
+
+    def friction(y):
+        x, v, z = y
+        if v >= 0:
+            coulomb = 1.0 + 0.3 * x + 0.2 * x * x
+        else:
+            coulomb = 1.3 - 0.2 * x
+        g = coulomb * (1 + 0.4 * math.exp(-(((abs(v) - 1e-3) / 0.05) ** 2)))
+        if isinstance(law, Tanh):
+            return g * math.tanh(v / law.speed), 0.0
+        dz = v - law.stiffness * abs(v) / g * z
+        return law.stiffness * z + getattr(law, "damping", 0.0) * dz, dz
+
+    out = np.empty((3, n))
+    y = np.array([x0, v0, 0.0])
+    for k in range(n):
+        out[:, k] = y[0], y[1], friction(y)[0]
+        if k + 1 == n:
+            return out
+        du = (u[k + 1] - u[k]) / DT if hold == "first" else 0.0
+
+        def rates(t, y, k=k, du=du):
+            force, dz = friction(y)
+            load = u[k] + du * t - 2.0 * (y[0] - 0.1) - 0.4 * y[1]
+            return [y[1], (load - force) / 1.5, dz]
+
+        y = solve_ivp(
+            rates, (0.0, DT), y, method="Radau", rtol=1e-11, atol=[1e-14, 1e-13, 1e-15]
+        ).y[:, -1]
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize(
+    "law",
+    [law for law in EVERY_LAW if not hasattr(law, "band")][1:],
+    ids=lambda law: type(law).__name__,
+)
+def test_smooth_laws_agree_with_radau(law, hold):
+    u = 3.0 * np.sin(2 * np.pi * 8.0 * DT * np.arange(150))
+    x, v, force, _ = law.run(rich_axis(), u, DT, x0=0.05, v0=0.1, hold=hold)
+    expected = stiff_reference(law, u, hold, 0.05, 0.1)
+    # 150 samples, substeps within 1e-8 of speeds of order 0.1; friction is 1e3 (tanh)
+    # to 1e4 (bristles) times steeper than its arguments, its own scale being 1 N.
+    np.testing.assert_allclose(x, expected[0], atol=2e-8)
+    np.testing.assert_allclose(v, expected[1], atol=2e-7)
+    np.testing.assert_allclose(force, expected[2], atol=2e-5)
+
+
+@each_law
+def test_error_falls_with_the_tolerance(law):
+    u = 3.0 * np.sin(2 * np.pi * 8.0 * DT * np.arange(300))
+    best = dataclasses.replace(law, tolerance=1e-12).run(rich_axis(), u, DT, v0=0.1)[0]
+    errors = [
+        np.abs(
+            dataclasses.replace(law, tolerance=tol).run(rich_axis(), u, DT, v0=0.1)[0] - best
+        ).max()
+        for tol in (1e-4, 1e-7)
+    ]
+    # The sample caps the step, so the coarse run may be better than asked.
+    assert errors[0] < 1e-4
+    assert errors[1] < 1e-7
+
+
+# --- properties -----------------------------------------------------------------------
+
+
+@each_law
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_mirrored_axis_gives_the_mirrored_motion(law, hold):
+    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(600))
+    mirrored = rich_axis(
+        coulomb=dfc.CoulombMap(plus=[1.3, 0.2], minus=[1.0, -0.3, 0.2]),
+        effects=(dfc.effects.Spring(stiffness=2.0, rest=-0.1),),
+    )
+    one = law.run(rich_axis(), u, DT, x0=0.02, v0=0.1, hold=hold)
+    other = law.run(mirrored, -u, DT, x0=-0.02, v0=-0.1, hold=hold)
+    for a, b in zip(one, other, strict=True):
+        # Every operation is symmetric under the mirror, rounding included.
+        np.testing.assert_array_equal(a, -b)
+
+
+@settings(max_examples=60)
+@given(
+    amplitude=st.floats(0.0, 20.0),
+    frequency=st.floats(0.5, 40.0),
+    v0=st.floats(-1.0, 1.0),
+    band=st.floats(1e-8, 1e-2),
+    hold=st.sampled_from(["zero", "first"]),
+)
+def test_discontinuous_laws_dissipate_and_rest_only_when_held(amplitude, frequency, v0, band, hold):
+    u = amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(400))
+    for law in (Sign(), Karnopp(band=band)):
+        x, v, force, mode = law.run(rich_axis(), u, DT, v0=v0, hold=hold)
+        assert np.all(np.isfinite([x, v, force, mode]))
+        assert np.all(force * v >= 0.0)
+        rest = mode == 0
+        assert np.all(v[rest] == 0.0)
+        plus = 1.4 * (1.0 + 0.3 * x + 0.2 * x * x)
+        minus = 1.4 * (1.3 - 0.2 * x)
+        load = u - 2.0 * (x - 0.1)
+        np.testing.assert_allclose(
+            force[rest], np.clip(load, -minus, plus)[rest], rtol=2e-3
+        )  # Sign holds the level at v = 0, exp(-(Sigma/vs)^2) = 0.9996 of breakaway's excess
+
+
+@each_law
+def test_sampling_time_does_not_matter(law):
+    # A triangle is the same input at both sampling times; the long samples need substeps.
+    coarse, fine = 0.05, 1e-3
+    t = fine * np.arange(2001)
+    u = 2.5 * (1 - 2 * np.abs((t / 0.5) % 2 - 1))
+    often = law.run(rich_axis(), u, fine, v0=0.1, hold="first")
+    seldom = law.run(rich_axis(), u[::50], coarse, v0=0.1, hold="first")
+    # 1e-8 of the speed a substep, 0.15 m/s here; friction forgets most of it.
+    np.testing.assert_allclose(seldom[0], often[0][::50], atol=1e-8)
+    np.testing.assert_allclose(seldom[1], often[1][::50], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("law", "order", "coarsest"),
+    [
+        (Sign(tolerance=1e30), 5, 8),
+        (Tanh(speed=0.1, tolerance=1e30), 4, 32),
+        (LuGre(stiffness=100.0, damping=3.0, tolerance=1e30), 4, 128),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_measured_order_of_convergence(law, order, coarsest):
+    # A tolerance that accepts everything leaves one step a sample; all terms of the axis
+    # take part, and the input runs, while the speed stays positive.
+    def end(steps):
+        u = 3.0 + 4.0 * np.linspace(0.0, 1.0, steps + 1)
+        run = law.run(rich_axis(), u, 0.2 / steps, x0=0.1, v0=0.1, hold="first")
+        assert np.all(run[1] > 0.05)
+        return np.array([run[0][-1], run[1][-1]])
+
+    exact = end(4096)
+    errors = [np.abs(end(steps) - exact).max() for steps in coarsest * np.array([1, 2, 4])]
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    # A third of an order of slack: the steps are not infinitely short.
+    assert np.all(rates > order - 0.33), rates
+
+
+@each_law
+def test_travel_freezes_the_coulomb_map_outside(law):
+    bent = rich_axis(effects=(), travel=(0.0, 0.2))
+    edge = 1.0 + 0.3 * 0.2 + 0.2 * 0.2**2
+    flat = rich_axis(effects=(), coulomb=dfc.CoulombMap(plus=[edge], minus=[1.3 - 0.04]))
+    u = np.full(300, 2.5)
+    beyond = law.run(bent, u, DT, x0=0.3, v0=0.1)
+    constant = law.run(flat, u, DT, x0=0.3, v0=0.1)
+    for a, b in zip(beyond, constant, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-15)
+
+
+@each_law
+def test_simulate_is_the_same_run_behind_one_interface(law):
+    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(200))
+    kept = u.copy()
+    axis = rich_axis()
+    response = axis.simulate(u, dt=DT, x0=0.02, v0=0.1, hold="first", law=law)
+    np.testing.assert_array_equal(
+        response.outputs, np.stack(law.run(axis, u, DT, 0.02, 0.1, "first"))
+    )
+    np.testing.assert_array_equal(u, kept)
+
+
+# --- the door -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "arguments", "name"),
+    [
+        (Tanh, {"speed": 0.0}, "speed"),
+        (Karnopp, {"band": -1e-3}, "band"),
+        (Dahl, {"stiffness": math.inf}, "stiffness"),
+        (LuGre, {"stiffness": 1e4, "damping": math.nan}, "damping"),
+        (LuGre, {"stiffness": "stiff", "damping": 1.0}, "stiffness"),
+        (Sign, {"tolerance": 0.0}, "tolerance"),
+    ],
+)
+def test_bad_parameters_are_refused_by_name(law, arguments, name):
+    with pytest.raises(ValueError, match=f"{law.__name__}.{name} must be"):
+        law(**arguments)
+
+
+@each_law
+def test_laws_are_immutable(law):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        law.tolerance = 1.0
+
+
+@each_law
+def test_delays_lags_and_unknown_holds_are_refused(law):
+    for effect in (dfc.effects.InputDelay(delay=2e-3), dfc.effects.ActuatorLag(time_constant=2e-3)):
+        with pytest.raises(ValueError, match="does not carry input_delay and actuator_lag"):
+            law.run(coulomb_axis(effects=(effect,)), np.zeros(10), DT)
+    with pytest.raises(ValueError, match="hold must be 'zero' or 'first', got 'second'"):
+        law.run(coulomb_axis(), np.zeros(10), DT, hold="second")

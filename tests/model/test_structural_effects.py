@@ -1,0 +1,486 @@
+"""Presliding, backlash and compliance: closed forms, limits, an independent truth.
+
+The tolerance of the kernel's step is 3e-9 of the speed, which bounds most of what
+is compared with closed forms; every other tolerance says where it comes from.
+"""
+
+import math
+
+import control as ct
+import numpy as np
+import pytest
+from truth import make_case, open_loop
+
+import dryfric_control as dfc
+from dryfric_control.compiled import axis_step
+from dryfric_control.estimation.windows import cut
+
+DT = 1e-3
+MASS, COULOMB, DISTANCE = 2.0, 8.0, 40e-6
+STIFFNESS = COULOMB / DISTANCE
+OMEGA = math.sqrt(STIFFNESS / MASS)
+
+PRESLIDING = dfc.effects.Presliding(distance=DISTANCE)
+BACKLASH = dfc.effects.Backlash(gap=2e-4, load_fraction=0.4)
+COMPLIANCE = dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4)
+STRUCTURES = [
+    (PRESLIDING,),
+    (BACKLASH,),
+    (COMPLIANCE,),
+    (PRESLIDING, BACKLASH),
+    (PRESLIDING, COMPLIANCE),
+]
+
+
+def slugs(effects):
+    return "+".join(effect.slug for effect in effects)
+
+
+def axis_with(*effects, **changes):
+    base = {"mass": MASS, "viscous": 0.0, "coulomb": COULOMB}
+    return dfc.FrictionAxis(**(base | changes), effects=effects)
+
+
+def rich_axis(*effects):
+    return axis_with(
+        *effects,
+        viscous=6.0,
+        coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0, -2.0]),
+        stribeck=dfc.Stribeck(0.3, 0.02),
+        travel=(-0.5, 0.5),
+    )
+
+
+def shaken(n, seed=3):
+    """Steps of random height that stop, start and turn the axis many times."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-25.0, 25.0, n // 40 + 1), 40)[:n]
+
+
+# --- presliding -----------------------------------------------------------------------
+
+
+def test_below_breakaway_the_contact_is_a_spring():
+    u = 3.0
+    resp = axis_with(PRESLIDING).simulate(np.full(300, u), DT)
+    assert np.all(resp.mode == 0)
+    want = u / STIFFNESS * (1.0 - np.cos(OMEGA * resp.t))
+    # 95 radians at 2.6e-9 of phase a step of 0.05 radian: 5e-6 of the amplitude.
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / STIFFNESS)
+    # The friction reported is the elastic force.
+    np.testing.assert_allclose(resp.y[2], STIFFNESS * resp.y[0], rtol=1e-12)
+
+
+def test_viscous_friction_damps_the_elastic_contact():
+    f, u = 400.0, 3.0
+    resp = axis_with(PRESLIDING, viscous=f).simulate(np.full(60, u), DT)
+    decay = 0.5 * f / MASS
+    swing = math.sqrt(OMEGA**2 - decay**2)
+    turn = np.cos(swing * resp.t) + decay / swing * np.sin(swing * resp.t)
+    want = u / STIFFNESS * (1.0 - np.exp(-decay * resp.t) * turn)
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=1e-6 * u / STIFFNESS)
+
+
+def test_stop_and_spring_back_keep_the_energy_book():
+    """Half m v0^2 = half Fc d + Fc (way - d); then it swings by d about way - d."""
+    v0, fine = 0.2, 1e-4
+    resp = axis_with(PRESLIDING).simulate(np.zeros(1000), fine, v0=v0)
+    way = DISTANCE + (0.5 * MASS * v0**2 - 0.5 * COULOMB * DISTANCE) / COULOMB
+    ((slide, before, after), (stop, *_)) = resp.events
+    assert (before, after) == (0, 1)
+    # Elastic until z = d: sin(omega t) = omega d/v0; then evenly braked.
+    begin = math.asin(OMEGA * DISTANCE / v0) / OMEGA
+    speed = math.sqrt(v0**2 - COULOMB * DISTANCE / MASS)
+    assert slide == pytest.approx(begin, rel=3e-8)  # 3e-9 of the speed, a few steps
+    assert stop == pytest.approx(begin + speed * MASS / COULOMB, rel=1e-8)
+    rest = resp.t > stop
+    want = way - DISTANCE * (1.0 - np.cos(OMEGA * (resp.t - stop)))
+    np.testing.assert_allclose(resp.y[0, rest], want[rest], rtol=0, atol=1e-9 * way)
+    # On the way back the force falls by k from the level at which it has slid.
+    np.testing.assert_allclose(
+        resp.y[2, rest], COULOMB - STIFFNESS * (way - resp.y[0, rest]), rtol=0, atol=1e-4
+    )
+
+
+def test_slow_loop_loses_the_area_of_a_prandtl_element():
+    """Amplitude A of position: the area of the loop is 4 Fc (A - d)."""
+    t = np.arange(40_000) * DT
+    spring = 2e4
+    axis = axis_with(PRESLIDING, dfc.effects.Spring(spring), viscous=2000.0)
+    u = 12.0 * np.sin(2 * np.pi * 0.05 * t)
+    resp = axis.simulate(u, DT, hold="first")
+    cycle = slice(20_000, 40_000)
+    x, force = resp.y[0, cycle], resp.y[2, cycle]
+    amplitude = 0.5 * (x.max() - x.min())
+    area = float(np.sum(0.5 * (force + np.roll(force, -1)) * (np.roll(x, -1) - x)))
+    # The sum over 20,000 chords cuts the corners of the loop by less than 1e-4.
+    assert area == pytest.approx(4.0 * COULOMB * (amplitude - DISTANCE), rel=1e-3)
+    assert amplitude > 3.0 * DISTANCE
+
+
+def test_vanishing_presliding_is_the_base_model():
+    u = shaken(400)
+    base = axis_with(viscous=6.0, stick_speed=1e-9).simulate(u, DT).y[0]
+    gap = []
+    for distance in (1e-5, 1e-7, 1e-9):
+        axis = axis_with(dfc.effects.Presliding(distance), viscous=6.0, stick_speed=1e-9)
+        gap.append(np.abs(axis.simulate(u, DT).y[0] - base).max())
+    # The force builds up in a time of order sqrt(distance): ten times less for each step.
+    assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
+    assert gap[2] < 2e-5
+
+
+# --- backlash -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_impact_keeps_the_momentum(s):
+    motor, v0 = 0.6 * MASS, 0.05 * s
+    u = np.r_[motor * v0 / DT, np.zeros(50)]
+    resp = axis_with(BACKLASH, coulomb=0.0).simulate(u, DT)
+    # The motor alone gets v0 in the first sample and has 75 um left at its end, 1.5 ms.
+    np.testing.assert_allclose(resp.y[1, 1:3], v0, rtol=1e-12)
+    # Then one mass: the momentum of the motor is shared.
+    np.testing.assert_allclose(resp.y[1, 3:], 0.6 * v0, rtol=1e-12)
+    way = s * (0.5 * BACKLASH.gap + 0.03 * (resp.t[3:] - 0.0025))
+    np.testing.assert_allclose(resp.y[0, 3:], way, rtol=1e-12)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_motor_crosses_the_play_alone(hold):
+    u, motor = 10.0, 0.6 * MASS
+    resp = axis_with(BACKLASH).simulate(np.full(50, u), DT, hold=hold)
+    meeting = math.sqrt(BACKLASH.gap * motor / u)
+    assert resp.events.times(0, 1)[0] == pytest.approx(meeting, rel=1e-12)
+    # From the impact on the whole mass is driven by u - Fc.
+    speed = 0.6 * u * meeting / motor + (u - COULOMB) / MASS * (resp.t - meeting)
+    late = resp.t > meeting
+    np.testing.assert_allclose(resp.y[1, late], speed[late], rtol=1e-10)
+
+
+def test_lagged_drive_crosses_the_play_in_closed_form():
+    """w = u (1 - exp(-t/T)): the motor's way is u/m (t^2/2 - T t + T^2 (1 - exp))."""
+    u, lag, motor = 4.0, 5e-3, 0.6 * MASS
+    axis = axis_with(dfc.effects.Backlash(1e-3, 0.4), dfc.effects.ActuatorLag(lag))
+    t = np.arange(12) * DT
+    x = axis.simulate(np.full(12, u), DT).y[0]
+    way = u / motor * (0.5 * t**2 - lag * t - lag**2 * np.expm1(-t / lag))
+    np.testing.assert_allclose(x, way, rtol=0, atol=1e-15)
+
+
+def test_braked_motor_leaves_the_load_and_meets_it_behind():
+    """Apart both brake evenly: the whole gap takes sqrt(2 gap/(am - al))."""
+    push, brake = 20.0, -30.0
+    motor, load = 0.6 * MASS, 0.4 * MASS
+    n = 100
+    u = np.r_[np.full(n, push), np.full(200, brake)]
+    resp = axis_with(BACKLASH).simulate(u, DT)
+    t0, v0 = n * DT, resp.y[1, n]
+    am, al = brake / motor, -COULOMB / load
+    meeting = math.sqrt(2.0 * BACKLASH.gap / (al - am))
+    apart = (resp.t >= t0) & (resp.t < t0 + meeting)
+    np.testing.assert_allclose(resp.y[1, apart], v0 + am * (resp.t[apart] - t0), rtol=1e-13)
+    merged = v0 + (0.6 * am + 0.4 * al) * meeting
+    joined = (resp.t > t0 + meeting) & (resp.mode == 1)
+    assert np.count_nonzero(joined) > 5
+    want = merged + (brake - COULOMB) / MASS * (resp.t - t0 - meeting)
+    np.testing.assert_allclose(resp.y[1, joined], want[joined], rtol=0, atol=1e-12)
+
+
+def test_vanishing_play_is_the_base_model():
+    u = shaken(400)
+    base = rich_axis().simulate(u, DT).y[0]
+    gap = [
+        np.abs(rich_axis(dfc.effects.Backlash(g, 0.4)).simulate(u, DT).y[0] - base).max()
+        for g in (1e-5, 1e-7, 1e-9)
+    ]
+    # A play is crossed in a time of order sqrt(gap): ten times less for each step.
+    assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
+    assert gap[2] < 2e-5
+
+
+# --- compliance -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 12.0])
+def test_two_masses_swing_at_their_frequency(damping):
+    """Frictionless: the centre is driven by u/m, the lead by u/mm - (K r + D r')/mu."""
+    u, stiffness, share = 5.0, 3e4, 0.4
+    reduced = MASS * share * (1.0 - share)
+    axis = axis_with(dfc.effects.Compliance(stiffness, damping, share), coulomb=0.0)
+    resp = axis.simulate(np.full(400, u), DT, v0=0.5)
+    decay = 0.5 * damping / reduced
+    swing = math.sqrt(stiffness / reduced - decay**2)
+    turn = np.cos(swing * resp.t) + decay / swing * np.sin(swing * resp.t)
+    lead = u * share / stiffness * (1.0 - np.exp(-decay * resp.t) * turn)
+    want = 0.5 * resp.t + 0.5 * u / MASS * resp.t**2 + share * lead
+    assert np.all(resp.mode == 1)
+    # 3e-9 of 1 m/s a step, some 1000 steps, over the 250 rad/s at which it swings.
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=1.2e-8)
+
+
+def test_stuck_load_leaves_the_motor_on_its_spring():
+    u, motor = 4.0, 0.6 * MASS
+    axis = axis_with(dfc.effects.Compliance(stiffness=3e4, damping=0.0, load_fraction=0.4))
+    resp = axis.simulate(np.full(300, u), DT)
+    # Twice u is the peak of the spring's force, just below breakaway.
+    assert np.all(resp.mode == 0)
+    omega = math.sqrt(3e4 / motor)
+    want = u / 3e4 * (1.0 - np.cos(omega * resp.t))
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / 3e4)
+    np.testing.assert_allclose(resp.y[2], 3e4 * resp.y[0], rtol=1e-9)
+
+
+def test_stiff_transmission_is_the_base_model():
+    u = shaken(400)
+    base = rich_axis().simulate(u, DT).y[0]
+    errors = []
+    for stiffness in (1e6, 1e7, 1e8):
+        # Damped at 0.7, as a very stiff transmission that swung would only cost time.
+        damping = 2.0 * 0.7 * math.sqrt(stiffness * MASS * 0.24)
+        axis = rich_axis(dfc.effects.Compliance(stiffness, damping, 0.4))
+        errors.append(np.abs(axis.simulate(u, DT).y[0] - base).max())
+    # Its swing dies in a time of order sqrt(m/K): 3.2 times less for each step.
+    assert errors[2] < 0.4 * errors[1] < 0.16 * errors[0]
+    assert errors[2] < 1e-4
+
+
+# --- an independent truth -------------------------------------------------------------
+
+
+def hidden(slug, parameters, seed):
+    case = make_case({slug: parameters}, seed)
+    peak = case.actual["stribeck"]
+    kind = {
+        "presliding": dfc.effects.Presliding,
+        "backlash": dfc.effects.Backlash,
+        "compliance": dfc.effects.Compliance,
+    }
+    axis = dfc.FrictionAxis(
+        mass=case.actual["mass"],
+        viscous=case.actual["viscous"],
+        coulomb=case.actual["coulomb"],
+        stribeck=dfc.Stribeck(**peak) if peak else None,
+        stick_speed=case.actual["stick_speed"],
+        travel=case.actual["travel"],
+        effects=(kind[slug](**parameters),),
+    )
+    return case, axis
+
+
+TRUTHS = [
+    # Substeps of second order, 6 us long: 1e-10 of the way; a hundredth of a quantum.
+    ("presliding", {"distance": 45e-6}, 3000, 4, 1.0, 2e-8),
+    # The stick band below Sigma <= 1e-4 m/s shortens each stop by up to Sigma/p = 2e-7 m.
+    ("compliance", {"stiffness": 4e4, "damping": 20.0, "load_fraction": 0.5}, 3000, 4, 1.0, 1e-6),
+    # An impact on the truth's contact, made 100 times stiffer, lasts some 60 us, on ours
+    # no time: at a closing speed of up to 0.1 m/s the load is 6 um off.
+    ("backlash", {"gap": 2e-4, "load_fraction": 0.5}, 1500, 20, 100.0, 6e-6),
+]
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])  # linear axes, with and without Stribeck peak
+@pytest.mark.parametrize(
+    ("slug", "parameters", "n", "finer", "stiffer", "tolerance"), TRUTHS, ids=lambda p: str(p)
+)
+def test_free_run_agrees_with_the_truth(slug, parameters, n, finer, stiffer, tolerance, seed):
+    case, axis = hidden(slug, parameters, seed)
+    plant = case.plant._replace(
+        coupling_stiffness=case.plant.coupling_stiffness * stiffer,
+        coupling_damping=case.plant.coupling_damping * math.sqrt(stiffer),
+    )
+    states = open_loop(plant, case.u[:n], DT, finer * case.substeps, case.states[0])[:n]
+    resp = axis.simulate(case.u[:n], DT, x0=case.states[0, 0])
+    error = np.abs(resp.y[0] - states[:, 0]).max()
+    assert error < tolerance
+    rigid = axis.replace(effects=()).simulate(case.u[:n], DT, x0=case.states[0, 0])
+    assert np.abs(rigid.y[0] - states[:, 0]).max() > 20.0 * max(error, tolerance)
+
+
+# --- properties -----------------------------------------------------------------------
+
+
+def scaled(effect, length, force):
+    units = {"m": length, "N/m": force / length, "N s/m": force / length, "1": 1.0}
+    kinds = effect.parameters()
+    return type(effect)(
+        **{name: getattr(effect, name) * units[kinds[name]["unit"]] for name in kinds}
+    )
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_units_do_not_matter(effects):
+    length, force = 1e3, 1e-2
+    u = shaken(1500)
+    one = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02)).simulate(u, DT)
+    axis = dfc.FrictionAxis(
+        mass=MASS * force / length,
+        viscous=6.0 * force / length,
+        coulomb=COULOMB * force,
+        stribeck=dfc.Stribeck(0.3, 0.02 * length),
+        stick_speed=1e-4 * length,
+        effects=tuple(scaled(effect, length, force) for effect in effects),
+    )
+    other = axis.simulate(u * force, DT)
+    assert np.array_equal(one.mode, other.mode)
+    # Round-off alone, raised by the turns of 1.5 s.
+    np.testing.assert_allclose(other.y[0] / length, one.y[0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(other.y[2] / force, one.y[2], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_directions_are_alike(effects):
+    u = shaken(1500)
+    axis = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02))
+    one, other = axis.simulate(u, DT), axis.simulate(-u, DT)
+    np.testing.assert_allclose(other.y[:3], -one.y[:3], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_finer_samples_of_the_same_input_change_nothing(effects):
+    u = shaken(1000)
+    axis = rich_axis(*effects, dfc.effects.Spring(30.0), dfc.effects.QuadraticDrag(2.0))
+    one = axis.simulate(u, DT).y[0]
+    other = axis.simulate(np.repeat(u, 5), DT / 5).y[0, ::5]
+    # A Stribeck level that falls as the contact springs back is followed step by step:
+    # 0.1 N in 0.1 ms off gives 5e-6 m/s a turn, which dies in 0.1 s.
+    limit = 5e-7 if PRESLIDING in effects else 1e-8
+    assert np.abs(one - other).max() < limit
+
+
+MORE = (
+    dfc.effects.InputDelay(2.4e-3),
+    dfc.effects.ActuatorLag(3e-3),
+    dfc.effects.BiasForce(0.5),
+    dfc.effects.DwellTime(2.0, 0.1),
+)
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+@pytest.mark.parametrize("more", [(), MORE], ids=["alone", "with others"])
+def test_all_faces_of_the_axis_agree(effects, more):
+    axis = rich_axis(*effects, *more)
+    u = shaken(600)
+    resp = axis.simulate(u, DT, x0=0.01, v0=0.02)
+    assert len(resp.events) > 5 and np.all(np.isfinite(resp.y))
+    block = dfc.axis_block(axis, DT)
+    start = np.zeros(block.nstates)
+    start[:2] = 0.01, 0.02
+    start[2] = resp.mode[0]
+    t = np.arange(u.size) * DT
+    out = ct.input_output_response(block, t, u, start).outputs
+    np.testing.assert_allclose(out, resp.y, rtol=1e-12, atol=1e-15)
+    plant = axis.stepper(DT, x0=0.01, v0=0.02)
+    for k in range(200):
+        plant.step(float(u[k]))
+    assert plant.x == pytest.approx(resp.y[0, 200], rel=1e-12)
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_closed_loop_by_interconnect_is_the_compiled_loop(effects):
+    axis = rich_axis(*effects)
+    loop = dfc.PositionController(kp=900.0, ki=0.0, kd=60.0, dt=DT)
+    reference = 0.05 * np.sign(np.sin(np.arange(600) * 2e-2))
+    resp = dfc.simulate_loop(axis, loop, reference, quantum=1e-6)
+    parts = [loop.block(), dfc.axis_block(axis, DT), dfc.encoder(1e-6, DT)]
+    outputs = ["x", "v", "F", "mode", "u", "y"]
+    system = ct.interconnect(parts, inputs=["xref"], outputs=outputs)
+    block = ct.input_output_response(system, resp.t, reference)
+    np.testing.assert_allclose(block.outputs, resp.y, rtol=1e-9, atol=1e-12)
+
+
+# --- windows --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_windows_carry_the_inner_states_over(effects):
+    axis = rich_axis(*effects)
+    t = np.arange(3000) * DT
+    u = 14.0 * np.sin(2 * np.pi * 0.7 * t)
+    truth = axis.simulate(u, DT)
+    windows = cut(dfc.Record(t, u, truth.y[0]), window=0.25)
+    starts = windows.edges[:-1]
+    exact = {"dx": truth.y[0, starts] - windows.x0, "dv": truth.y[1, starts] - windows.v0}
+    inner = np.zeros((len(windows), axis_step.N_INNER))
+    carried = windows.run(axis, **exact, inner=inner, carry=True)
+    # The first window settles, the record has started unstrained: left out.
+    later = slice(int(windows.edges[2]), None)
+    error = np.abs(carried - truth.y[0])[later].max()
+    forgotten = np.abs(windows.run(axis, **exact, inner=0.0 * inner) - truth.y[0])[later].max()
+    assert error < 0.2 * forgotten
+    # What the first window has started wrong dies out in friction: what stays is small.
+    assert error < 1e-5
+    # The rows are those of the base run; without carry they are used, not changed.
+    kept = inner.copy()
+    assert np.array_equal(windows.run(axis, **exact, inner=inner), carried)
+    assert np.array_equal(inner, kept)
+    assert np.array_equal(windows.run(axis, **exact), carried)
+    some = np.arange(len(windows)) % 3 == 0
+    part = windows.run(axis, **exact, active=some, inner=inner)
+    chosen = windows.spread(some)
+    assert np.array_equal(part[chosen], carried[chosen]) and not part[~chosen].any()
+
+
+@pytest.mark.parametrize("u", [4.0, -4.0])
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_the_first_window_settles_under_its_load(effects, u):
+    """An axis that has rested under a load since long ago goes on resting."""
+    t = np.arange(1000) * DT
+    rng = np.random.default_rng(1)
+    # A record must not be constant: this much noise moves the axis by some 1e-14 m.
+    noise = 1e-9 * rng.standard_normal((2, 1000))
+    record = dfc.Record(t, u + noise[0], 0.1 + noise[1])
+    windows = cut(record, window=0.25)
+    run = windows.run(axis_with(*effects), dx=0.1 - windows.x0, dv=-windows.v0)
+    # Unstrained it would move by u/k, at least 20 um.
+    assert np.abs(run - 0.1).max() < 1e-12
+
+
+def test_an_axis_without_inner_states_leaves_them_alone():
+    t = np.arange(1000) * DT
+    axis = rich_axis()
+    u = shaken(1000)
+    windows = cut(dfc.Record(t, u, axis.simulate(u, DT).y[0]), window=0.25)
+    inner = np.full((len(windows), axis_step.N_INNER), 7.0)
+    run = windows.run(axis, inner=inner, carry=True)
+    assert np.array_equal(run, windows.run(axis))
+    assert np.all(inner == 7.0)
+
+
+# --- refusals -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dfc.effects.Presliding(0.0), "presliding.distance must lie between"),
+        (lambda: dfc.effects.Presliding(math.nan), "presliding.distance must be a finite number"),
+        (lambda: dfc.effects.Backlash(0.0, 0.5), "backlash.gap must lie between"),
+        (lambda: dfc.effects.Backlash(-1e-4, 0.5), "backlash.gap must lie between"),
+        (lambda: dfc.effects.Backlash(1e-4, 0.0), "backlash.load_fraction must lie between"),
+        (lambda: dfc.effects.Backlash(1e-4, 1.0), "backlash.load_fraction must lie between"),
+        (lambda: dfc.effects.Compliance(0.0, 1.0, 0.5), "compliance.stiffness must lie between"),
+        (lambda: dfc.effects.Compliance(1e4, -1.0, 0.5), "compliance.damping must lie between"),
+        (
+            lambda: dfc.effects.Compliance(1e4, 1.0, 1.5),
+            "compliance.load_fraction must lie between",
+        ),
+        (lambda: axis_with(BACKLASH, COMPLIANCE), r"more than one transmission \(backlash, comp"),
+        (lambda: axis_with(PRESLIDING, PRESLIDING), "more than one contact"),
+        (
+            lambda: axis_with(PRESLIDING).simulate([1.0, 1.0], DT, law=dfc.laws.Sign()),
+            "has no place for the effect 'presliding'",
+        ),
+        (lambda: dfc.switched_axis(axis_with(BACKLASH), DT), "take axis_block"),
+        (lambda: dfc.supervisor(axis_with(COMPLIANCE), DT), "take axis_block"),
+    ],
+)
+def test_bad_use_is_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_without_a_coulomb_level_there_is_no_contact():
+    u = shaken(200)
+    one = axis_with(PRESLIDING, coulomb=0.0).simulate(u, DT)
+    assert np.array_equal(one.y, axis_with(coulomb=0.0).simulate(u, DT).y)

@@ -1,0 +1,284 @@
+"""The observer of an axis with effects: what it knows enters, what it cannot is told."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import control as ct
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.observer import (
+    ObserverStepper,
+    ObserverWarning,
+    design_pi_observer,
+    load_design,
+    observe,
+    observed_loop,
+    pi_observer,
+    simulate_observed_loop,
+)
+
+DT, QUANTUM = 1e-3, 1e-5
+
+
+def axis(*effects, **changes):
+    return dfc.FrictionAxis(
+        **(
+            {
+                "mass": 2.0,
+                "viscous": 15.0,
+                "coulomb": 8.0,
+                "stribeck": dfc.Stribeck(excess=0.1, speed=0.01),
+                "travel": (-0.3, 0.3),
+            }
+            | changes
+            | {"effects": effects}
+        )
+    )
+
+
+def design_of(own, **changes):
+    options = {"discretization": "zoh", "encoder_quantum": QUANTUM} | changes
+    return design_pi_observer(own, DT, **options)
+
+
+def watched(plant, own, seed=0, n=8000):
+    """Closed loop round the plant, watched by the observer of another axis."""
+    reference = np.repeat(np.random.default_rng(seed).uniform(-0.2, 0.2, n // 500), 500)
+    loop = dfc.PositionController.from_bandwidth(axis(), 15.0, DT, limit=60.0)
+    return simulate_observed_loop(plant, loop, design_of(own), reference, quantum=QUANTUM)
+
+
+TOGETHER = (
+    dfc.effects.Spring(stiffness=40.0, rest=0.05),
+    dfc.effects.BiasForce(force=2.0),
+    dfc.effects.Cogging(amplitude=1.5, period=0.02),
+)
+EVERYTHING = (
+    *TOGETHER,
+    dfc.effects.Gravity(amplitude=1.0, phase=0.3),
+    dfc.effects.QuadraticDrag(drag=5.0),
+    dfc.effects.ViscousAsymmetry(viscous=2.0),
+    dfc.effects.CoulombAsymmetry(force=1.0),
+    dfc.effects.PositionDependence(slope=0.5),
+    dfc.effects.LoadDependence(coefficient=0.1),
+    dfc.effects.Drift(rate=0.02),
+    dfc.effects.DwellTime(rise=1.0, time_constant=0.2),
+    dfc.effects.TimePeriodic(amplitude=0.5, frequency=3.0),
+    dfc.effects.InputGain(gain=0.9),
+    dfc.effects.DeadZone(width=0.5),
+    dfc.effects.Saturation(limit=50.0),
+    dfc.effects.InputDelay(delay=2.6e-3),
+    dfc.effects.ActuatorLag(time_constant=4e-3),
+    dfc.effects.Inertia(factor=1.2),
+    dfc.effects.ViscousFriction(factor=0.8),
+    dfc.effects.CoulombFriction(factor=1.1),
+)
+
+
+# --- what is gained -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_knowing_spring_bias_and_cogging_pays(seed):
+    """Measured: friction error 68 to 2.4 % of the level, speed error 0.39 to 0.12 %."""
+    plant = axis(*TOGETHER)
+    before, after = (watched(plant, own, seed).score for own in (axis(), plant))
+    assert after.friction < 0.1 * before.friction
+    assert after.speed < 0.5 * before.speed
+    assert after.commutation < before.commutation
+    # No worse than the observer of an axis that has none of them.
+    alone = watched(axis(), axis(), seed).score
+    assert after.friction < 1.2 * alone.friction
+    assert after.speed < 1.2 * alone.speed
+
+
+# Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1.
+@pytest.mark.parametrize(
+    ("effect", "speed", "friction"),
+    [
+        (dfc.effects.Spring(stiffness=40.0, rest=0.05), 0.7, 0.1),
+        (dfc.effects.Cogging(amplitude=1.5, period=0.02), 0.8, 0.55),
+        (dfc.effects.Gravity(amplitude=3.0, phase=1.0), None, 0.2),
+        (dfc.effects.QuadraticDrag(drag=30.0), 0.5, 0.1),
+        (dfc.effects.ViscousAsymmetry(viscous=5.0), 0.8, 0.2),
+        (dfc.effects.PositionDependence(slope=1.5, curvature=2.0), 0.9, 0.9),
+        (dfc.effects.LoadDependence(coefficient=0.2), 0.75, 0.65),
+        (dfc.effects.InputGain(gain=0.8), 0.7, 0.1),
+        (dfc.effects.DeadZone(width=2.0), 0.85, 0.2),
+        (dfc.effects.Saturation(limit=14.0), 0.25, 0.02),
+        (dfc.effects.InputDelay(delay=6e-3), 0.5, 0.3),
+        (dfc.effects.ActuatorLag(time_constant=6e-3), 0.6, 0.3),
+        (dfc.effects.Inertia(factor=1.4), 0.5, 0.15),
+        (dfc.effects.ViscousFriction(factor=1.6), 0.7, 0.1),
+    ],
+    ids=lambda value: getattr(value, "slug", ""),
+)
+def test_knowing_an_effect_pays_in_closed_loop(effect, speed, friction):
+    plant = axis(effect)
+    before, after = (watched(plant, own).score for own in (axis(), plant))
+    assert after.friction < friction * before.friction
+    if speed is not None:
+        assert after.speed < speed * before.speed
+
+
+# --- what enters, exactly -------------------------------------------------------------
+
+
+def test_known_forces_enter_at_the_measured_position():
+    """Euler's recursion with every force written out: followed to round-off, w = 0."""
+    f, m, level = 15.0, 2.0 * 1.3, 8.0
+    own = axis(
+        dfc.effects.Spring(stiffness=40.0, rest=0.05),
+        dfc.effects.BiasForce(force=2.0),
+        dfc.effects.Cogging(amplitude=1.5, period=0.02, phase=0.4),
+        dfc.effects.QuadraticDrag(drag=5.0),
+        dfc.effects.ViscousAsymmetry(viscous=2.0),
+        dfc.effects.CoulombAsymmetry(force=1.0),
+        dfc.effects.PositionDependence(slope=0.5, centre=0.1),
+        dfc.effects.Drift(rate=0.02),
+        dfc.effects.TimePeriodic(amplitude=0.5, frequency=3.0, phase=0.2),
+        dfc.effects.LoadDependence(coefficient=0.1),
+        dfc.effects.DeadZone(width=0.5),
+        dfc.effects.InputDelay(delay=3 * DT),
+        dfc.effects.Inertia(factor=1.3),
+    )
+    n = 400
+    t = DT * np.arange(n)
+    u = 24.0 + 3.0 * np.sin(20.0 * t)
+    x, v, friction = (np.empty(n) for _ in range(3))
+    # The observer's line of delayed drives starts at zero, the speed high enough to slide.
+    x[0], v[0] = -0.2, 0.5
+    for k in range(n):
+        drive = u[k - 3] - 0.5 if k >= 3 else 0.0
+        net = drive - 40.0 * (x[k] - 0.05) + 2.0 - 5.0 * v[k] ** 2 - 2.0 * v[k]
+        net += 1.5 * math.sin(2.0 * math.pi * x[k] / 0.02 + 0.4)
+        net += 0.5 * math.sin(2.0 * math.pi * 3.0 * t[k] + 0.2)
+        here = level * (1.0 + 0.5 * (x[k] - 0.1) + 0.02 * t[k]) + 1.0
+        friction[k] = here + 0.1 * abs(net)
+        if k + 1 < n:
+            x[k + 1] = x[k] + DT * v[k]
+            v[k + 1] = v[k] + DT / m * (net - f * v[k] - friction[k])
+    assert v.min() > 0.1
+    estimate = observe(design_of(own, discretization="euler"), u, x, vhat0=0.5)
+    assert np.all(estimate.mode == 1)
+    # 400 sums of numbers below 40, with errors that the observer's gains spread.
+    np.testing.assert_allclose(estimate.y[0], x, atol=1e-12)
+    np.testing.assert_allclose(estimate.y[1], v, atol=1e-10)
+    np.testing.assert_allclose(estimate.y[2], friction, atol=1e-8)
+    np.testing.assert_allclose(estimate.y[3], 0.0, atol=1e-8)
+
+
+def test_effects_on_base_parameters_act_in_the_design():
+    by_effects = design_of(
+        axis(dfc.effects.Inertia(factor=1.5), dfc.effects.ViscousFriction(factor=2.0))
+    )
+    by_values = design_of(axis(mass=3.0, viscous=30.0))
+    for mode in (0, 1, -1):
+        for one, other in zip(
+            by_effects.mode_matrices(mode), by_values.mode_matrices(mode), strict=True
+        ):
+            np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(by_effects.node_gains, by_values.node_gains)
+    assert by_effects.gamma == by_values.gamma
+
+
+def test_a_stribeck_effect_is_left_to_the_integral_as_the_field_is():
+    by_effect = design_of(axis(dfc.effects.StribeckPeak(excess=0.4, speed=0.02), stribeck=None))
+    assert by_effect.axis == design_of(axis(stribeck=None)).axis
+
+
+# --- the faces ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rule", ["reading", "paper", "filippov"])
+def test_faces_agree_with_every_effect(rule):
+    """Compiled record, python-control block and stepper, to 1e-9 of each signal."""
+    plant = axis(*EVERYTHING)
+    run = watched(plant, plant, n=1500)
+    u, y = run.plant.y[4], run.plant.y[5]
+    design = run.design
+    whole = observe(design, u, y, xhat0=0.0, switching=rule)
+    block = pi_observer(design, switching=rule)
+    there = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
+    stepper = ObserverStepper(design, switching=rule)
+    steps = np.array([stepper.step(a, b) for a, b in zip(u, y, strict=True)]).T
+    scale = np.maximum(np.abs(whole.y).max(axis=1, keepdims=True), 1e-12)
+    assert np.abs((there.outputs - whole.y) / scale).max() < 1e-9
+    assert np.abs((steps - whole.y) / scale).max() < 1e-9
+    assert set(np.unique(whole.mode)) == {-1, 0, 1}
+
+
+def test_closed_loop_of_blocks_agrees_with_the_compiled_one():
+    plant = axis(
+        *TOGETHER, dfc.effects.InputGain(gain=0.9), dfc.effects.ActuatorLag(time_constant=4e-3)
+    )
+    controller = dfc.PositionController.from_bandwidth(axis(), 15.0, DT, limit=60.0)
+    design = design_of(plant)
+    reference = np.repeat([0.0, 0.1, -0.1], 300)
+    run = simulate_observed_loop(plant, controller, design, reference, quantum=QUANTUM)
+    loop = observed_loop(plant, controller, design, quantum=QUANTUM)
+    there = ct.input_output_response(loop, DT * np.arange(900), reference, np.zeros(loop.nstates))
+    for name, row in zip(("xhat", "vhat", "Fhat", "what", "mode_hat"), run.estimate.y, strict=True):
+        outputs = there.outputs[loop.find_output(name)]
+        assert np.abs(outputs - row).max() <= 1e-9 * max(np.abs(row).max(), 1e-12), name
+
+
+def test_a_design_with_effects_survives_storage_and_check(tmp_path):
+    plant = axis(*EVERYTHING)
+    design = design_of(plant)
+    design.check()
+    design.save(tmp_path / "observer.json")
+    again = load_design(tmp_path / "observer.json")
+    run = watched(plant, plant, n=1000)
+    u, y = run.plant.y[4], run.plant.y[5]
+    np.testing.assert_array_equal(observe(again, u, y).y, observe(design, u, y).y)
+
+
+# --- what is left out -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("effects", "named"),
+    [
+        ((dfc.effects.Presliding(distance=40e-6),), "leaves out presliding:"),
+        ((dfc.effects.Backlash(gap=1e-4, load_fraction=0.5),), "leaves out backlash:"),
+        (
+            (
+                dfc.effects.Presliding(distance=40e-6),
+                dfc.effects.BiasForce(force=2.0),
+                dfc.effects.Compliance(stiffness=1e5, damping=60.0, load_fraction=0.5),
+            ),
+            "leaves out presliding, compliance:",
+        ),
+    ],
+    ids=["presliding", "backlash", "two"],
+)
+def test_what_the_observer_has_no_states_for_is_told_once(effects, named):
+    plant = axis(*effects)
+    with pytest.warns(ObserverWarning, match=named) as told:
+        design = design_of(plant)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    rest = tuple(e for e in effects if isinstance(e, dfc.effects.BiasForce))
+    assert design.axis == design_of(axis(*rest)).axis
+    # The axis that was given keeps its effects.
+    assert plant.effects == effects
+
+
+def test_nothing_is_told_of_effects_that_enter():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ObserverWarning)
+        assert len(design_of(axis(*EVERYTHING)).axis.effects) == len(EVERYTHING) - 3
+
+
+def test_structural_effects_do_not_break_the_observer():
+    """The observer of a rigid axis still follows one with play; its friction error is told."""
+    plant = axis(dfc.effects.Backlash(gap=1e-4, load_fraction=0.5), *TOGETHER)
+    with pytest.warns(ObserverWarning):
+        score = watched(plant, plant).score
+    assert score.speed < 0.01
+    assert score.friction < 0.1

@@ -1,0 +1,378 @@
+"""The running observer against a textbook version, closed forms and its own faces."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import control as ct
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dryfric_control as dfc
+from dryfric_control import presets
+from dryfric_control.observer import (
+    ObserverStepper,
+    design_pi_observer,
+    load_design,
+    observe,
+    pi_observer,
+)
+
+matplotlib.use("Agg")
+
+DT = 1e-3
+RULES = ("reading", "paper", "filippov")
+each_rule = pytest.mark.parametrize("rule", RULES)
+# Two ways of writing the same sums differ by round-off, which the observer
+# (poles within 0.95) amplifies by far less than 1e4: relative to the signals.
+ROUND_OFF = 1e-11
+
+
+def axis(**changes):
+    return dfc.FrictionAxis(
+        **(
+            {
+                "mass": 2.0,
+                "viscous": 15.0,
+                "coulomb": dfc.CoulombMap(plus=[8.0, 4.0, -6.0], minus=[7.0, -3.0]),
+                "travel": (-0.3, 0.3),
+                "stick_speed": 2e-3,
+            }
+            | changes
+        )
+    )
+
+
+def record(plant, n=6000, quantum=1e-5, seed=0):
+    """Drive with rests, reversals and jumps, and what the encoder reads."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * DT
+    u = 11.0 * np.sin(5.0 * t) + 6.0 * np.repeat(rng.uniform(-1.0, 1.0, n // 250 + 1), 250)[:n]
+    run = plant.simulate(u, DT)
+    return u, quantum * np.round(run.y[0] / quantum), run
+
+
+@pytest.fixture(scope="module")
+def clutch():
+    """The paper's closed loop over 20 s and its observer."""
+    design = presets.clutch_observer()
+    run = presets.clutch_experiment(design, duration=20.0)
+    return design, run.plant.y[4].copy(), run.plant.y[5].copy()
+
+
+# --- a slow and obvious version -------------------------------------------------------
+
+
+def textbook(design, u, y, rule, quantum, xhat0, vhat0):
+    """Equation (7) in matrices, the modes as a list of rules."""
+    own = design.axis
+
+    def level(x, s):
+        coefficients = own.coulomb.plus if s > 0 else own.coulomb.minus
+        x = min(max(x, own.travel[0]), own.travel[1])
+        return sum(c * x**i for i, c in enumerate(coefficients))
+
+    X, w = np.array([xhat0, vhat0]), 0.0
+    mode = int(np.sign(vhat0)) if abs(vhat0) > own.stick_speed else 0
+    learned = {1: 0.0, -1: 0.0}
+    place, count = y[0], 1
+    forget = max(abs(np.linalg.eigvals(design.error_dynamics(1).A))) ** (1 / 8)
+    away = 1.5 * quantum + own.stick_speed / own.stick_rate
+    past = None
+    rows = []
+    for drive, reading in zip(u, y, strict=True):
+        before = mode
+        if rule != "reading":
+            held = -level(reading, -1) <= drive <= level(reading, 1)
+            if mode == 0:
+                mode = 0 if held else int(np.sign(drive))
+            elif held and abs(X[1]) <= own.stick_speed:
+                mode = 0
+            elif rule == "paper":
+                mode = int(np.sign(X[1])) or mode
+            elif mode * X[1] <= 0.0 and not held and np.sign(drive) == -mode:
+                mode = -mode
+        elif mode == 0:
+            gone = reading - place
+            s = 1 if gone > 0 else -1
+            slides = s * drive > level(reading, s) + learned[s]
+            if abs(gone) > (away / 2 if slides else away):
+                mode = s
+            else:
+                count = min(count + 1, 64)
+                place += gone / count
+        else:
+            pushed_back = -mode * drive > level(reading, -mode) + learned[-mode]
+            slow = mode * X[1] <= own.stick_speed
+            if slow and not (pushed_back and mode * X[1] > 0.0):
+                mode, place, count = 0, reading, 1
+        if rule == "reading" and mode != before:
+            w = -mode * learned[mode] if mode else 0.0
+        key = design.classes[mode]
+        if past is None:
+            past = deque([key] * design.window, maxlen=design.window)
+        else:
+            past.append(key)
+        gain = design.window_gains[",".join(str(one) for one in past)]
+        F = drive if mode == 0 else mode * level(reading, mode) - w
+        rows.append([X[0], X[1], F, w, mode])
+        A, B, E = design.mode_matrices(mode)
+        error = reading - X[0]
+        believed = mode * level(reading, mode) if mode else 0.0
+        X = A @ X + B * (drive - believed) + E * w + gain[:2] * error
+        if mode:
+            learned[mode] += (1 - forget) * (-mode * w - learned[mode])
+        w = w + gain[2] * error
+    return np.array(rows).T
+
+
+@each_rule
+@pytest.mark.parametrize("vhat0", [0.0, -0.1])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"discretization": "zoh"},
+        {"method": "path", "window": 3},
+        {"uncertainty": {0: 1.0, 1: 2.0, -1: 3.0}},
+    ],
+    ids=["euler", "zoh", "path", "asymmetric"],
+)
+def test_observer_is_the_textbook_version(rule, vhat0, options):
+    quantum = 1e-4
+    plant = axis(stribeck=dfc.Stribeck(0.3, 2e-3))
+    u, y, _ = record(plant, quantum=quantum)
+    design = design_pi_observer(
+        plant, DT, coulomb=plant.coulomb.scaled(0.85, 1.15), encoder_quantum=quantum, **options
+    )
+    expected = textbook(design, u, y, rule, quantum, 0.01, vhat0)
+    start = {"xhat0": 0.01, "vhat0": vhat0}
+    got = observe(design, u, y, **start, switching=rule, encoder_quantum=quantum).y
+    assert set(np.unique(expected[4])) == {-1.0, 0.0, 1.0}
+    np.testing.assert_array_equal(got[4], expected[4])
+    scale = np.abs(expected).max(axis=1)
+    assert np.all(np.abs(got - expected).max(axis=1) <= ROUND_OFF * scale)
+
+
+# --- one kernel, three faces ----------------------------------------------------------
+
+
+@each_rule
+def test_block_record_and_stepper_agree(clutch, rule):
+    design, u, y = clutch
+    whole = observe(design, u, y, xhat0=1000.0, switching=rule, encoder_quantum=1.0)
+    block = pi_observer(design, switching=rule, encoder_quantum=1.0)
+    start = np.zeros(block.nstates)
+    start[0] = 1000.0
+    run = ct.input_output_response(block, whole.t, np.vstack([u, y]), start)
+    observer = ObserverStepper(design, xhat0=1000.0, switching=rule, encoder_quantum=1.0)
+    steps = np.array([observer.step(a, b) for a, b in zip(u, y, strict=True)]).T
+    # The same compiled functions: nothing but their order in memory differs.
+    scale = np.abs(whole.y).max(axis=1, keepdims=True)
+    assert np.abs((run.outputs - whole.y) / scale).max() < 1e-9
+    assert np.abs((steps - whole.y) / scale).max() < 1e-9
+
+
+def test_faces_agree_with_delay_lag_and_input_effects():
+    effects = (
+        dfc.effects.InputDelay(delay=2.6e-3),
+        dfc.effects.ActuatorLag(time_constant=4e-3),
+        dfc.effects.InputGain(gain=0.9),
+        dfc.effects.Spring(stiffness=20.0),
+    )
+    plant = axis(effects=effects)
+    u, y, _ = record(plant, n=1500)
+    design = design_pi_observer(plant, DT, encoder_quantum=1e-5)
+    whole = observe(design, u, y, xhat0=0.0)
+    block = pi_observer(design)
+    assert block.nstates > pi_observer(design_pi_observer(axis(), DT)).nstates
+    run = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
+    assert np.abs(run.outputs - whole.y).max() < 1e-9
+
+
+def test_a_design_read_back_observes_the_same(tmp_path, clutch):
+    design, u, y = clutch
+    design.save(tmp_path / "observer.json")
+    again = load_design(tmp_path / "observer.json")
+    np.testing.assert_array_equal(observe(again, u, y).y, observe(design, u, y).y)
+
+
+# --- closed forms ---------------------------------------------------------------------
+
+
+def test_exact_model_of_sliding_is_followed_exactly():
+    """Constant drive on a Coulomb mass: x = x0 + v0 t + a t^2/2, no error to correct."""
+    plant = axis(viscous=0.0, coulomb=8.0)
+    design = design_pi_observer(plant, DT, discretization="zoh", encoder_quantum=1e-5)
+    t = np.arange(500) * DT
+    a = (14.0 - 8.0) / 2.0
+    x, v = 0.1 * t + 0.5 * a * t**2, 0.1 + a * t
+    estimate = observe(design, np.full(500, 14.0), x, vhat0=0.1)
+    assert np.all(estimate.mode == 1)
+    # Round-off of 500 additions of numbers up to 2.
+    np.testing.assert_allclose(estimate.y[0], x, atol=1e-12)
+    np.testing.assert_allclose(estimate.y[1], v, atol=1e-12)
+
+
+def test_integral_finds_a_wrong_coulomb_level():
+    """Steady sliding under F = 9.6 while 8 is believed: Fhat goes to 9.6."""
+    plant = axis(viscous=0.0, coulomb=8.0)
+    design = design_pi_observer(plant, DT, discretization="zoh", encoder_quantum=1e-5)
+    t = np.arange(2000) * DT
+    v = 0.1 + (14.0 - 9.6) / 2.0 * t
+    x = 0.1 * t + 0.25 * (14.0 - 9.6) * t**2
+    estimate = observe(design, np.full(t.size, 14.0), x, vhat0=0.1)
+    # The slowest pole, below 0.95, has died to 1e-44 after 2000 samples.
+    assert estimate.y[2, -1] == pytest.approx(9.6, abs=1e-8)
+    assert estimate.y[3, -1] == pytest.approx(8.0 - 9.6, abs=1e-8)
+    assert estimate.y[1, -1] == pytest.approx(v[-1], abs=1e-9)
+
+
+def test_stuck_friction_is_the_net_force():
+    plant = axis(effects=(dfc.effects.Spring(stiffness=20.0, rest=0.05),))
+    design = design_pi_observer(plant, DT, encoder_quantum=1e-5)
+    u = np.linspace(0.0, 3.0, 200)
+    estimate = observe(design, u, np.full(200, 0.1))
+    assert np.all(estimate.mode == 0)
+    np.testing.assert_allclose(estimate.y[2], u - 20.0 * (0.1 - 0.05), atol=1e-13)
+
+
+# --- effects --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        dfc.effects.Spring(stiffness=60.0),
+        dfc.effects.BiasForce(force=3.0),
+        dfc.effects.Cogging(amplitude=3.0, period=0.02),
+        dfc.effects.InputGain(gain=0.7),
+        dfc.effects.DeadZone(width=3.0),
+        dfc.effects.InputDelay(delay=12.3e-3),
+        dfc.effects.ActuatorLag(time_constant=12e-3),
+        dfc.effects.QuadraticDrag(drag=60.0),
+        dfc.effects.LoadDependence(coefficient=0.4),
+        dfc.effects.TimePeriodic(amplitude=3.0, frequency=9.0),
+    ],
+    ids=lambda effect: effect.slug,
+)
+def test_an_effect_the_observer_knows_helps(effect):
+    """The drive's own reversals keep a wrong force from being learned away."""
+    plant = axis(effects=(effect,))
+    u, _, run = record(plant)
+    late = slice(500, None)
+
+    def friction_error(own):
+        design = design_pi_observer(own, DT, discretization="zoh", encoder_quantum=1e-6)
+        estimate = observe(design, u, run.y[0], encoder_quantum=1e-6)
+        slip = run.mode[late] != 0
+        return np.mean(np.abs(estimate.y[2, late] - run.y[2, late])[slip])
+
+    assert friction_error(plant) < 0.35 * friction_error(plant.replace(effects=()))
+
+
+# --- the mode -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rule", "moves"), [("reading", False), ("paper", True), ("filippov", True)]
+)
+def test_an_axis_held_above_the_believed_level(rule, moves):
+    """Load 9 on a level believed to be 8, axis at rest: only "reading" says it rests."""
+    design = design_pi_observer(axis(coulomb=8.0), DT, encoder_quantum=1e-5)
+    estimate = observe(design, np.full(300, 9.0), np.zeros(300), switching=rule)
+    assert np.all((estimate.mode != 0) == moves)
+
+
+def test_a_toggling_last_digit_is_not_motion():
+    design = design_pi_observer(axis(coulomb=8.0), DT, encoder_quantum=1e-5)
+    rng = np.random.default_rng(0)
+    y = 1e-5 * rng.integers(0, 2, 5000)
+    estimate = observe(design, np.zeros(5000), y, encoder_quantum=1e-5)
+    assert np.all(estimate.mode == 0)
+
+
+def test_motion_is_seen_when_the_reading_leaves():
+    """2 increments without load, 1 increment once the load exceeds the level."""
+    design = design_pi_observer(axis(coulomb=8.0), DT, encoder_quantum=1e-4)
+    y = 1e-4 * np.repeat([0.0, 1.0, 2.0], 10)
+
+    def first(load):
+        estimate = observe(design, np.full(30, load), y, encoder_quantum=1e-4)
+        return int(np.flatnonzero(estimate.mode == 1)[0])
+
+    assert first(0.0) == 20
+    assert first(9.0) == 10
+
+
+@given(
+    plus=st.floats(0.5, 2.0),
+    minus=st.floats(0.5, 2.0),
+    seed=st.integers(0, 1000),
+    rule=st.sampled_from(RULES),
+)
+@settings(max_examples=20)
+def test_mirrored_axis_gives_the_mirrored_estimate(plus, minus, seed, rule):
+    """Turning x, v and u round and exchanging the directions changes only signs."""
+    quantum = 1e-4
+    own = axis(coulomb=(8.0 * plus, 8.0 * minus), travel=None)
+    other = own.replace(coulomb=(8.0 * minus, 8.0 * plus))
+    u, y, _ = record(axis(), n=1500, quantum=quantum, seed=seed)
+    options = {"noise": 1e-4, "uncertainty": 1.6}
+    there = observe(design_pi_observer(own, DT, **options), u, y, switching=rule)
+    back = observe(design_pi_observer(other, DT, **options), -u, -y, switching=rule)
+    np.testing.assert_array_equal(there.mode, -back.mode)
+    # The two designs solve the same problem from data that differ in the last digit.
+    np.testing.assert_allclose(there.y[:4], -back.y[:4], rtol=0, atol=1e-6)
+
+
+# --- borders --------------------------------------------------------------------------
+
+
+def test_inputs_are_left_alone(clutch):
+    design, u, y = clutch
+    kept = u.copy(), y.copy()
+    observe(design, u, y)
+    np.testing.assert_array_equal(u, kept[0])
+    np.testing.assert_array_equal(y, kept[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"u": [0.0, 1.0]}, "u has 2 samples and y 3"),
+        ({"y": [0.0, np.nan, 0.0]}, "y holds 1 value"),
+        ({"switching": "printed"}, "switching must be one of reading, paper, filippov"),
+        ({"encoder_quantum": -1.0}, "encoder_quantum must be zero or more"),
+        ({"xhat0": np.inf}, "xhat0 must be a finite number"),
+        ({"vhat0": "fast"}, "vhat0 must be a number"),
+    ],
+)
+def test_bad_input_is_refused(clutch, change, text):
+    arguments = {"u": [0.0] * 3, "y": [0.0] * 3} | change
+    with pytest.raises(ValueError, match=text):
+        observe(clutch[0], arguments.pop("u"), arguments.pop("y"), **arguments)
+
+
+def test_stepper_refuses_what_is_no_number_and_stays_as_it_was(clutch):
+    design, u, y = clutch
+    first, second = ObserverStepper(design), ObserverStepper(design)
+    first.step(u[0], y[0])
+    second.step(u[0], y[0])
+    with pytest.raises(ValueError, match="y must be a finite number"):
+        second.step(u[1], np.nan)
+    assert first.step(u[1], y[1]) == second.step(u[1], y[1])
+
+
+def test_response_shows_itself(clutch):
+    design, u, y = clutch
+    estimate = observe(design, u[:500], y[:500])
+    assert isinstance(estimate, ct.TimeResponseData)
+    drawn = estimate.plot()
+    assert isinstance(drawn, ct.ControlPlot)
+    labels = [one.get_ylabel() for one in drawn.axes.ravel()]
+    assert labels == ["position [inc]", "speed [inc/s]", "force [N m]"]
+    matplotlib.pyplot.close(drawn.figure)

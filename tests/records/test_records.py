@@ -1,0 +1,1315 @@
+"""Records: validation, parts, resampling, derivatives, files."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import itertools
+import json
+import math
+import os
+import pickle
+import struct
+import warnings
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis.extra import numpy as hnp
+from scipy.io import savemat
+
+from dryfric_control.records.record import Record, RecordWarning, read_bam, read_record
+
+N = 400
+T = 1e-3 * np.arange(N)
+U = np.cos(40 * T) + 0.3 * np.sin(7 * T)
+X = 0.02 * np.sin(11 * T)
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def good(**changes) -> dict:
+    """Arguments of a sound record with some replaced."""
+    return {"t": T, "u": U, "x": X} | changes
+
+
+def with_value(array, index, value):
+    out = np.array(array, dtype=float)
+    out[index] = value
+    return out
+
+
+def without(mask):
+    """The sound record without the samples of the mask."""
+    keep = ~np.asarray(mask)
+    return good(t=T[keep], u=U[keep], x=X[keep])
+
+
+# ------------------------------------------------------------ construction
+
+
+def test_arrays_are_copied_read_only_and_the_arguments_unchanged():
+    t, u, x = T.copy(), U.copy(), X.astype(np.float32)
+    record = Record(t, u, x, reference=x)
+    for given_, kept in ((t, record.t), (u, record.u), (x, record.x), (x, record.reference)):
+        assert kept.dtype == np.float64 and not kept.flags.writeable
+        assert not np.shares_memory(given_, kept)
+        assert given_.flags.writeable
+    u[0] = 99.0
+    assert record.u[0] == U[0]
+    with pytest.raises(ValueError, match="read-only"):
+        record.x[0] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        record.x = X
+
+
+def test_sizes_and_labels():
+    record = Record(T, U, X, units={"u": "Nm", "x": "rad", "t": "sec"}, name="run 1")
+    assert (len(record), record.dt, record.duration) == (N, 0.001, 0.4)
+    assert dict(record.units) == {"t": "s", "u": "N m", "x": "rad"}
+    assert record.range == X.max() - X.min()
+    with pytest.raises(TypeError):
+        record.units["x"] = "m"
+    assert "run 1" in repr(record) and "400" in repr(record)
+
+
+@pytest.mark.parametrize("remake", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_copies_are_equal_and_read_only(remake):
+    record = Record(T, U, X, X, units={"x": "m"}, name="a", quantum=1e-6)
+    twin = remake(record)
+    assert twin == record and twin.quantum == 1e-6 and not twin.x.flags.writeable
+
+
+def test_equality_looks_at_everything_shown():
+    base = Record(T, U, X)
+    assert base == Record(T, U, X)
+    for other in (
+        Record(T + 1, U, X),
+        Record(T, 2 * U, X),
+        Record(T, U, 2 * X),
+        Record(T, U, X, X),
+        Record(T, U, X, name="b"),
+        Record(T, U, X, units={"x": "m"}),
+    ):
+        assert base != other
+    assert Record(T, U, X, X) != Record(T, U, X, 2 * X)
+    assert base != 3
+
+
+@pytest.mark.parametrize(
+    ("t", "dt"),
+    [
+        (np.arange(N) * 1e-3, 1e-3),
+        (1.7e9 + np.arange(N) * 1e-3, 1e-3),  # clock time, resolved to 2.4e-7 s
+        (np.round(np.arange(N) / 3000, 6), 1 / 3000),
+        (np.arange(N) * 1e-5, 1e-5),
+        (np.arange(N) * 0.02, 0.02),
+        (5 + np.arange(N) * 0.00123456789, 0.00123456789),
+        (np.float32(np.arange(N) * 1e-3), 1e-3),
+    ],
+)
+def test_step_is_the_one_meant(t, dt):
+    # rounded stamps fix the step to their rounding over the length of the record
+    assert Record(t, U, X).dt == pytest.approx(dt, rel=2e-6, abs=0)
+
+
+def test_round_steps_come_out_exactly():
+    assert Record(7.3 + np.arange(N) * 1e-3, U, X).dt == 1e-3
+    assert Record(np.arange(N) * 0.005, U, X).dt == 0.005
+    assert Record(7.3 + np.arange(N) * 0.00125, U, X).dt == 0.00125
+
+
+# ------------------------------------------------------------- bad input
+
+WRAPPED = np.mod(40 * T, 2 * np.pi)
+GAP = (T > 0.2) & (T < 0.21)
+BAD = {
+    "lengths differ u": (good(u=U[:-1]), "u has 399 samples but t has 400"),
+    "lengths differ x": (good(x=X[:-3]), "x has 397 samples but t has 400"),
+    "lengths differ reference": (good(reference=X[:9]), "reference has 9 samples"),
+    "2-D column": (good(x=X[:, None]), r"x must be 1-D, got shape \(400, 1\); use .ravel"),
+    "2-D table": (good(u=np.c_[U, U]), r"u must be 1-D, got shape \(400, 2\)$"),
+    "scalar": (good(u=3.0), r"u must be 1-D, got shape \(\)"),
+    "nan": (good(x=with_value(X, [17, 19], np.nan)), r"x has 2 values .* first x\[17\] = nan"),
+    "inf": (good(u=with_value(U, 3, -np.inf)), r"u has 1 values .* first u\[3\] = -inf"),
+    "nan time": (good(t=with_value(T, 5, np.nan)), r"t has 1 values that are not finite"),
+    "nan reference": (good(reference=with_value(X, 0, np.nan)), "reference has 1 values"),
+    "longdouble overflow": (good(u=U.astype(np.longdouble) * np.longdouble("1e400")), "finite"),
+    "absurd magnitude": (good(x=with_value(X, 8, 1e200)), r"x\[8\] = 1e\+200 is no physical"),
+    "too short": (good(t=T[:9], u=U[:9], x=X[:9]), "9 samples are too few; at least 10"),
+    "empty": (good(t=[], u=[], x=[]), "t is empty"),
+    "empty x": (good(x=[]), "x is empty"),
+    "none": (good(x=None), "x is missing"),
+    "goes back": (good(t=with_value(T, 50, 0.0)), r"goes back 1 times, first from t\[49\]"),
+    "reversed": (good(t=T[::-1]), r"goes back 399 times"),
+    "joined runs": (good(t=np.r_[T[:200], T[:200]]), r"split where runs were joined"),
+    "duplicated": (good(t=with_value(T, 50, T[49])), r"1 duplicated time stamps, first t\[49\]"),
+    "all times equal": (good(t=np.zeros(N)), "399 duplicated time stamps"),
+    "dropped samples": (without(GAP), r"1 gaps in t, about 9 samples dropped.*split_at_gaps"),
+    "one dropped": (
+        without(np.arange(N) == 33),
+        r"about 1 samples dropped.* after t\[32\] = 0.032 s",
+    ),
+    "jitter": (good(t=T + 2e-4 * np.sin(np.arange(N))), r"jitter 19.* %.*Record.from_irregular"),
+    "single-precision clock": (
+        good(t=np.float32(1000 + T)),
+        "not uniform.*subtract the start first",
+    ),
+    "drifting clock": (good(t=T + 4e-6 * np.arange(N) ** 2 * 1e-3 * 5), "clock of t drifts"),
+    "constant x": (good(x=np.full(N, 0.1)), r"x is constant \(0.1\): the axis never moved"),
+    "x constant but for rounding": (good(x=0.1 + 1e-17 * U), "x is constant"),
+    "constant u": (good(u=np.zeros(N)), r"u is constant \(0\): without excitation"),
+    "complex": (good(u=U + 1j), "u is complex; pass its real part"),
+    "text": (good(x=X.astype(str)), "x holds text"),
+    "bytes": (good(x=X.astype("S8")), "x holds text"),
+    "object": (good(x=[*X[:-1].tolist(), None]), "x is of dtype object"),
+    "ragged": (good(x=[[1.0], [1.0, 2.0]]), "x is no array of numbers"),
+    "dates": (good(t=np.arange(N).astype("M8[ms]")), r"t holds dates; pass seconds"),
+    "durations": (good(t=np.arange(N).astype("m8[ms]")), r"t holds durations; pass seconds"),
+    "structured": (good(x=np.zeros(N, dtype=[("a", float)])), "x is a structured array"),
+    "masked": (good(x=np.ma.masked_greater(X, 0.01)), r"x has \d+ masked values"),
+    "encoder wrap": (good(x=WRAPPED), r"x jumps 2 times .* wraps around.* unwrap=6.283185307"),
+    "encoder wrap in degrees": (good(x=np.degrees(WRAPPED)), "unwrap=360 perhaps"),
+    "encoder wrap, 12 bit": (good(x=np.floor(WRAPPED / 2 / np.pi * 4096)), "unwrap=4096 "),
+    "wrap in the first sample": (good(x=np.r_[6.2, WRAPPED[:-1]]), r"jumps 3 times.* x\[0\]"),
+    "wrap in the last sample": (good(x=np.r_[6.2, WRAPPED[:-1]][::-1]), "jumps 3 times"),
+    "unit in ms": (good(units={"t": "ms"}), r"pass t \* 0.001 in s"),
+    "unit in mm": (good(units={"x": "mm"}), r"pass x \* 0.001 in m"),
+    "unit of time for x": (good(units={"x": "s"}), "x cannot be in 's', a unit of time"),
+    "unknown unit of time": (good(units={"t": "m"}), "unit 'm' of the time is not known"),
+    "unit with brackets": (good(units={"x": "a]b"}), "short word without brackets"),
+    "unit no text": (good(units={"x": 3}), "unit of x must be text"),
+    "unit of nothing": (good(units={"y": "m"}), "'y' is no channel"),
+    "units no mapping": (good(units="m"), "units must be a mapping"),
+    "name no text": (good(name=3), "name must be text"),
+    "negative quantum": (good(quantum=-1e-6), "quantum must be finite and positive"),
+    "nan quantum": (good(quantum=math.nan), "quantum must be finite and positive"),
+    "zero period": (good(unwrap=0), "unwrap must be finite and positive"),
+    "text period": (good(unwrap="2pi"), "unwrap must be a number"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_told(case):
+    arguments, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        Record(**arguments)
+
+
+def test_every_bad_input_has_its_own_message():
+    found = {}
+    for case in (
+        "lengths differ u", "2-D table", "nan", "too short", "empty", "none", "goes back",
+        "duplicated", "dropped samples", "jitter", "drifting clock", "constant x", "constant u",
+        "complex", "text", "object", "ragged", "dates", "masked", "encoder wrap",
+    ):  # fmt: skip
+        with pytest.raises(ValueError) as caught:
+            Record(**BAD[case][0])
+        # without the numbers and names, which differ anyway
+        words = "".join(c for c in str(caught.value) if not c.isdigit())
+        found.setdefault(words[2:20], []).append(case)
+    assert all(len(cases) == 1 for cases in found.values()), found
+
+
+CLIPPED = np.clip(3 * np.sin(60 * T) + 0.01 * np.cos(300 * T), -2, 2)
+SUSPECT = {
+    "milliseconds": (good(t=np.arange(N)), "time suspected in milliseconds"),
+    "microseconds": (good(t=1000 * np.arange(N)), "time suspected in microseconds"),
+    "clipped": (good(u=CLIPPED), r"u rests \d+ samples at its minimum -2 .* maximum 2: clipped"),
+    "glitch": (good(x=with_value(X, 200, 5.0)), r"x jumps 2 times .* first from x\[199\]"),
+    "teleport": (good(x=np.r_[X[:300], X[300:] + 9]), "x jumps 1 times|wraps"),
+}
+
+
+@pytest.mark.parametrize("case", ["milliseconds", "microseconds", "clipped", "glitch"])
+def test_suspect_input_is_told(case):
+    arguments, message = SUSPECT[case]
+    with pytest.warns(RecordWarning, match=message):
+        Record(**arguments)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"u": np.sign(np.sin(60 * T)) * 2.0},  # a square wave is no clipping
+        {"u": np.round(20 * np.sin(40 * T))},  # crests of a coarse drive
+        {"u": np.round(150 * np.cos(np.pi / 40 * np.arange(N)))},  # crests of three samples
+        {"u": np.abs(np.arange(N) % 40 - 20.0)},  # a triangle touches its extremes
+        {"u": np.clip(U, -9, 0.5)},  # one side only
+        {"x": np.round(X / 0.01) * 0.01},  # five encoder counts in all
+        {"x": np.where(T > 0.2, 1.0, 0.0)},  # a single count
+        {"x": np.sin(300 * T)},  # fast, but smooth
+        {"t": 0.02 * np.arange(N)},
+    ],
+)
+def test_sound_input_is_not_suspected(changes):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Record(**good(**changes))
+
+
+@pytest.mark.parametrize("period", [2 * np.pi, 360.0, 4096.0])
+def test_unwrapping_recovers_the_position(period):
+    true = period * (0.3 + 5 * T / T[-1] + 0.2 * np.sin(9 * T))
+    lagging = true - 0.35 * period  # starts one turn below the position
+    record = Record(
+        T, U, np.mod(true, period), np.mod(lagging, period), unwrap=period, units={"x": "rad"}
+    )
+    # multiples of the period are added: only rounding remains
+    np.testing.assert_allclose(record.x, true, rtol=0, atol=1e-12 * period)
+    np.testing.assert_allclose(record.reference, lagging, rtol=0, atol=1e-12 * period)
+    assert "unwrapped" in record.notes[0]
+
+
+# ------------------------------------------------------------------- parts
+
+FULL = Record(T, U, X, 2 * X, units={"u": "N", "x": "m"}, name="run", quantum=1e-6)
+
+
+def joined(parts):
+    r = [p.reference for p in parts]
+    return Record(
+        *(np.concatenate([getattr(p, k) for p in parts]) for k in "tux"),
+        np.concatenate(r),
+        units=FULL.units,
+        name=FULL.name,
+    )
+
+
+@pytest.mark.parametrize("parts", [0.6, 1, 3, 200, [0.6, 0.2, 0.2], (0.5, 0.5), np.array([1.0])])
+def test_split_parts_join_to_the_whole(parts):
+    pieces = FULL.split(parts)
+    assert joined(pieces) == FULL
+    for piece in pieces:
+        assert (piece.dt, piece.quantum, piece.units) == (FULL.dt, 1e-6, FULL.units)
+
+
+def test_split_sizes():
+    assert [len(p) for p in FULL.split(0.6)] == [240, 160]
+    assert [len(p) for p in FULL.split([0.6, 0.2, 0.2])] == [240, 80, 80]
+    assert [len(p) for p in FULL.split(3)] == [133, 134, 133]
+    assert FULL.split(0.6)[1].t[0] == T[240]
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        (0, "cannot split 400 samples into 0 parts"),
+        (201, "into 201 parts of 2 or more"),
+        (1.0, "must be positive with sum 1"),
+        (-0.2, "must be positive with sum 1"),
+        (math.nan, "must be positive with sum 1"),
+        ([0.5, 0.4], "must be positive with sum 1"),
+        ([0.999, 0.001], "holds 0, at least 2"),
+        (True, "needs a fraction"),
+        ("half", "fractions must be 1-D|fractions holds text"),
+        ([], "fractions is empty"),
+    ],
+)
+def test_bad_split_is_told(parts, message):
+    with pytest.raises(ValueError, match=message):
+        FULL.split(parts)
+
+
+def test_blocks():
+    assert [len(b) for b in FULL.blocks(0.1)] == [100] * 4
+    assert [len(b) for b in FULL.blocks(0.15)] == [150, 150, 100]
+    assert [len(b) for b in FULL.blocks(0.18)] == [180, 220]
+    assert [len(b) for b in FULL.blocks(99)] == [400]
+    for bad in (0, -1, math.nan, "1", 1e-3):
+        with pytest.raises(ValueError, match=r"seconds must|fewer than 2 samples"):
+            FULL.blocks(bad)
+
+
+def test_a_part_may_stand_still():
+    x = np.where(T < 0.2, 0.0, X - X[200])
+    still = Record(T, U, x)[:150]
+    assert still.range == 0 and still.noise == 0
+
+
+def test_window_and_slices():
+    part = FULL.window(T[100], T[150])
+    assert part == FULL[100:150] and part.t[0] == T[100]
+    assert FULL[-50:] == FULL.window(T[350]) and FULL.window() == FULL
+    with pytest.raises(ValueError, match=r"the record runs from 0 s to 0.399 s"):
+        FULL.window(7.0, 8.0)
+    with pytest.raises(ValueError, match="fewer than 2"):
+        FULL.window(0.2, 0.1)
+    with pytest.raises(ValueError, match=r"use record.decimated\(2\)"):
+        FULL[::2]
+    with pytest.raises(ValueError, match="holds 1, at least 2"):
+        FULL[5:6]
+    with pytest.raises(TypeError, match=r"record\[a:b\]"):
+        FULL[5]
+
+
+@given(st.lists(st.integers(2, N - 2), max_size=8))
+def test_slices_join_to_the_whole(cuts):
+    edges = [0]
+    for c in sorted(cuts):
+        if c - edges[-1] >= 2:
+            edges.append(c)
+    edges.append(N)
+    assert joined([FULL[a:b] for a, b in itertools.pairwise(edges)]) == FULL
+
+
+@given(st.floats(2e-3, 1.0))
+def test_blocks_join_to_the_whole(seconds):
+    assert joined(FULL.blocks(seconds)) == FULL
+
+
+# -------------------------------------------------------------- resampling
+
+
+@pytest.mark.parametrize("factor", [1, 2, 7, 200])
+def test_decimation_keeps_positions_and_impulse(factor):
+    few = FULL.decimated(factor)
+    m = N // factor
+    assert len(few) == m and few.dt == pytest.approx(factor * 1e-3, rel=1e-15)
+    assert np.array_equal(few.x, X[: m * factor : factor])
+    assert np.array_equal(few.t, T[: m * factor : factor])
+    # sums of a few hundred numbers of order one
+    assert few.u.sum() * few.dt == pytest.approx(U[: m * factor].sum() * 1e-3, abs=1e-14)
+
+
+@pytest.mark.parametrize("factor", [0, -1, 2.0, "2", True, 201])
+def test_bad_decimation_is_told(factor):
+    with pytest.raises(ValueError, match=r"factor must be|fewer than 2"):
+        FULL.decimated(factor)
+
+
+def irregular(seed=0, n=3000):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(3e-3, 6e-3, n))
+    return t, rng.standard_normal(n), np.sin(2 * t)
+
+
+def test_held_input_keeps_its_impulse():
+    t, u, x = irregular()
+    record = Record.from_irregular(t, u, x, dt=0.004)
+    end = record.t[-1] + record.dt
+    # the held input integrated by hand, from the first stamp to the end of the grid
+    stamps = np.append(t, max(end, t[-1]))
+    true = np.sum(u * np.clip(np.diff(np.minimum(stamps, end)), 0, None))
+    # rounding of sums over 3000 samples of order one
+    assert record.u.sum() * record.dt == pytest.approx(true, abs=1e-11)
+
+
+def test_held_input_between_switches_is_exact():
+    t = np.array([0, 0.9, 2.1, 3.4, 4.2, 5.1, 6.3, 7.2, 8.3, 9.1, 10.0])
+    u = np.arange(11.0)
+    x = np.sin(t)
+    with pytest.warns(RecordWarning, match="milliseconds"):  # 0.5 s is slow on purpose
+        record = Record.from_irregular(t, u, x, dt=0.5)
+    # 0.5 to 1 s holds 0 for 0.4 s and 1 for 0.1 s; 1 to 1.5 s holds 1 throughout
+    np.testing.assert_allclose(record.u[:4], [0, 0.2, 1, 1], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "tolerance"),
+    # x'' = 4, h = 6 ms: linear h^2 4 / 8 = 1.8e-5; PCHIP flattens crests to about h^2 4 / 8
+    # as well; spline 5/384 h^4 16 = 2.7e-10, more at the ends
+    [("linear", 2e-5), ("monotone", 2e-5), ("cubic", 1e-7)],
+)
+def test_positions_follow_the_motion(interpolation, tolerance):
+    t, u, x = irregular()
+    record = Record.from_irregular(t, u, x, interpolation=interpolation)
+    inside = record.t <= t[-1]
+    assert np.abs(record.x - np.sin(2 * record.t))[inside].max() < tolerance
+
+
+def test_monotone_interpolation_does_not_overshoot_rest():
+    t, u, _ = irregular(1, 300)
+    x = np.where(t < t[150], 0.0, 1.0) + np.where(t > t[200], t - t[200], 0)
+    x = np.where(np.arange(300) == 150, 0.4, x)
+    record = Record.from_irregular(t, u, x)
+    assert record.x.min() == 0.0
+    assert np.all(record.x[record.t < t[149]] == 0.0)
+
+
+def test_linear_hold_is_the_value_at_the_stamp():
+    t, _, x = irregular()
+    record = Record.from_irregular(t, 3 * t, x, hold="first")
+    np.testing.assert_allclose(record.u, 3 * record.t, rtol=1e-13)
+
+
+def test_a_uniform_record_is_left_alone():
+    same = Record.from_irregular(T, U, X, dt=1e-3)
+    assert np.array_equal(same.u, U)
+    np.testing.assert_allclose(same.x, X, rtol=0, atol=1e-17)
+    assert len(same) == N and "resampled" in same.notes[0]
+
+
+def test_resampling_a_record():
+    finer = FULL.resampled(0.0005)
+    assert finer.dt == 0.0005 and len(finer) == 2 * N - 1 and finer.quantum == 1e-6
+    # held over two samples; the division by dt rounds
+    np.testing.assert_allclose(finer.u[:-1:2], U[:-1], rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(finer.u[1::2], U[:-1], rtol=1e-11, atol=1e-13)
+    assert finer.units == FULL.units and finer.name == "run"
+
+
+def test_quantum_is_taken_before_resampling():
+    t, u, x = irregular()
+    record = Record.from_irregular(t, u, 1e-3 * np.round(1e3 * x))
+    assert record.quantum == pytest.approx(1e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dt": 0}, "dt must be finite and positive"),
+        ({"dt": 1e-9}, "would make .* samples"),
+        ({"dt": 10.0}, "would make .* samples"),
+        ({"dt": "fast"}, "dt must be a number"),
+        ({"hold": "second"}, "hold must be"),
+        ({"interpolation": "sinc"}, "interpolation must be"),
+        ({"max_gap": 1e-3}, "longer than 0.001 s: filling it would invent data"),
+        ({"t": np.zeros(3000)}, "duplicated time stamps"),
+        ({"t": -np.arange(3000.0)}, "t goes back"),
+        ({"x": np.ones(3000)}, "x is constant"),
+    ],
+)
+def test_bad_resampling_is_told(changes, message):
+    t, u, x = irregular()
+    with pytest.raises(ValueError, match=message):
+        Record.from_irregular(**{"t": t, "u": u, "x": x} | changes)
+
+
+def test_long_gaps_are_not_filled_silently():
+    with pytest.raises(ValueError, match=r"gap of 0.01 s after t\[200\] = 0.2 s"):
+        Record.from_irregular(**without(GAP))
+    filled = Record.from_irregular(**without(GAP), max_gap=0.02)
+    assert len(filled) == N
+
+
+def test_splitting_at_gaps():
+    first, second = Record.split_at_gaps(**without(GAP), units={"x": "m"}, name="g")
+    assert np.array_equal(np.r_[first.t, second.t], T[~GAP])
+    assert np.array_equal(np.r_[first.x, second.x], X[~GAP])
+    assert (first.dt, second.dt, second.units["x"], second.name) == (1e-3, 1e-3, "m", "g")
+    assert len(Record.split_at_gaps(T, U, X)) == 1
+
+
+def test_short_stretches_are_left_out_with_a_warning():
+    mask = GAP | (np.arange(N) == N - 5)
+    with pytest.warns(RecordWarning, match="4 samples in stretches of fewer than 10"):
+        parts = Record.split_at_gaps(**without(mask))
+    assert len(parts) == 2
+    scattered = without(np.arange(N) % 5 == 4)
+    with pytest.raises(ValueError, match="longest stretch without a gap has 4 samples"):
+        Record.split_at_gaps(**scattered)
+
+
+# --------------------------------------------------- quantum, noise, derivatives
+
+
+@pytest.mark.parametrize("quantum", [1e-6, 5e-6, 2 * np.pi / 4096, 1.0, 1 / 3])
+@pytest.mark.parametrize("span", [3, 40, 3000])
+@pytest.mark.parametrize("storage", ["float64", "float32", "offset", "noisy"])
+def test_quantum_is_found(quantum, span, storage):
+    rng = np.random.default_rng(3)
+    t = 1e-3 * np.arange(8000)
+    x = span * np.sin(2.1 * t) + span * 0.2 * np.sin(5 * t + 1)
+    if storage == "noisy":
+        x = x + 2 * rng.standard_normal(t.size)
+    counts = np.round(x) + (12345 if storage == "offset" else 0)
+    x = (quantum * counts).astype("float32" if storage == "float32" else "float64")
+    # single precision holds the largest position, 3600 counts, to 2e-4 of a count, and the
+    # longest differences used are some ten counts
+    tolerance = 2e-5 if storage == "float32" else 1e-9
+    assert Record(t, np.cos(t), x).quantum == pytest.approx(quantum, rel=tolerance)
+
+
+def test_quantum_survives_rounded_storage_and_bad_samples():
+    t = 1e-3 * np.arange(8000)
+    x = 1.534e-3 * np.round(np.sin(2 * t) / 1.534e-3)
+    written = np.array([float(f"{v:.6f}") for v in x])  # off the grid by 3e-4 of it
+    assert Record(t, np.cos(t), written).quantum == pytest.approx(1.534e-3, rel=1e-5)
+    rng = np.random.default_rng(0)
+    x[rng.integers(0, 8000, 20)] += 1e-3 * rng.standard_normal(20)
+    assert Record(t, np.cos(t), x).quantum == pytest.approx(1.534e-3, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        0.1 * np.sin(3 * T),
+        np.random.default_rng(0).standard_normal(N),
+        0.7 * T,  # constant speed: one step, no encoder
+        0.1 * np.float32(np.sin(3 * T)),
+        np.cumsum(np.random.default_rng(1).uniform(0, 1e-4, N)),
+        np.sin(2 * np.pi * np.arange(N) / 100),  # values repeat, but for rounding
+    ],
+)
+def test_no_quantum_is_invented(x):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordWarning)  # white noise jumps
+        assert Record(T, U, x).quantum is None
+        assert Record(T, U, x, quantum=0).quantum is None
+        assert Record(T, U, x, quantum=0.3).quantum == 0.3
+
+
+def test_noise_is_measured():
+    rng = np.random.default_rng(5)
+    t = 1e-3 * np.arange(20_000)
+    x = 0.1 * np.sin(6 * t)
+    # the median of 20000 correlated fourth differences scatters by 2 %
+    record = Record(t, np.cos(t), x + 3e-6 * rng.standard_normal(t.size))
+    assert record.noise == pytest.approx(3e-6, rel=0.05)
+    coarse = Record(t, np.cos(t), 1e-4 * np.round(1e4 * x))
+    # rounding error of a moving axis: at least uniform over one quantum
+    assert 0.999e-4 / math.sqrt(12) <= coarse.noise < 2e-4 / math.sqrt(12)
+
+
+@pytest.mark.parametrize("window", [5, 9, 101])
+def test_derivatives_of_a_cubic_are_exact(window):
+    x = 0.3 - 0.2 * T + 1.5 * T**2 - 4 * T**3
+    d = Record(T, U, x).derivatives(window)
+    # weights from powers up to 50^3 carry 1e-13; over dt and dt^2 that grows by 1e3 and 1e6
+    np.testing.assert_allclose(d.x, x, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(d.v, -0.2 + 3 * T - 12 * T**2, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(d.a, 3 - 24 * T, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("quantum", [1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("dt", [2e-4, 1e-3, 5e-3])
+def test_default_window_leaves_the_acceleration_usable(quantum, dt):
+    t = dt * np.arange(int(10 / dt))
+    x = 0.05 * np.sin(5 * t) + 0.01 * np.sin(13 * t)
+    record = Record(t, np.cos(t), quantum * np.round(x / quantum))
+    d = record.derivatives()
+    true = -0.05 * 25 * np.sin(5 * t) - 0.01 * 169 * np.sin(13 * t)
+    m = record.smoothing_window
+    # 5 % of the large accelerations is aimed at; slow stretches of a coarse encoder are
+    # correlated and cost more; at the longest window the noise is what it is
+    if m < 101:
+        assert np.std((d.a - true)[m:-m]) < 0.15 * np.std(true)
+    assert np.std((d.v - np.gradient(x, dt))[m:-m]) < 0.05 * np.std(np.gradient(x, dt))
+
+
+def test_speed_has_no_delay():
+    w = 2 * np.pi  # five whole periods below
+    t = 1e-3 * np.arange(7000)
+    record = Record(t, np.cos(t), 1e-6 * np.round(0.05e6 * np.sin(w * t)))
+    v, t = record.derivatives().v[1000:6000], t[1000:6000]
+    delay = np.arctan2(v @ np.sin(w * t), v @ np.cos(w * t)) / w
+    # noise 3e-7 of 0.05 in x, averaged over thousands: far under a hundredth of a sample
+    assert abs(delay) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("window", "message"),
+    [(4, "odd"), (3, "at least 5"), (401, "at most the 400"), (5.0, "odd"), (True, "odd")],
+)
+def test_bad_window_is_told(window, message):
+    with pytest.raises(ValueError, match=message):
+        FULL.derivatives(window)
+
+
+def test_short_parts_say_that_they_are_too_short():
+    with pytest.raises(ValueError, match="at most the 4 samples"):
+        FULL[:4].derivatives()
+
+
+@settings(max_examples=30)
+@given(
+    st.sampled_from([1e-6, 1.0, 1e6]), st.sampled_from([1e-5, 1e-3, 2e-2]), st.integers(0, 2**32)
+)
+def test_estimates_scale_with_the_units(scale, dt, seed):
+    rng = np.random.default_rng(seed)
+    x = np.round(50 * np.sin(0.02 * np.arange(2000)) + rng.standard_normal(2000))
+    u = rng.standard_normal(2000)
+    base = Record(1e-3 * np.arange(2000), u, x)
+    other = Record(dt * np.arange(2000), u, scale * x)
+    # the same numbers but for rounding
+    assert other.quantum == pytest.approx(scale * base.quantum, rel=1e-12)
+    assert other.noise == pytest.approx(scale * base.noise, rel=1e-9)
+    assert other.smoothing_window == base.smoothing_window
+
+
+# -------------------------------------------------------------------- shown
+
+
+def test_summary_and_table_show_the_notes_and_escape_the_name():
+    record = Record(T, U, X, name="<b>run", notes=["filtered"], units={"x": "m"})
+    assert "filtered" in record.summary() and "400 at 0.001 s" in record.summary()
+    shown = record._repr_html_()
+    assert "&lt;b&gt;run" in shown and "<b>" not in shown
+
+
+def test_plot_has_labels_with_units():
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    shown = FULL.plot()
+    assert shown.axes.shape == (2, 1)
+    assert shown.axes[0, 0].get_ylabel() == "position [m]"
+    assert shown.axes[1, 0].get_ylabel() == "input [N]"
+    assert shown.axes[1, 0].get_xlabel() == "Time [s]"
+    assert np.array_equal(shown.lines[0, 0][0].get_ydata(), X)
+    assert len(shown.lines[0, 0]) == 2
+    axes = plt.subplots(2, 1)[1]
+    assert Record(T, U, X).plot(ax=axes).axes[0, 0] is axes[0]
+    with pytest.raises(ValueError, match="ax must hold 2 axes"):
+        FULL.plot(ax=axes[0])
+    plt.close("all")
+
+
+# --------------------------------------------------------------------- text
+
+
+def write(tmp_path, text, name="run.csv", encoding="utf-8"):
+    path = tmp_path / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def table(delimiter=",", decimal=".", end="\n", rows=None):
+    rows = np.c_[T, U, X] if rows is None else rows
+    lines = (delimiter.join(repr(float(v)).replace(".", decimal) for v in row) for row in rows)
+    return end.join(lines) + end
+
+
+DIALECTS = {
+    "comma": "t,u,x\n" + table(),
+    "comma and blanks": "t , u, x\n" + table(", "),
+    "no heading": table(),
+    "semicolon": "t;u;x\n" + table(";"),
+    "decimal comma": "t;u;x\n" + table(";", ","),
+    "decimal comma with tabs": "t\tu\tx\n" + table("\t", ","),
+    "decimal comma with blanks": "t u x\n" + table(" ", ","),
+    "tab": "t\tu\tx\n" + table("\t"),
+    "blanks": "t   u x\n" + table("  "),
+    "windows lines": "t,u,x\r\n" + table(end="\r\n"),
+    "old mac lines": "t,u,x\r" + table(end="\r"),
+    "byte order mark": "\ufefft,u,x\n" + table(),
+    "comments": "# made by hand\n\n# on a Monday\nt,u,x\n" + table(end="  # ok\n"),
+    "commented heading": "# t u x\n" + table(" "),
+    "quoted": '"t","u","x"\n"' + table('","', end='"\n"')[:-1],
+    "trailing delimiter": "t,u,x,\n" + table(end=",\n"),
+    "trailing delimiter in rows only": "t,u,x\n" + table(end=",\n"),
+    "other order": "x,t,u\n" + table(rows=np.c_[X, T, U]),
+    "usual names": "Time,Position,Force\n" + table(rows=np.c_[T, X, U]),
+    "text in another column": "t,u,x,mode\n" + table(end=",slip\n"),
+    "units": "t [s],u (N),x / m\n" + table(),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_dialects(tmp_path, dialect):
+    record = read_record(write(tmp_path, DIALECTS[dialect]))
+    assert np.array_equal(record.t, T)
+    assert np.array_equal(record.u, U)
+    assert np.array_equal(record.x, X)
+    assert record.name == "run" and record.reference is None
+
+
+@pytest.mark.parametrize(
+    ("heading", "factors", "units"),
+    [
+        ("time (ms),u [kN],x [mm]", (1e-3, 1e3, 1e-3), ("s", "N", "m")),
+        ("t_us,force_N,pos_um", (1e-6, 1, 1e-6), ("s", "N", "m")),
+        ("t [µs],u [mNm],x [deg]", (1e-6, 1e-3, math.pi / 180), ("s", "N m", "rad")),
+        ("t [s],u [N·m],x [°]", (1, 1, math.pi / 180), ("s", "N m", "rad")),
+        ("t / s,u / V,x / counts", (1, 1, 1), ("s", "V", None)),
+        ("t,u,x [counts]", (1, 1, 1), ("s", None, "counts")),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_units_in_headings_become_si(tmp_path, heading, factors, units, encoding):
+    stored = np.c_[T, U, X] / factors
+    if units[2] is None:
+        with pytest.raises(ValueError, match="no column recognised as x"):
+            read_record(write(tmp_path, heading + "\n" + table(rows=stored)))
+        return
+    record = read_record(write(tmp_path, heading + "\n" + table(rows=stored), encoding=encoding))
+    # one division and one multiplication
+    np.testing.assert_allclose(record.t, T, rtol=1e-15)
+    np.testing.assert_allclose(record.u, U, rtol=1e-15)
+    np.testing.assert_allclose(record.x, X, rtol=1e-15)
+    assert tuple(record.units.get(k) for k in "tux") == units
+    assert len(record.notes) == sum(f != 1 for f in factors)
+
+
+def test_units_by_argument_and_gain(tmp_path):
+    path = write(tmp_path, "t,u,x\n" + table(rows=np.c_[1e3 * T, U, X]))
+    record = read_record(path, gain=35.15, units={"t": "ms", "u": "N", "x": "mm"}, name="a")
+    np.testing.assert_allclose(record.u, 35.15 * U, rtol=1e-15)
+    np.testing.assert_allclose(record.x, 1e-3 * X, rtol=1e-15)
+    assert record.dt == 1e-3 and record.name == "a"
+    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
+    assert record.notes == (
+        "t converted from ms to s",
+        "u multiplied by gain 35.15",
+        "x converted from mm to m",
+    )
+    volts = write(tmp_path, "t,u [mV],x\n" + table(rows=np.c_[T, U, X]))
+    scaled = read_record(volts, gain=2.0)
+    np.testing.assert_allclose(scaled.u, 2e-3 * U, rtol=1e-15)
+    assert "u" not in scaled.units  # volts times an unknown gain
+
+
+def test_columns_by_name_and_index(tmp_path):
+    path = write(tmp_path, "a,b,c,d\n" + table(rows=np.c_[U, 2 * X, T, X]))
+    by_name = read_record(path, {"t": "c", "u": "a", "x": "d", "reference": "b"})
+    by_index = read_record(path, {"t": 2, "u": 0, "x": -1, "reference": 1})
+    assert by_name == by_index
+    assert np.array_equal(by_name.reference, 2 * X) and np.array_equal(by_name.x, X)
+    bare = write(tmp_path, table(rows=np.c_[T, U, X, 2 * X]), "bare.csv")
+    assert np.array_equal(read_record(bare).reference, 2 * X)
+    wide = write(tmp_path, table(rows=np.c_[U, U, T, U, X]), "wide.csv")
+    assert np.array_equal(read_record(wide, {"t": 2, "u": 0, "x": 4}).x, X)
+    named = write(tmp_path, "t,u,x [mm],ref [mm]\n" + table(rows=np.c_[T, U, X, X]), "n.csv")
+    assert read_record(named, {"X".lower(): "x", "reference": None}).reference is None
+    assert np.array_equal(read_record(named).reference, read_record(named).x)
+
+
+def lines_with(row, text):
+    lines = ("t,u,x\n" + table()).splitlines()
+    lines[row - 1] = text
+    return "\n".join(lines)
+
+
+BAD_TEXT = {
+    "empty": ("", "is empty"),
+    "blank": ("\n \n\n", "no data, only blank or comment lines"),
+    "comments only": ("# a\n# b\n", "no data, only blank or comment lines"),
+    "heading only": ("t,u,x\n", "a heading and no data rows"),
+    "text in numbers": (lines_with(7, "0.005,abc,1"), r"row 7, column 'u' \(u\): 'abc' is not"),
+    "text in the last row": (lines_with(401, "0.399,1,x"), r"row 401, column 'x' \(x\): 'x'"),
+    "empty cell": (lines_with(9, "0.007,,1"), "row 9, column 'u' .* the cell is empty"),
+    "too few columns": (lines_with(5, "0.003,1"), "row 5 has 2 columns, the first has 3"),
+    "too many columns": (lines_with(5, "0.003,1,2,3"), "row 5 has 4 columns, the first has 3"),
+    "thousands": (lines_with(5, '0.003,"1,000.5",2'), "row 5, column 'u' .*'1,000.5'"),
+    "underscore": (lines_with(5, "0.003,1_0,2"), "row 5, column 'u' .*'1_0'"),
+    "hexadecimal": (lines_with(5, "0.003,0x1F,2"), "row 5, column 'u' .*'0x1F'"),
+    "other digits": (lines_with(5, "0.003,\u0661,2"), "row 5, column 'u'"),
+    "mixed decimals": (
+        ("t,u,x\n" + table()).replace(",", ";").replace("0.012;", "0,012;"),
+        "row 14: '0,012' mixes decimal commas and points",
+    ),
+    "nan cell": (lines_with(5, "0.003,nan,2"), r"u has 1 values .* first u\[3\] = nan"),
+    "overflow": (lines_with(5, "0.003,1e999,2"), r"u has 1 values .* u\[3\] = inf"),
+    "one column": ("\n".join(map(str, T)), "1 column"),
+    "many columns, no heading": (table(rows=np.c_[T, T, U, X, X]), "5 columns and no heading"),
+    "unknown headings": ("a,b,c\n" + table(), "no column recognised as t; available: 'a', 'b'"),
+    "two candidates": (
+        "t,force,torque,x\n" + table(rows=np.c_[T, U, U, X]),
+        "'force', 'torque' could each be u",
+    ),
+    "same heading twice": ("t,u,u,x\n" + table(rows=np.c_[T, U, U, X]), "'u', 'u' could each"),
+    "binary": ("t,u,x\n\0\1\2", "no plain text"),
+    "bad unit of time": ("t [kg],u,x\n" + table(), "unit 'kg' of the time is not known"),
+    "time as position": ("t,u,x [ms]\n" + table(), "x cannot be in 'ms'"),
+    "units disagree": (
+        "t,u,x [m],r [rad]\n" + table(rows=np.c_[T, U, X, X]),
+        "reference is in rad but x in m",
+    ),
+    "newer format": ("# dryfric-control record 2 {}\nt,u,x\n" + table(), "update the package"),
+    "damaged first line": ('# dryfric-control record 1 {"na\nt,u,x\n' + table(), "damaged"),
+    "wrong first line": ("# dryfric-control record 1 [1]\nt,u,x\n" + table(), "damaged"),
+    "gap": (
+        "t,u,x\n" + table(rows=np.c_[T, U, X][~GAP]),
+        r"about 9 samples dropped.*read_record\(..., dt=0.001\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TEXT)
+def test_bad_text_is_told(tmp_path, case):
+    text, message = BAD_TEXT[case]
+    with pytest.raises(ValueError, match=message):
+        read_record(write(tmp_path, text))
+
+
+BAD_CALLS = {
+    "unknown name": ({"columns": {"u": "forse"}}, r"'forse' is not in run.csv.*mean 'force'\?"),
+    "unknown role": ({"columns": {"referense": "x"}}, "no role.*Did you mean 'reference'"),
+    "index": ({"columns": {"u": 7}}, r"columns\['u'\] = 7: run.csv has 3 columns, 0 to 2"),
+    "no name": ({"columns": {"u": 1.5}}, "must be a name or an index"),
+    "no input": ({"columns": {"u": None}}, "must be a name or an index"),
+    "same twice": ({"columns": {"u": "x"}}, "column 'x' serves as both u and x"),
+    "list": ({"columns": ["t", "u", "x"]}, "columns must map"),
+    "zero gain": ({"gain": 0}, "gain must be finite and not zero"),
+    "nan gain": ({"gain": math.nan}, "gain must be finite"),
+    "text gain": ({"gain": "2"}, "gain must be a number"),
+    "units": ({"units": {"y": "m"}}, "'y' is no channel"),
+    "time unit": ({"units": {"t": "m"}}, "unit 'm' of the time"),
+    "rows": ({"max_rows": 0}, "max_rows must be a positive whole number"),
+    "too many rows": ({"max_rows": 399}, "more than 399 rows; cut or decimate it first"),
+    "step": ({"dt": -1}, "dt must be finite and positive"),
+    "period": ({"unwrap": -1}, "unwrap must be finite and positive"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CALLS)
+def test_bad_arguments_are_told(tmp_path, case):
+    options, message = BAD_CALLS[case]
+    with pytest.raises(ValueError, match=message):
+        read_record(write(tmp_path, "t,force,x\n" + table()), **options)
+
+
+def test_units_that_contradict_the_heading_are_told(tmp_path):
+    path = write(tmp_path, "t,u,x [mm]\n" + table())
+    with pytest.raises(ValueError, match="gives x in 'mm', units= says 'm'"):
+        read_record(path, units={"x": "m"})
+    assert read_record(path, units={"x": "mm"}).units["x"] == "m"
+
+
+def test_files_that_are_none(tmp_path):
+    write(tmp_path, "t,u,x\n" + table(), "motor.csv")
+    with pytest.raises(FileNotFoundError, match=r"Did you mean 'motor.csv'"):
+        read_record(tmp_path / "motr.csv")
+    with pytest.raises(FileNotFoundError, match="there is no file"):
+        read_record(tmp_path / "none" / "motor.csv")
+    with pytest.raises(IsADirectoryError, match="give one file in it"):
+        read_record(tmp_path)
+    with pytest.raises(TypeError, match="takes a path, a data frame or a mapping"):
+        read_record([T, U, X])
+    with pytest.raises((ValueError, FileNotFoundError), match=r"null|no file"):
+        read_record("a\0b.csv")
+    for suffix, hint in ((".json", "read_bam"), (".xlsx", "as CSV"), (".npz", "dict"), ("", "")):
+        with pytest.raises(ValueError, match=f"are not read.*{hint}"):
+            read_record(write(tmp_path, "x", "run" + suffix))
+
+
+def test_utf16_is_told(tmp_path):
+    for encoding in ("utf-16", "utf-16-le"):
+        with pytest.raises(ValueError, match="UTF-16"):
+            read_record(write(tmp_path, "t,u,x\n" + table(), encoding=encoding))
+
+
+def test_long_files_are_read_in_pieces(tmp_path):
+    # three pieces; the decimal mark shows up in the last, text beside the data throughout
+    n = 140_000
+    t, u = np.arange(n), np.tile([0.0, 1.0], n // 2)
+    u[-1] = 2.5
+    for end, mark in (("", ","), (";ok", ","), ("", ".")):
+        lines = [
+            f"{k * 2};{float(v)!r};{k % 977}{end}".replace(".0;", ";").replace(".", mark)
+            for k, v in zip(t, u, strict=True)
+        ]
+        head = "t [ms];u;x" + (";mode" if end else "")
+        record = read_record(write(tmp_path, "\n".join([head, *lines])), unwrap=977)
+        assert np.array_equal(record.u, u) and record.dt == 2e-3
+        assert np.array_equal(record.x, t)
+
+
+def test_irregular_files_are_resampled_on_request(tmp_path):
+    t, u, x = irregular()
+    path = write(tmp_path, "t,u,x\n" + table(rows=np.c_[t, u, x]))
+    with pytest.raises(ValueError, match="not uniform"):
+        read_record(path)
+    record = read_record(path, dt=0.0045)
+    assert record == Record.from_irregular(t, u, x, dt=0.0045, name="run")
+
+
+# --------------------------------------------------------------- round trips
+
+values = st.floats(-1e90, 1e90, allow_nan=False, allow_infinity=False)
+WORDS = st.text(st.characters(codec="utf-8"), max_size=12)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    u=hnp.arrays(float, 25, elements=values),
+    x=hnp.arrays(float, 25, elements=values),
+    start=st.floats(-1e4, 1e4),
+    dt=st.sampled_from([1e-5, 1e-3, 1 / 3000, 0.02]),
+    commanded=st.booleans(),
+    name=st.none() | WORDS,
+    note=WORDS,
+    unit=st.sampled_from(["", "m", "rad", "counts", "N/m"]),
+)
+def test_csv_and_frames_come_back_bit_for_bit(
+    tmp_path, u, x, start, dt, commanded, name, note, unit
+):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordWarning)
+        t = start + dt * np.arange(25)
+        try:
+            record = Record(
+                t, u, x, u if commanded else None, name=name, notes=[note], units={"x": unit}
+            )
+        except ValueError:
+            return  # constant, or a jump: told elsewhere
+        path = tmp_path / "a.csv"
+        record.to_csv(path)
+        for back in (read_record(path), Record.from_frame(record.to_pandas())):
+            assert back == record
+            assert back.x.tobytes() == record.x.tobytes()
+            assert (back.dt, back.quantum) == (record.dt, record.quantum)
+            assert back.notes == record.notes
+
+
+def test_csv_is_plain_for_other_programs(tmp_path):
+    path = tmp_path / "a.csv"
+    FULL.to_csv(path)
+    lines = path.read_text().splitlines()
+    assert lines[0].startswith("# dryfric-control record 1 {")
+    assert lines[1] == "t [s],u [N],x [m],reference [m]"
+    plain = np.loadtxt(path, delimiter=",", skiprows=2)
+    assert np.array_equal(plain, np.c_[T, U, X, 2 * X])
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_text("precious")
+
+    def fails(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(OSError, match="disk full"):
+        FULL.to_csv(path)
+    assert path.read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_bad_targets_are_told(tmp_path):
+    with pytest.raises(ValueError, match=r"writes .csv files, got 'a.mat'"):
+        FULL.to_csv(tmp_path / "a.mat")
+    with pytest.raises(FileNotFoundError, match="make it first"):
+        FULL.to_csv(tmp_path / "none" / "a.csv")
+
+
+# --------------------------------------------------------- frames and mappings
+
+
+def test_frames():
+    pd = pytest.importorskip("pandas")
+    frame = pd.DataFrame({"force [N]": U, "pos [mm]": 1e3 * X}, index=pd.Index(T, name="time"))
+    before = frame.copy()
+    record = Record.from_frame(frame)
+    assert np.array_equal(record.t, T) and dict(record.units) == {"t": "s", "u": "N", "x": "m"}
+    np.testing.assert_allclose(record.x, X, rtol=1e-15)
+    pd.testing.assert_frame_equal(frame, before)
+    for index in (
+        pd.to_timedelta(np.arange(N), unit="ms"),
+        pd.date_range("2026-01-01", periods=N, freq="1ms"),
+    ):
+        timed = Record.from_frame(frame.set_index(index))
+        assert timed.dt == 1e-3
+        np.testing.assert_allclose(timed.t, T, rtol=0, atol=1e-15)
+    own = Record.from_frame(frame.reset_index(), {"u": "force", "x": 2})
+    assert own == record
+    with pytest.raises(ValueError, match="no column recognised as t"):
+        Record.from_frame(frame.reset_index(drop=True))
+    with pytest.raises(ValueError, match="x is of dtype object"):
+        Record.from_frame(frame.reset_index().astype({"pos [mm]": object}))
+    with pytest.raises(ValueError, match="two columns"):
+        Record.from_frame(pd.DataFrame(np.c_[T, U, X], columns=["t", "u", "u"]))
+    with pytest.raises(ValueError, match="needs a data frame, got ndarray"):
+        Record.from_frame(np.c_[T, U, X])
+
+
+def test_frames_without_pandas(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas"):
+        FULL.to_pandas()
+
+
+def test_mappings():
+    record = read_record({"t": T.tolist(), "torque [Nm]": U, "angle [deg]": X}, {"reference": None})
+    assert record.units["u"] == "N m" and record.units["x"] == "rad"
+    with pytest.raises(ValueError, match="u has 399 samples"):
+        read_record({"t": T, "u": U[1:], "x": X})
+    with pytest.raises(ValueError, match="more than 5 rows"):
+        read_record({"t": T, "u": U, "x": X}, max_rows=5)
+    with pytest.raises(ValueError, match="x holds text"):
+        read_record({"t": T, "u": U, "x [mm]": X.astype(str)})
+
+
+# ----------------------------------------------------------------- MAT-files
+
+
+def test_mat_files(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T[:, None], "u": U[None, :], "x": X, "note": "text", "k": 3.0})
+    assert read_record(path) == Record(T, U, X, name="run")
+    savemat(path, {"data": {"time": T, "force": U, "pos": X}})
+    nested = read_record(path, {"t": "data.time", "u": "data.force", "x": "data.pos"})
+    assert np.array_equal(nested.x, X)
+    savemat(path, {"log": np.c_[T, U, X]})
+    matrix = read_record(path, {"t": "log.0", "u": "log.1", "x": "log.2"})
+    assert np.array_equal(matrix.u, U)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("dtype", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"])
+def test_mat_number_types(tmp_path, dtype, compressed):
+    path = tmp_path / "run.mat"
+    x = (np.arange(N) % 97).astype(dtype)
+    u = (np.arange(N) % 3).astype(dtype)
+    savemat(path, {"t": T, "u": u, "x": x[:, None]}, do_compression=compressed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = read_record(path, unwrap=97)
+    assert np.array_equal(record.x, np.arange(N)) and np.array_equal(record.u, u)
+
+
+def test_mat_files_of_either_byte_order(tmp_path):
+    def element(order, kind, content):
+        return struct.pack(order + "II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    def variable(order, name, values):
+        parts = (
+            (6, struct.pack(order + "II", 6, 0)),  # class double
+            (5, struct.pack(order + "ii", 1, N)),
+            (1, name),
+            (9, values.astype(order + "f8").tobytes()),
+        )
+        return element(order, 14, b"".join(element(order, *part) for part in parts))
+
+    path = tmp_path / "run.mat"
+    for order, mark in (("<", b"IM"), (">", b"MI")):
+        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(order + "H", 0x0100) + mark
+        body = [variable(order, n, v) for n, v in ((b"t", T), (b"u", U), (b"x", X))]
+        path.write_bytes(head + b"".join(body))
+        assert read_record(path) == Record(T, U, X, name="run")
+
+
+def test_emps_layout_applies_its_gain(tmp_path):
+    path = tmp_path / "made.mat"
+    savemat(path, {"t": T, "qm": X, "qg": 2 * X, "vir": U, "gtau": 35.0, "kp": 160.0})
+    record = read_record(path)
+    assert np.array_equal(record.u, 35.0 * U) and np.array_equal(record.reference, 2 * X)
+    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
+    assert "35" in record.notes[0]
+    raw = read_record(path, {"u": "vir"}, gain=2.0)
+    assert np.array_equal(raw.u, 2.0 * U)
+    with pytest.raises(ValueError, match=r"'virr' is not in made.mat; .*'gtau'.*mean 'vir'\?"):
+        read_record(path, {"u": "virr"})
+
+
+def test_bad_mat_files_are_told(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T, "u": U, "x": X})
+    whole = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(200))
+    with pytest.raises(ValueError, match=r"7.3 .*-v7'.*h5py"):
+        read_record(path)
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(200))
+    with pytest.raises(ValueError, match="HDF5"):
+        read_record(path)
+    path.write_bytes(b"no MAT-file at all")
+    with pytest.raises(ValueError, match="damaged or no MAT-file"):
+        read_record(path)
+    path.write_bytes(whole[:2000])
+    with pytest.raises(ValueError, match="damaged or no MAT-file"):
+        read_record(path)
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match="is empty"):
+        read_record(path)
+    savemat(path, {"note": "text"})
+    with pytest.raises(ValueError, match="holds no numeric variable"):
+        read_record(path)
+    savemat(path, {"t": T, "u": U * 1j, "x": X})
+    with pytest.raises(ValueError, match="u is complex"):
+        read_record(path)
+    savemat(path, {"t": T, "u": U, "x": np.zeros((4, 5, 20))})
+    with pytest.raises(ValueError, match=r"x must be 1-D, got shape \(4, 5, 20\)"):
+        read_record(path)
+
+
+# -------------------------------------------------------------------- fuzzing
+
+
+def read_or_told(path, **options):
+    """The record, or None when the reader refuses it in the documented way."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordWarning)
+        try:
+            record = read_record(path, **options)
+        except ValueError:
+            return None
+    for array in (record.t, record.u, record.x):
+        assert np.isfinite(array).all() and array.shape == record.t.shape
+    return record
+
+
+fuzz = settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@fuzz
+@given(st.binary(max_size=400), st.sampled_from([".csv", ".txt", ".mat"]))
+def test_arbitrary_bytes(tmp_path, content, suffix):
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(content)
+    read_or_told(path)
+
+
+@fuzz
+@given(
+    st.text(st.sampled_from("0123456789.,;\t \n\r\"'#+-eEnaift[]()ux_\u00b5\ufeff"), max_size=400)
+)
+def test_arbitrary_text(tmp_path, text):
+    read_or_told(write(tmp_path, text))
+    read_or_told(write(tmp_path, "t,u,x\n" + text))
+    read_or_told(write(tmp_path, "# dryfric-control record 1 " + text))
+
+
+@fuzz
+@given(st.integers(0, 10_000), st.binary(min_size=1, max_size=8), st.booleans())
+def test_damaged_mat_files(tmp_path, place, patch, cut):
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T[:40], "u": U[:40], "x": X[:40], "s": {"a": [1, 2], "b": "c"}})
+    whole = bytearray(path.read_bytes())
+    place %= len(whole)
+    whole[place : place + len(patch)] = patch
+    path.write_bytes(whole[:place] if cut else whole)
+    read_or_told(path)
+
+
+@fuzz
+@given(
+    rows=hnp.arrays(
+        float, st.tuples(st.integers(10, 15), st.just(2)), elements=st.floats(-1e9, 1e9)
+    ),
+    dialect=st.sampled_from(
+        [(",", "."), (";", "."), (";", ","), ("\t", ","), ("  ", "."), (" ", ",")]
+    ),
+    heading=st.booleans(),
+    style=st.sampled_from(["{!r}", "{:.3f}", "{:+.6e}", "{:g}", "{:.0f}"]),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    damage=st.none() | st.tuples(st.integers(0, 500), st.sampled_from(list(',;. -e#x1\t"\n'))),
+)
+def test_numbers_are_read_as_written_or_refused(
+    tmp_path, rows, dialect, heading, style, end, damage
+):
+    delimiter, decimal = dialect
+    cells = [
+        [f"{k * 1e-3:.3f}", *(style.format(float(v)) for v in row)] for k, row in enumerate(rows)
+    ]
+    head = [delimiter.join("tux")] if heading else []
+    lines = head + [delimiter.join(c.replace(".", decimal) for c in line) for line in cells]
+    text = end.join(lines) + end
+    true = np.array([[float(c) for c in line] for line in cells])
+    if damage is not None:
+        place = damage[0] % len(text)
+        text = text[:place] + damage[1] + text[place:]
+    record = read_or_told(write(tmp_path, text))
+    if record is None or damage is not None:
+        return
+    assert np.array_equal(np.c_[record.t, record.u, record.x], true)
+
+
+@fuzz
+@given(st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3)
+    | st.dictionaries(st.sampled_from(["entries", "timestamp", "position", "load"]), inner),
+    max_leaves=12,
+))  # fmt: skip
+def test_arbitrary_json(tmp_path, content):
+    path = write(tmp_path, json.dumps(content), "log.json")
+    with pytest.raises(ValueError):
+        read_bam(path)
+
+
+# ------------------------------------------------------------------ BAM logs
+
+
+def bam_log(n=60, **changes):
+    rng = np.random.default_rng(2)
+    t = np.cumsum(rng.uniform(0.0035, 0.0053, n))
+    head = {"mass": 0.49, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "trajectory": "a"}
+    entries = [
+        {
+            "timestamp": float(s), "position": round(4096 * math.sin(9 * s)) / 4096,
+            "goal_position": math.sin(9 * s), "load": (100 + k if k < 30 else 65536 - k),
+            "input_volts": 7.5, "temp": 28 + k // 30, "torque_enable": k < 50, "speed": 0.0,
+        }
+        for k, s in enumerate(t)
+    ]  # fmt: skip
+    return head | {"entries": entries} | changes
+
+
+def test_bam_log(tmp_path):
+    log = bam_log()
+    path = write(tmp_path, json.dumps(log), "log.json")
+    found = read_bam(path, dt=0.004)
+    record = found["record"]
+    assert (found["mass"], found["kp"], found["trajectory"], record.dt) == (0.49, 100, "a", 0.004)
+    assert record.units["u"] == "V" and record.quantum == pytest.approx(1 / 4096)
+    for key in ("volts", "temperature", "torque_enable"):
+        assert found[key].shape == (len(record),)
+    # forward drive first, then reverse, then none
+    assert record.u[0] == pytest.approx(100 / 885 * 7.5)
+    stamps = np.array([e["timestamp"] for e in log["entries"]])
+    middle = np.searchsorted(record.t, stamps[40]) - 1
+    assert -50 / 885 * 7.5 < record.u[middle] < -30 / 885 * 7.5
+    off = record.t > stamps[50]
+    assert (
+        np.all(record.u[off] == pytest.approx(0, abs=1e-12))
+        and not found["torque_enable"][off].any()
+    )
+    assert found["torque_enable"][record.t < stamps[50]].all()
+    assert set(found["temperature"]) == {28.0, 29.0}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "no valid JSON"),
+        ("[" * 100_000, "no valid JSON"),
+        ("[]", "no list `entries`"),
+        ("{}", "no list `entries`"),
+        ('{"entries": []}', "no list `entries`"),
+        ('{"entries": [1]}', "entry 0 has timestamp = None, not a number"),
+        (json.dumps({"entries": [{"timestamp": "x"}]}), "entry 0 has timestamp = x, not a number"),
+        (json.dumps(bam_log(9)), "9 samples are too few"),
+    ],
+)
+def test_bad_bam_logs_are_told(tmp_path, content, message):
+    with pytest.raises(ValueError, match=message):
+        read_bam(write(tmp_path, content, "log.json"))
+
+
+# ----------------------------------------------------------------- real files
+
+
+def real(*parts):
+    path = DATA.joinpath(*parts)
+    if not path.exists():
+        pytest.skip(f"real record {parts[-1]} is not there")
+    return path
+
+
+def test_emps_record():
+    record = read_record(real("emps", "DATA_EMPS.mat"))
+    # as its description gives it: 24841 samples at 1 kHz
+    assert (len(record), record.dt) == (24841, 1e-3)
+    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
+    assert record.quantum == pytest.approx(5e-8, rel=1e-6)
+    assert record.reference is not None
+    # force = gtau vir with gtau = 35.15 N/V; published figures: M = 95.11 kg, Fv = 203.5 N s/m,
+    # Fc = 20.39 N, offset -3.16 N leave 4.08 % relative force error with the authors' own filters
+    d = record.derivatives()
+    force = 95.11 * d.a + 203.5 * d.v + 20.39 * np.sign(d.v) - 3.16
+    error = np.linalg.norm(record.u - force) / np.linalg.norm(record.u)
+    assert error < 0.10
+
+
+def test_emps_round_trip(tmp_path):
+    record = read_record(real("emps", "DATA_EMPS.mat"))
+    record.to_csv(tmp_path / "e.csv")
+    back = read_record(tmp_path / "e.csv")
+    assert back == record and back.notes == record.notes
+
+
+@pytest.mark.parametrize("name", ["2026-01-15_10h28m10", "2026-01-15_10h29m21"])
+def test_bam_record(name):
+    found = read_bam(real("bam_xl330", f"{name}.json"))
+    record = found["record"]
+    assert record.quantum == pytest.approx(2 * np.pi / 4096, rel=1e-9)
+    assert (found["mass"], found["length"]) == (0.49, 0.1)
+    assert np.abs(record.u).max() < 8.5  # the supply is 7.4 V nominal, 8.1 V at most
+    assert found["torque_enable"].shape == (len(record),)
+    with pytest.raises(ValueError, match="read_bam"):
+        read_record(real("bam_xl330", f"{name}.json"))

@@ -1,0 +1,413 @@
+"""Many cases: kept as they finish, the same however they are run."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control import presets
+from dryfric_control.store.batch import fingerprint
+
+RUNS, DURATION = 6, 2.0
+CASES = {"a": 4.0, "b": 9.0, "c": 16.0}
+ROOTS = {"a": 2.0, "b": 3.0, "c": 4.0}
+
+
+class Counted:
+    """A function that knows which values it was called with."""
+
+    def __init__(self, function=math.sqrt):
+        self.function, self.seen = function, []
+
+    def __call__(self, value):
+        self.seen.append(value)
+        return self.function(value)
+
+
+def lines(path):
+    return path.read_bytes().split(b"\n")[:-1]
+
+
+# ----------------------------------------------------------------- the store
+
+
+def test_what_is_stored_is_not_run_again(tmp_path):
+    store, function = tmp_path / "roots.jsonl", Counted()
+    first = dfc.run_batch(function, {"b": 9.0}, store=store, progress=False)
+    every = dfc.run_batch(function, CASES, store=store, progress=False)
+    assert first == {"b": 3.0}
+    assert every == ROOTS and list(every) == ["a", "b", "c"]
+    assert function.seen == [9.0, 4.0, 16.0]
+    before = store.read_bytes()
+    assert dfc.run_batch(function, CASES, store=store, progress=False) == ROOTS
+    assert len(function.seen) == 3 and store.read_bytes() == before
+
+
+def test_the_store_is_plain_lines_of_json(tmp_path):
+    store = tmp_path / "roots.jsonl"
+    dfc.run_batch(math.sqrt, {("a", 1): 4.0}, store=store, settings={"unit": "m"}, progress=False)
+    heading, entry = (json.loads(line) for line in lines(store))
+    assert heading == {"store": "dryfric-control batch 1", "settings": {"unit": "m"}}
+    assert entry == {"case": ["a", 1], "result": 2.0}
+    assert [path.name for path in tmp_path.iterdir()] == ["roots.jsonl"]
+
+
+@pytest.mark.parametrize("kept", ["", "store"])
+def test_results_come_back_as_json_gives_them(tmp_path, kept):
+    value = {"x": (0.1, -0.0, 1e-308, math.inf), "n": None, "text": "µ\n"}
+    store = tmp_path / kept if kept else None
+    for _ in range(2):
+        found = dfc.run_batch(dict, {1: value}, store=store, progress=False)
+        assert found == {1: value | {"x": [0.1, -0.0, 1e-308, math.inf]}}
+        assert math.copysign(1.0, found[1]["x"][1]) == -1.0
+
+
+def test_every_place_where_a_write_may_be_cut(tmp_path):
+    """A last line that was cut is run again; what stands before it is kept."""
+    store = tmp_path / "roots.jsonl"
+    dfc.run_batch(math.sqrt, CASES, store=store, progress=False)
+    raw = store.read_bytes()
+    ends = [i + 1 for i, byte in enumerate(raw) if byte == ord("\n")]
+    for size in range(ends[0], len(raw)):
+        store.write_bytes(raw[:size])
+        function = Counted()
+        assert dfc.run_batch(function, CASES, store=store, progress=False) == ROOTS
+        # One line of the whole ones is the heading.
+        assert len(function.seen) == 3 - (sum(end <= size for end in ends) - 1)
+        assert store.read_bytes() == raw
+
+
+def test_a_case_that_fails_is_named_and_leaves_the_finished(tmp_path):
+    store = tmp_path / "roots.jsonl"
+    with pytest.raises(ValueError, match="math domain error|nonnegative") as caught:
+        dfc.run_batch(math.sqrt, {"good": 4.0, "bad": -1.0}, store=store, progress=False)
+    assert caught.value.__notes__ == ['in case "bad"']
+    function = Counted()
+    dfc.run_batch(function, {"good": 4.0}, store=store, progress=False)
+    assert function.seen == []
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no store of a batch"),
+        (b"t,u,x\n0,0,0\n", "no store of a batch"),
+        (b'{"store": "dryfric-control bat', "no store of a batch"),
+        (b'{"store": "another"}\n', "no store of a batch"),
+        (b'{"store": "dryfric-control batch 1", "settings": 3}\n', "m is 2.0 and was None"),
+        (b'{"store": "dryfric-control batch 1", "settings": {"m": 3.0}}\n', "m is 2.0 and was 3.0"),
+        (b'{"store": "dryfric-control batch 1", "settings": {"m": 2.0}}\n3\n', "damaged in line 2"),
+        (
+            b'{"store": "dryfric-control batch 1", "settings": {"m": 2.0}}\n{"case": 1,\n{}',
+            "damaged in line 2",
+        ),
+    ],
+)
+def test_other_files_are_refused_and_left_alone(tmp_path, content, words):
+    store, function = tmp_path / "store.jsonl", Counted()
+    store.write_bytes(content)
+    with pytest.raises(ValueError, match=f"store.jsonl .*{words}.*give another file"):
+        dfc.run_batch(function, CASES, store=store, settings={"m": 2.0}, progress=False)
+    assert store.read_bytes() == content and function.seen == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (dict(function=3), "function must be callable"),
+        (dict(cases=[1.0]), r"cases must be a mapping.*dict\(enumerate"),
+        (dict(cases={object(): 1.0}), "cases must be finite numbers, text"),
+        (dict(cases={math.nan: 1.0}), "cases must be finite numbers.*nan"),
+        (dict(settings=3), "settings must be a mapping"),
+        (dict(settings={"x": np.zeros(2)}), "settings must be finite numbers"),
+        (dict(jobs=0), "jobs must be a whole number other than 0"),
+        (dict(jobs=1.5), "jobs must be"),
+        (dict(store=3), "store must be the path of a file"),
+        (dict(store="."), "is a folder: name a file in it"),
+        (dict(store="nowhere/a.jsonl"), "does not exist: make it first"),
+    ],
+)
+def test_bad_arguments_are_told_before_any_work(tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    function = Counted()
+    arguments = dict(function=function, cases=CASES, store="store.jsonl", progress=False) | options
+    with pytest.raises(ValueError, match=words):
+        dfc.run_batch(**arguments)
+    assert function.seen == [] and list(tmp_path.iterdir()) == []
+
+
+def test_a_result_that_json_cannot_hold_is_told():
+    with pytest.raises(ValueError, match='numbers, text, lists or dicts, got ndarray for case "a"'):
+        dfc.run_batch(np.atleast_1d, {"a": 1.0}, progress=False)
+
+
+def test_progress_is_shown_unless_silenced(capsys):
+    dfc.run_batch(math.sqrt, CASES, progress=False)
+    assert capsys.readouterr().err == ""
+    dfc.run_batch(math.sqrt, CASES)
+    assert "3/3" in capsys.readouterr().err
+
+
+# --------------------------------------------------------------- fingerprint
+
+
+def test_fingerprint_tells_values_apart_not_how_they_are_held():
+    values = [0.0, -0.0, 1, "1", None, [1.0], [[1.0]], np.array([1.0]), np.array([[1.0]]),
+              np.array([1.0], np.float32), {"a": 1.0}, dfc.Stribeck(0.3, 0.01),
+              dfc.Stribeck(0.3, 0.02), dfc.effects.Spring(0.3, 0.01), {1}]  # fmt: skip
+    assert len({fingerprint(value) for value in values}) == len(values)
+    assert fingerprint((np.float64(1.0),)) == fingerprint([1.0])
+    assert fingerprint(np.zeros((4, 4))[::2]) == fingerprint(np.zeros((2, 4)))
+    assert fingerprint(dfc.effects.Spring(0.3, 0.01)) == fingerprint(dfc.effects.Spring(0.3, 0.01))
+
+
+def test_fingerprint_does_not_see_what_is_worked_out():
+    record = dfc.Record(1e-3 * np.arange(50), np.arange(50.0), np.arange(50.0) ** 2)
+    before = fingerprint(record)
+    record.derivatives()
+    assert "quantum" in vars(record) and fingerprint(record) == before
+
+
+def test_what_is_left_out_makes_no_difference():
+    axes = [dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=level) for level in (1.0, 2.0)]
+    assert len({fingerprint(axis) for axis in axes}) == 2
+    assert len({fingerprint([axis], without=(dfc.CoulombMap,)) for axis in axes}) == 1
+
+
+# -------------------------------------------------------------- monte_carlo
+
+
+@pytest.fixture(scope="module")
+def design():
+    return presets.clutch_observer()
+
+
+@pytest.fixture(scope="module")
+def plain(design):
+    """Scores without a store, in this process."""
+    found = scores(design)
+    assert np.isfinite(found).all()
+    return found
+
+
+def scores(design, runs=RUNS, **options):
+    found = presets.clutch_monte_carlo(
+        design, runs=runs, duration=DURATION, progress=False, **options
+    )
+    return np.stack([*found.scores.values()])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_same_bits_with_and_without_store_in_any_number_of_jobs(design, plain, tmp_path, jobs):
+    store = tmp_path / "runs.jsonl"
+    assert scores(design, store=store, jobs=jobs).tobytes() == plain.tobytes()
+    assert len(lines(store)) == 1 + RUNS
+    assert scores(design, store=store, jobs=jobs).tobytes() == plain.tobytes()
+    assert len(lines(store)) == 1 + RUNS
+
+
+def test_a_store_serves_the_design_from_its_file(design, tmp_path):
+    """Its certificate is recomputed, and may differ by rounding."""
+    store, path = tmp_path / "runs.jsonl", tmp_path / "design.json"
+    design.save(path)
+    scores(design, runs=1, store=store)
+    before = store.read_bytes()
+    scores(dfc.load_design(path), runs=1, store=store)
+    assert store.read_bytes() == before
+
+
+def test_a_store_serves_more_runs(design, plain, tmp_path):
+    store = tmp_path / "runs.jsonl"
+    few = scores(design, runs=2, store=store)
+    assert few.tobytes() == plain[:, :2].tobytes()
+    assert scores(design, store=store).tobytes() == plain.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (dict(seed=1), None),
+        (dict(duration=1.9), "reference is"),
+        (dict(estimators={"paper": None}), "estimators is"),
+        (dict(design="other"), "design is"),
+    ],
+)
+def test_a_store_of_other_runs_is_refused(design, tmp_path, options, words):
+    store = tmp_path / "runs.jsonl"
+    sound = dict(design=design, runs=1, duration=DURATION, progress=False, store=store)
+    presets.clutch_monte_carlo(**sound)
+    if "estimators" in options:
+        from dryfric_control.observer.monte_carlo import SwitchedEstimator
+
+        options = dict(estimators={"paper": SwitchedEstimator(design, "paper", 1.0)})
+    if "design" in options:
+        options = dict(design=presets.clutch_observer(decay=0.999))
+    if words is None:  # another seed draws other plants, which are other cases
+        presets.clutch_monte_carlo(**sound | options)
+        assert len(lines(store)) == 3
+    else:
+        with pytest.raises(ValueError, match=f"other settings: .*{words}"):
+            presets.clutch_monte_carlo(**sound | options)
+
+
+ESTIMATOR = '''
+import os, time
+from dataclasses import dataclass
+from dryfric_control.observer.monte_carlo import SwitchedEstimator
+
+CALLS = []
+
+@dataclass(frozen=True)
+class Stopping(SwitchedEstimator):
+    """Hangs after some calls, if told to."""
+
+    def estimate(self, u, y, xhat0=0.0):
+        if len(CALLS) == int(os.environ.get("HANG_AFTER", "-1")):
+            time.sleep(600.0)
+        CALLS.append(xhat0)
+        return super().estimate(u, y, xhat0)
+'''
+SCRIPT = f"""
+import sys
+from dryfric_control import presets
+from stopping import Stopping
+
+design = presets.clutch_observer()
+presets.clutch_monte_carlo(
+    design, runs={RUNS}, duration={DURATION}, progress=False, store=sys.argv[1],
+    estimators={{"stopping": Stopping(design, "paper", 1.0)}},
+)
+"""
+
+
+def test_a_killed_run_goes_on_where_it_was(design, tmp_path, monkeypatch):
+    (tmp_path / "stopping.py").write_text(ESTIMATOR)
+    store, half = tmp_path / "runs.jsonl", RUNS // 2
+    folders = [str(tmp_path), str(Path(dfc.__file__).parents[1])]
+    path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
+    run = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(store)],
+        env=os.environ | {"PYTHONPATH": path, "HANG_AFTER": str(half)},
+    )
+    try:
+        # It hangs once half of them are kept; five minutes: compiling, on a busy machine.
+        deadline = time.monotonic() + 300.0
+        while not (store.exists() and len(lines(store)) == 1 + half):
+            assert run.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
+    finally:
+        run.kill()
+        run.wait()
+    assert len(lines(store)) == 1 + half
+
+    monkeypatch.syspath_prepend(tmp_path)
+    import stopping
+
+    estimators = {"stopping": stopping.Stopping(design, "paper", 1.0)}
+    resumed = scores(design, store=store, estimators=estimators)
+    assert len(stopping.CALLS) == RUNS - half
+    assert resumed.tobytes() == scores(design, estimators=estimators).tobytes()
+
+
+def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="dask[distributed] is not installed")
+    store = tmp_path / "runs.jsonl"
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1",
+        dashboard_address=None, local_directory=str(tmp_path),
+    )  # fmt: skip
+    with cluster, distributed.Client(cluster) as client:
+        addresses = {worker["host"] for worker in client.scheduler_info()["workers"].values()}
+        assert addresses == {"127.0.0.1"}
+        before = client.run(os.getpid)
+        with joblib.parallel_config(backend="dask"):
+            on_cluster = scores(design)
+            stored = scores(design, store=store)
+            pids = dfc.run_batch(_pid, dict(enumerate(range(8))), progress=False)
+        # It was the workers that ran.
+        assert set(pids.values()) <= set(before.values())
+    assert on_cluster.tobytes() == plain.tobytes()
+    assert stored.tobytes() == plain.tobytes()
+    assert len(lines(store)) == 1 + RUNS
+
+
+def _pid(value):
+    return os.getpid()
+
+
+# ------------------------------------------------------------ diagnose_batch
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """A believed axis, and records of a machine whose drive is 20 % stronger."""
+    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = believed.replace(effects=(dfc.effects.InputGain(gain=1.2),))
+    t = 1e-3 * np.arange(6000)
+    records = {}
+    for name, tone in (("monday", 17.0), ("tuesday", 19.0)):
+        u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(tone * t + 1.0)
+        records[name] = dfc.Record(t, u, 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0]))
+    return believed, records
+
+
+def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch):
+    axis, records = bench
+    store = tmp_path / "diagnoses.jsonl"
+    one = dfc.diagnose_batch(axis, {"monday": records["monday"]}, store=store, progress=False)
+    both = dfc.diagnose_batch(axis, records, store=store, progress=False)
+    assert both["monday"] == one["monday"]
+    for name, record in records.items():
+        alone = dfc.diagnose(axis, record, jobs=1).to_dict()
+        assert both[name] == json.loads(json.dumps(alone))
+        assert [cause["effect"] for cause in both[name]["causes"]] == ["input_gain"]
+    assert len(lines(store)) == 3
+
+    asked = []
+    monkeypatch.setattr(
+        "dryfric_control.diagnosis.batch._found", lambda *given: asked.append(given)
+    )
+    assert dfc.diagnose_batch(axis, records, store=store, progress=False) == both
+    assert asked == []
+    # The same name over other data is another case.
+    renamed = {"monday": records["tuesday"]}
+    dfc.diagnose_batch(axis, renamed, store=store, progress=False)
+    assert [given[-1] for given in asked] == [records["tuesday"]]
+    for other in (dict(axis=axis.replace(mass=2.1)), dict(window=0.3), dict(hold="first")):
+        with pytest.raises(ValueError, match=f"other settings: {next(iter(other))} is"):
+            dfc.diagnose_batch(
+                **dict(axis=axis, records=records, store=store, progress=False) | other
+            )
+
+
+def test_records_in_a_list_are_numbered(bench, monkeypatch):
+    axis, records = bench
+    monkeypatch.setattr("dryfric_control.diagnosis.batch._found", lambda *given: given[-1].t[-1])
+    found = dfc.diagnose_batch(axis, [*records.values()], progress=False)
+    assert found == {i: record.t[-1] for i, record in enumerate(records.values())}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (dict(axis=3), "axis must be a FrictionAxis"),
+        (dict(records=3), "records must be a mapping"),
+        (dict(records=[3]), r"records\[0\] must be a Record"),
+        (dict(window=9.0), "window = 9 s"),
+        (dict(hold="second"), '"zero" or "first"'),
+    ],
+)
+def test_bad_batches_of_records_are_told(bench, options, words):
+    axis, records = bench
+    with pytest.raises(ValueError, match=words):
+        dfc.diagnose_batch(**dict(axis=axis, records=records, progress=False) | options)

@@ -1,0 +1,365 @@
+"""Files: written whole or not at all, refused when damaged or newer, never executed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import damage
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis import Experiment
+from dryfric_control.diagnosis.report import page as report
+from dryfric_control.diagnosis.report.diagnosis import Gain, Unexplained
+from dryfric_control.store import files
+
+AXIS = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), effects=(dfc.effects.Spring(40.0),)
+)
+RECORD = dfc.Record(damage.T, damage.U, damage.X, damage.REFERENCE, quantum=1e-6)
+DESIGN = dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6)
+DIAGNOSIS = dfc.Diagnosis(
+    AXIS, RECORD, "nothing to find", (), AXIS, Gain(1e-6, 1e-6, 1e-6, (0.9, 1.1), "m"),
+    Unexplained(0.0, False, ()), None, (), {}, 0.25, np.zeros(3, np.int64),
+)  # fmt: skip
+PLAN = Experiment(
+    "steps", "steps", "step it", damage.T, damage.REFERENCE, None, (), {}, {}, "coulomb", {}, {},
+    ("m", "N"),
+)  # fmt: skip
+RAMP = dfc.slow_ramp_experiment(AXIS, duration=5.0)
+
+WRITERS = {
+    "Record.to_csv": ("run.csv", RECORD.to_csv),
+    "write_axis": ("axis.toml", lambda path: dfc.write_axis(AXIS, path)),
+    "ObserverDesign.save": ("observer.json", DESIGN.save),
+    "Diagnosis.to_json": ("diagnosis.json", DIAGNOSIS.to_json),
+    "Diagnosis.to_html": ("report.html", DIAGNOSIS.to_html),
+    "Experiment.to_csv": ("plan.csv", PLAN.to_csv),
+    "SlowRamp.to_csv": ("ramp.csv", RAMP.to_csv),
+}
+
+
+# ------------------------------------------------------------------ writing
+
+
+class TornError(Exception):
+    """What a test throws into a write."""
+
+
+@pytest.fixture
+def page(monkeypatch):
+    """A report without its drawings, which take seconds."""
+    monkeypatch.setattr(report, "html_page", lambda _: "<p>report</p>")
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize("old", [b"what was there before", None])
+def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch, page, writer, old):
+    name, write = WRITERS[writer]
+    path = tmp_path / name
+    if old is not None:
+        path.write_bytes(old)
+
+    def fail(*_: Any) -> None:
+        raise TornError
+
+    with monkeypatch.context() as here, pytest.raises(TornError):
+        here.setattr(files.os, "replace", fail)
+        write(path)
+    assert [p.name for p in tmp_path.iterdir()] == ([name] if old is not None else [])
+    assert old is None or path.read_bytes() == old
+    write(path)
+    assert path.stat().st_size > 0
+    assert path.read_bytes() != old
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer):
+    """The system refuses after a few bytes: the file was half written then."""
+    resource = pytest.importorskip("resource")
+    name, write = WRITERS[writer]
+    path = tmp_path / name
+    path.write_bytes(b"old")
+    # Instead of the usual signal, the write fails with an error.
+    kept = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5, limits[1]))
+        with pytest.raises(OSError):
+            write(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, kept)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert path.read_bytes() == b"old"
+
+
+def test_a_killed_process_leaves_the_old_file(tmp_path):
+    path = tmp_path / "observer.json"
+    path.write_bytes(b"old")
+    source = Path(files.__file__)
+    code = f"""
+import importlib.util, os, signal
+spec = importlib.util.spec_from_file_location("files", {str(source)!r})
+files = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(files)
+with files.replacing({str(path)!r}) as part:
+    with part.open("w") as file:
+        file.write("half of the new")
+        file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    assert path.read_bytes() == b"old"
+    # what is left over does not look like the file
+    assert {p.suffix for p in tmp_path.iterdir() if p != path} == {".part"}
+
+
+# --------------------------------------------------- damaged and newer files
+
+
+def saved(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
+    path = tmp_path / "observer.json"
+    DESIGN.save(str(path))
+    return path, json.loads(path.read_text())
+
+
+def set_in(data: Any, place: tuple[Any, ...], value: Any) -> None:
+    for key in place[:-1]:
+        data = data[key]
+    data[place[-1]] = value
+
+
+@pytest.mark.parametrize("key", json.loads(json.dumps(sorted(
+    {"axis", "dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale", "method",
+     "discretization", "window", "uncertainty", "performance", "integral_modes", "graph",
+     "node_gains", "state_scale", "lyapunov", "lyapunov_decay", "format", "version"}
+))))  # fmt: skip
+def test_a_design_without_a_part_is_refused(tmp_path, key):
+    path, data = saved(tmp_path)
+    for value in (None, [], {}, "x", -1, [[1]]):
+        path.write_text(json.dumps(data | {key: value}))
+        with pytest.raises(ValueError, match=r"observer\.json .*(damaged|changed|version|no obs)"):
+            dfc.load_design(path)
+    del data[key]
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=r"observer\.json .*(damaged|version|no observer)"):
+        dfc.load_design(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("version",), 2, "version 2, this package reads 1: .* newer package"),
+        (("version",), "1", "version '1'"),
+        (("axis", "mass"), -2.0, "mass must be more than zero"),
+        (
+            ("axis", "mass"),
+            0.02,
+            "changed: .*, or design again$",
+        ),  # another machine, gains as before
+        (("axis", "flux"), 1.0, "flux"),
+        (("axis", "effects", 0, "slug"), "warp", "warp"),
+        (("axis", "effects", 0, "parameters", "stiffness"), "stiff", "stiffness must be a number"),
+        (("dt",), 0.0, "dt must be more than zero"),
+        (("dt",), 1.0, "stick_rate"),
+        (("decay",), 1.5, "decay must be at most 1"),
+        (("noise",), -1e-6, "noise must be zero or more"),
+        (("encoder_quantum",), -1e-6, "encoder_quantum must be zero or more"),
+        (("gamma",), 1e-9, "changed: the gain condition fails"),
+        (("node_gains", 0, 0), 3.0, "changed: .*fails"),
+        (("node_gains", 0, 0), "NaN", "node_gains"),
+        (("node_gains", 0), [1.0, 2.0], "node_gains|inhomogeneous"),
+        (("state_scale", 0), 0.0, "state_scale must be positive"),
+        (("state_scale", 0), 1e-320, "damaged: .*overflow"),
+        (("node_gains", 0, 2), 1e308, "damaged: .*overflow|changed"),
+        (("lyapunov", 0, 0, 0), -1.0, "changed: .*not positive definite"),
+        (("uncertainty", "1"), -1.0, r"uncertainty\[1\]"),
+        (("performance", 0), -1.0, "performance"),
+        (("integral_modes",), [0, 7], "integral_modes must be one of"),
+        (("graph", "labels", 0), 9, "graph.labels"),
+        (("graph", "edges", 0), [0, 99], "graph does not fit"),
+        (("method",), "magic", "method must be one of"),
+        (("window",), 1.5, "window must be a whole number"),
+    ],
+)
+def test_a_changed_design_is_refused(tmp_path, place, value, words):
+    path, data = saved(tmp_path)
+    set_in(data, place, value)
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=words) as caught:
+        dfc.load_design(path)
+    assert "observer.json" in str(caught.value)
+
+
+def test_a_design_cut_off_anywhere_is_refused(tmp_path):
+    path, _ = saved(tmp_path)
+    whole = path.read_bytes()
+    for place in np.linspace(0, len(whole) - 3, 40).astype(int):
+        path.write_bytes(whole[:place])
+        with pytest.raises(ValueError, match="observer.json is damaged: not readable as JSON"):
+            dfc.load_design(path)
+
+
+def test_an_axis_cut_off_anywhere_is_refused_or_sound(tmp_path):
+    """Cut between two lines a TOML file is whole: it must lack something then, or be an axis."""
+    path = tmp_path / "axis.toml"
+    dfc.write_axis(AXIS, path)
+    whole = path.read_bytes()
+    taken = 0
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place])
+        try:
+            found = dfc.read_axis(path)
+        except ValueError as problem:
+            assert "axis.toml" in str(problem)
+        else:
+            taken += 1
+            # never another value than the one written: a number cut short is another number
+            assert (found.mass, found.viscous, found.coulomb) == (2.0, 15.0, AXIS.coulomb)
+    assert taken < 0.6 * len(whole)
+
+
+def test_the_diagnosis_is_plain_json_that_nobody_loads(tmp_path):
+    path = tmp_path / "diagnosis.json"
+    DIAGNOSIS.to_json(path)
+    assert json.loads(path.read_text())["verdict"] == "nothing to find"
+    with pytest.raises(ValueError, match="no observer design"):
+        dfc.load_design(path)
+    with pytest.raises(ValueError, match="no TOML"):
+        dfc.read_axis(path)
+    with pytest.raises(ValueError, match="read_bam"):
+        dfc.read_record(path)
+
+
+# --------------------------------------------------------- nothing executes
+
+_WATCH: list[str] | None = None
+_FORBIDDEN = {
+    "exec", "compile", "os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen",
+    "pickle.find_class", "marshal.loads", "ctypes.dlopen", "socket.connect", "import",
+}  # fmt: skip
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if _WATCH is not None and event in _FORBIDDEN:
+        _WATCH.append(f"{event}: {str(arguments)[:80]}")
+
+
+sys.addaudithook(_hear)
+
+
+def heard(call: Any) -> list[str]:
+    """Events of the interpreter while a call runs that no reader needs."""
+    global _WATCH
+    _WATCH = []
+    try:
+        call()
+    finally:
+        events, _WATCH = _WATCH, None
+    return events
+
+
+def test_the_watch_hears():
+    assert heard(lambda: eval("1 + 1"))
+    assert not heard(lambda: 1 + 1)
+
+
+_MARK = "__import__('os').system('touch executed')"
+_TRAPS = {
+    "record.csv": f"# {_MARK}\nt,u,x\n" + "".join(f"{k},{_MARK},{k}\n" for k in range(12)),
+    "sheet.csv": "t,u,x\n" + "".join(f"{k},=cmd|' /C touch executed'!A0,{k}\n" for k in range(12)),
+    "pickle.csv": b"cos\nsystem\n(S'touch executed'\ntR.",
+    "axis.toml": f'mass = "{_MARK}"\nviscous = 15.0\ncoulomb = 8.0\n',
+    "effect.toml": 'mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n[[effects]]\neffect = "__class__"\n',
+    "observer.json": json.dumps({"format": "dryfric-control observer design", "version": 1,
+                                 "axis": {"effects": [{"slug": _MARK, "parameters": {}}]}}),
+    "log.json": json.dumps({"entries": [{"timestamp": _MARK}]}),
+    "run.mat": b"cos\nsystem\n(S'touch executed'\ntR." + bytes(200),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", _TRAPS)
+def test_nothing_in_a_file_is_executed(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    text = _TRAPS[name]
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    read = {"toml": dfc.read_axis, "csv": dfc.read_record, "mat": dfc.read_record}.get(
+        path.suffix[1:], dfc.read_bam if name == "log.json" else dfc.load_design
+    )
+
+    def attempt() -> None:
+        with pytest.raises(ValueError):
+            read(path)
+
+    attempt()  # imports what it needs
+    assert heard(attempt) == []
+    assert not (tmp_path / "executed").exists()
+
+
+def test_nothing_is_executed_by_reading_sound_files(tmp_path):
+    for kind, contents in damage.sound_files(tmp_path).items():
+        reader = damage.READERS[kind]
+        for content in contents:
+            path = tmp_path / f"file{reader.suffix}"
+            path.write_bytes(content)
+            reader.read(path)
+            assert heard(lambda reader=reader, path=path: reader.read(path)) == []
+
+
+# ---------------------------------------------------------------- round trip
+
+
+def test_axis_text_is_plain_toml(tmp_path):
+    path = tmp_path / "axis.toml"
+    dfc.write_axis(AXIS.replace(name='a "b" \\ \n\x7f é'), path)
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["name"] == 'a "b" \\ \n\x7f é'
+    assert dfc.read_axis(path).name == 'a "b" \\ \n\x7f é'
+
+
+def test_a_design_comes_back_bit_by_bit(tmp_path):
+    path, _ = saved(tmp_path)
+    again = dfc.load_design(path)
+    for field in dataclasses.fields(DESIGN):
+        one, other = getattr(DESIGN, field.name), getattr(again, field.name)
+        if isinstance(one, np.ndarray):
+            assert np.array_equal(one, other)
+        elif field.name != "certificate":
+            assert one == other
+    assert again.gamma == DESIGN.gamma
+    assert os.listdir(tmp_path) == ["observer.json"]
+
+
+# -------------------------------------------------------------------- fuzzing
+
+
+@pytest.mark.parametrize("kind", damage.READERS)
+def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
+    """A moment of ``benchmarks/fuzz_readers.py``, always the same."""
+    folder = tmp_path_factory.mktemp("fuzz")
+    sound = damage.sound_files(folder)[kind]
+    assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
+
+    @settings(max_examples=500, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+    @given(st.sampled_from(sound), damage.damages)
+    def one(content, changes):  # type: ignore[no-untyped-def]
+        broken = damage.damaged(content, changes)
+        assert damage.verdict(kind, broken, folder) in ("taken", "refused")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        one()

@@ -330,7 +330,9 @@ class FrictionAxis:
             raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
         outputs = np.empty((4, force.size))
         if law is not None:
-            instance("law", law, Law, "such as dfc.laws.LuGre(stiffness=1e5, damping=100.0)")
+            # A class has the attributes of its instances.
+            given = law.__name__ if isinstance(law, type) else law
+            instance("law", given, Law, "such as dfc.laws.LuGre(stiffness=1e5, damping=100.0)")
             outputs[:] = law.run(self, force, dt, x0, v0, hold)
             located = _sampled_switches(outputs[3], dt)
         else:

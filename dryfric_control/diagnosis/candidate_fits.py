@@ -16,6 +16,7 @@ from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesi
 from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
+from dryfric_control.ties import SQUARES, ranked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -220,7 +221,7 @@ class Race:
             if any(self._settled(r.loss, self.fit) for r in done.values()):
                 break
             tried = self._run(self._first, ((base, e, tuple(free), settled) for e in group))
-            started = sorted((r for runs in tried for r in runs), key=lambda r: r.loss)
+            started = _sorted(r for runs in tried for r in runs)
             if settled:
                 # A fit that ends no lower than the one without has nothing to say.
                 started = [r for r in started if r.loss < without - _LOWER]
@@ -229,12 +230,12 @@ class Race:
             ahead = [r for r, late in zip(started, far, strict=True) if not late]
             runners += self._run(self._on, ((r, _TURNS[settled] + 2) for r in ahead))
             runners += [r for r, late in zip(started, far, strict=True) if late]
-            runners.sort(key=lambda r: r.loss)
+            runners = _sorted(runners)
             keep = [r for r in self._near(runners) if id(r) not in done]
             ends = self._run(self._second, ((r, settled) for r in keep))
             done |= {id(r): end for r, end in zip(keep, ends, strict=True)}
         first: dict[str, Fitted] = {}
-        for r in sorted(done.values(), key=lambda r: r.loss):
+        for r in _sorted(done.values()):
             first.setdefault(r.slug, r)
         left = {r.slug: r for r in reversed(runners) if r.slug not in first}
         return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
@@ -286,7 +287,7 @@ class Race:
             if len(some) > _MANY:
                 runs = [self.bench.evaluate(o[3], self.fit, None, base.starts, -1) for o in some]
                 losses = [self.bench.loss(at.costs, self.fit) for at in runs]
-                some = [some[i] for i in np.argsort(losses, kind="stable")[:_MANY]]
+                some = [some[i] for i in ranked(losses, SQUARES)[:_MANY]]
             options += some
         # Where the base is next to the floor its start states are the true ones.
         starts = base.starts if settled else None
@@ -297,7 +298,7 @@ class Race:
             tried.append((self.bench.loss(at.costs, some) + h.prior(z)[0], number, h, z))
         if not tried:
             return []
-        tried.sort(key=lambda item: item[0])
+        tried = [tried[i] for i in ranked([item[0] for item in tried], SQUARES)]
         # The best of every origin, and whoever is as good as the best of all.
         firsts = {number: i for i, (_, number, _, _) in reversed(list(enumerate(tried)))}
         chosen = set(firsts.values())
@@ -311,11 +312,12 @@ class Race:
             # A break-away hit by luck from other starts must not hide a likeness to the base.
             known = [at.starts] if starts is None else [at.starts, starts]
             ends = [self.bench.evaluate(axis, self.sieve, None, s, 1) for s in known]
-            at = min(ends, key=lambda end: self.bench.loss(end.costs, self.sieve))
+            losses = [self.bench.loss(end.costs, self.sieve) for end in ends]
+            at = ends[ranked(losses, SQUARES)[0]]
             loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
             runs.append(Fitted(effect.slug, h, z, axis, loss, at.starts, np.empty(0)))
         # Fits that tie may differ in what they ask of the base parameters.
-        runs.sort(key=lambda r: r.loss)
+        runs = _sorted(runs)
         apart: list[Fitted] = []
         for r in runs:
             same = any(np.allclose(r.z, other.z, rtol=_SAME, atol=_SAME) for other in apart)
@@ -338,3 +340,9 @@ class Race:
         scales = h.scales(one.z, self.fit)[-3:]
         starts = one.starts if settled else None
         return self._finished(one.slug, h, one.z, self.fit, scales, starts, True)
+
+
+def _sorted(runs: Iterable[Fitted]) -> list[Fitted]:
+    """Fits, the lowest loss first; those that tie in the order given."""
+    runs = list(runs)
+    return [runs[i] for i in ranked([r.loss for r in runs], SQUARES)]

@@ -21,6 +21,7 @@ from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.record import Record
+from dryfric_control.ties import ranked, samples
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def roles(windows: Windows) -> NDArray[np.int64]:
     """
     length = windows.record.duration / len(windows)
     block = min(_BLOCK, windows.record.duration / _FEWEST_BLOCKS)
-    size = max(1, round(block / length))
+    size = max(1, samples(block, length))
     return np.asarray(_TURN, dtype=np.int64)[(np.arange(len(windows)) // size) % len(_TURN)]
 
 
@@ -244,7 +245,7 @@ def _causes(
         bases.append(
             _cause(selector, _SLUGS[name], {name: name}, values, errors, units, less, best, ())
         )
-    return causes + sorted(bases, key=lambda cause: -cause.held_out_gain)
+    return causes + [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
 
 
 def _cause(  # type: ignore[no-untyped-def]

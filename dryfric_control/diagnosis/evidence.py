@@ -18,6 +18,7 @@ from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record, RecordWarning
+from dryfric_control.ties import ranked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -429,7 +430,9 @@ def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[
     share = hits / np.maximum(size, 1)
     elsewhere = (count - hits) / np.maximum(total - size, 1)
     clear = (chance < _SURE) & (share >= _SHARE) & (share >= _TIMES * elsewhere)
-    order = sorted(np.flatnonzero(clear), key=lambda i: (chance[i], places[i].width))
+    order = np.flatnonzero(clear)
+    for key in (np.array([place.width for place in places]), chance):
+        order = order[ranked(key[order])]
     named: dict[str, str] = {}
     for i in order:
         # What is far less clear than the clearest is most likely its shadow.

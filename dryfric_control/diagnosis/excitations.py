@@ -13,6 +13,7 @@ from dryfric_control.checks import finite, positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect, parameter
 from dryfric_control.records.record import Record
+from dryfric_control.ties import samples
 
 FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray]
@@ -118,7 +119,7 @@ class Stage:
         axis = axis.effective()
         middle = 0.5 * sum(limits.travel)
         level = 0.5 * float(np.sum([axis.coulomb(np.array([middle]), s) for s in (1, -1)]))
-        n = min(round(_DURATION / dt), _MOST_SAMPLES)
+        n = min(samples(_DURATION, dt), _MOST_SAMPLES)
         return cls(limits, axis, level, np.asarray(dt * np.arange(n)))
 
     @property

@@ -20,6 +20,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import wrapped
+from dryfric_control.ties import above, ranked
 
 if TYPE_CHECKING:
     import control as ct
@@ -302,12 +303,12 @@ def next_experiment(
         # A refit can only bring hypotheses closer, so the order by what they are
         # without one tells when to stop.
         upper = [_worth([part for part, _ in pairs]) for pairs in raw]
-        for k in sorted(range(len(stages)), key=lambda k: -upper[k]):
-            if best is not None and upper[k] <= best[0]:
+        for k in ranked(-np.array(upper)):
+            if best is not None and not above(upper[k], best[0]):
                 break
             parts, scores = _after_refit(stages[k], stage, refits, raw[k], quantum)
             worth = _worth(parts)
-            if best is None or worth > best[0]:
+            if best is None or above(worth, best[0]):
                 best = (worth, stages[k], parts, scores)
         if best is not None and min(best[2]) > _PARTED:
             break

@@ -18,6 +18,7 @@ from dryfric_control.estimation.parameters import powers, values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.records.record import Record
+from dryfric_control.ties import above, ranked
 
 FloatArray = NDArray[np.float64]
 Values = dict[str, float]
@@ -202,9 +203,10 @@ def _periods(v: View, along: FloatArray) -> list[tuple[float, FloatArray, FloatA
     for i in range(grid.size):
         power[i] = abs(turned.sum())
         turned *= turn
-    peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    # Of two as high side by side the first is the peak.
+    peaks = np.flatnonzero(above(power[1:-1], power[:-2]) & ~above(power[2:], power[1:-1])) + 1
     found = []
-    for i in peaks[np.argsort(-power[peaks])][:2]:
+    for i in peaks[ranked(-power[peaks])[:2]]:
         f = _refine(along, target, q, grid[i], 1.0 / (_FINE * reach))
         phase = 2.0 * np.pi * f * along
         c, change = _regress(v, [np.sin(phase), np.cos(phase)])
@@ -222,7 +224,7 @@ def _refine(along: FloatArray, target: FloatArray, q: FloatArray, f: float, widt
 
     for _ in range(6):
         trial = [f - width, f, f + width]
-        f = trial[int(np.argmin([left(g) if g > 0.0 else np.inf for g in trial]))]
+        f = trial[ranked([left(g) if g > 0.0 else np.inf for g in trial])[0]]
         width *= 0.5
     return f
 

@@ -12,6 +12,7 @@ from dryfric_control.compiled.windowed_runs import moved, normal_terms, project
 from dryfric_control.estimation.parameters import Parameter, with_values
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.ties import NEAR, SQUARES, above, ranked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -92,13 +93,13 @@ class Bench:
         self.samples = windows.samples.astype(float)
         starts = windows.edges[:-1]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
-        self.moving = reach > 4.0 * self.floor
+        self.moving = above(reach, 4.0 * self.floor, NEAR * record.range)
 
     def sieve(self, active: BoolArray, scores: FloatArray, most: int = 14) -> BoolArray:
         """Some of the windows: the worst, where what is rare shows, and others evenly."""
         picked = np.zeros(active.size, bool)
         known = np.flatnonzero(active)
-        picked[known[np.argsort(-scores[known])[: most // 2]]] = True
+        picked[known[ranked(-scores[known], SQUARES)[: most // 2]]] = True
         others = np.flatnonzero(active & self.moving & ~picked)
         if others.size:
             some = np.unique(np.linspace(0, others.size - 1, most - most // 2).astype(int))

@@ -16,6 +16,7 @@ from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.uncertainty import block_labels, jackknife
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.ties import SQUARES, above, ranked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -153,7 +154,7 @@ class Selector:
         nothing to tell.  Either way it must fit the better, on the data that it
         was fitted to.
         """
-        if fitted.loss >= without.loss:
+        if not above(without.loss, fitted.loss + SQUARES):
             return False
         if self.better(without.scores, fitted.scores, floor):
             return True
@@ -258,7 +259,7 @@ class Selector:
             # The same without the cause, from where the winner got to: the fit
             # without it may only have ended early.
             less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
-            if less.loss < found.best.loss:
+            if above(found.best.loss, less.loss + SQUARES):
                 found.best = less
             if self.earns(found.best, winner, floor, count + 1):
                 break
@@ -280,7 +281,7 @@ class Selector:
     ) -> tuple[Fitted | None, list[Fitted]]:
         """The plainest of the best, and those that tie with it."""
         judge = self.race.judge
-        best = min(judged, key=lambda r: r.scores[judge].mean())
+        best = judged[ranked([r.scores[judge].mean() for r in judged])[0]]
         level = [r for r in judged if self.ties(r.scores, best.scores, floor)]
         if self.ties(current.scores, best.scores, floor) or not self.better(
             current.scores, best.scores, floor
@@ -308,7 +309,8 @@ class Selector:
         judge = self.race.judge
         weight = self.bench.samples * ROBUST**2
         costs = {id(r): self.cost(r, causes) for r in level}
-        best = min(level, key=lambda r: float(weight[judge] @ r.scores[judge]) + costs[id(r)])
+        totals = [float(weight[judge] @ r.scores[judge]) + costs[id(r)] for r in level]
+        best = level[ranked(totals, SQUARES)[0]]
         level = [r for r in level if costs[id(r)] < costs[id(best)] + _PLAIN]
         if len(level) == 1:
             return best
@@ -342,7 +344,7 @@ class Selector:
                     self.without(found.best.axis, slug), self._names(found, slug)
                 )
                 earlier = found.earlier.get(frozenset(found.causes) - {slug}, less)
-                if earlier.loss < less.loss:
+                if above(less.loss, earlier.loss + SQUARES):
                     less = earlier
                 if not self.earns(less, found.best, floor, len(found.causes)):
                     found.causes.remove(slug)
@@ -375,7 +377,7 @@ class Selector:
             if len(runs) == 1:
                 continue
             judge = self.race.judge
-            best = min(runs.values(), key=lambda r: r.scores[judge].mean())
+            best = list(runs.values())[ranked([r.scores[judge].mean() for r in runs.values()])[0]]
             level = [r for r in runs.values() if self.ties(r.scores, best.scores, floor)]
             winner = self._plainest(level, count, floor)
             chosen = next(s for s, r in runs.items() if r is winner)
@@ -400,8 +402,9 @@ class Selector:
     def base(self, found: Selection, floor: Floor) -> tuple[Fitted, list[str]]:
         """Fit without the base corrections that nothing speaks for, and the others."""
         best = found.best
-        kept = [n for n in BASE.values() if n in best.hypothesis.names]
-        for name in sorted(kept, key=lambda n: self.change(best, n)):
+        kept = names = [n for n in BASE.values() if n in best.hypothesis.names]
+        for i in ranked([self.change(best, n) for n in kept], SQUARES):
+            name = names[i]
             self.tell(f"believed {name}")
             left = [n for n in kept if n != name]
             there = self.hold(best.axis, [n for n in BASE.values() if n not in left])

@@ -18,6 +18,7 @@ from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.record import Record
+from dryfric_control.ties import NEAR, above, samples
 
 FloatArray = NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def simulate(
     x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
     u = run.y[4] + force
     dt = controller.dt
-    length = max(min(round(_WINDOW / dt), x.size // 4), min(_FEWEST, x.size // 4))
+    length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
     count = x.size // length
     starts = length * np.arange(count)
     n = np.arange(x.size)
@@ -240,7 +241,7 @@ class Refit:
         count = int(np.argmin(whole)) if not whole.all() else whole.size
         starts = windows.edges[:count]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
-        moving = np.flatnonzero(reach > 4.0 * quantum)
+        moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True

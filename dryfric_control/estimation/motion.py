@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.records.record import Record
+from dryfric_control.ties import NEAR, samples
 
 # A motion counts once it exceeds what a reading at rest can do: toggling
 # between two codes, or white noise at some five standard deviations of a
@@ -17,7 +18,7 @@ LONGEST = 0.05
 
 def least_motion(record: Record) -> float:
     """Smallest way that quantum and noise of a record do not explain."""
-    return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise)
+    return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise, NEAR * record.range)
 
 
 def directions(record: Record) -> NDArray[np.int8]:
@@ -53,7 +54,7 @@ def directions(record: Record) -> NDArray[np.int8]:
     x = record.x
     least = least_motion(record)
     result = np.zeros(x.size, np.int8)
-    longest = min(max(5, round(LONGEST / record.dt)), (x.size - 1) // 2)
+    longest = min(max(5, samples(LONGEST, record.dt)), (x.size - 1) // 2)
     h = 1
     while True:
         back = x[h:-h] - x[: -2 * h]

@@ -13,6 +13,7 @@ from dryfric_control.compiled.free_runs import normal_terms, start_steps
 from dryfric_control.estimation.parameters import SHIFT, Parameter, with_values
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.ties import NEAR, SQUARES, above
 
 FloatArray = NDArray[np.float64]
 
@@ -176,7 +177,7 @@ class Problem:
         for side in _SIDES:
             tried = np.array([np.zeros(len(w)), side * w.v0_error])
             costs = self._at(model, i, tried, seen[0], active)[1]
-            better = active & (costs < least)
+            better = active & above(least, costs + SQUARES)
             starts[:, better], least[better] = tried[:, better], costs[better]
         for one in seen:
             found = self._descend(model, i, starts, active, one)
@@ -263,7 +264,7 @@ class Problem:
             travel = np.maximum.reduceat(w.record.x, starts) - np.minimum.reduceat(
                 w.record.x, starts
             )
-            moving = travel > 4.0 * self.floors[i]
+            moving = above(travel, 4.0 * self.floors[i], NEAR * w.record.range)
             scale = float(np.quantile(rms[moving], _TYPICAL)) if moving.any() else 0.0
             scale = max(scale, self.floors[i])
             changed |= not 0.8 * self.scales[i] < scale < 1.25 * self.scales[i]

@@ -15,6 +15,7 @@ from dryfric_control.compiled.free_runs import free_runs
 from dryfric_control.estimation.motion import LONGEST, least_motion, rest_times
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.ties import above, samples
 
 FloatArray = NDArray[np.float64]
 
@@ -210,7 +211,7 @@ def cut(
     window = positive("window", window, unit="s")
     if hold not in ("zero", "first"):
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
-    length = round(window / record.dt)
+    length = samples(window, record.dt)
     if not 5 <= length <= len(record):
         slow = "" if record.dt < 0.1 else f" (dt = {record.dt:g} s: is its time in ms?)"
         raise ValueError(
@@ -236,7 +237,7 @@ def cut(
     rest = rest_times(record)[starts]
     # An axis that has not moved for so long has no speed but what escapes the
     # readings; the slope of their noise would set it sliding.
-    still = rest >= LONGEST
+    still = ~above(LONGEST, rest)
     return Windows(
         record,
         np.asarray(edges, dtype=np.int64),

@@ -10,6 +10,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.estimation.motion import directions
 from dryfric_control.records.record import Record
+from dryfric_control.ties import NEAR, above, samples
 
 FloatArray = NDArray[np.float64]
 
@@ -92,12 +93,13 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
         rest = np.flatnonzero(s[a:] != s[a])
         b = a + int(rest[0]) if rest.size else s.size
         total = s[a] * (record.x[b] - record.x[a])
-        parts = max(1, round(total / longest))
+        parts = max(1, samples(total, longest))
         marks = record.x[a] + s[a] * total * np.arange(1, parts) / parts
-        inner = a + np.searchsorted(s[a] * record.x[a:b], s[a] * marks)
+        inner = a + np.searchsorted(s[a] * record.x[a:b], s[a] * marks - NEAR * record.range)
         for c, d in zip([a, *inner], [*inner, b], strict=True):
             travelled = s[a] * (record.x[d] - record.x[c])
-            if d > c and travelled > max(10.0 * (record.quantum or 0.0), 10.0 * record.noise):
+            least = max(10.0 * (record.quantum or 0.0), 10.0 * record.noise)
+            if d > c and above(travelled, least, NEAR * record.range):
                 w = step[c:d] / step[c:d].sum()
                 rows.append(
                     (

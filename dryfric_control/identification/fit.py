@@ -32,6 +32,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.text import wrapped
+from dryfric_control.ties import SQUARES, ranked
 
 if TYPE_CHECKING:
     import control as ct
@@ -403,7 +404,8 @@ def fit_windows(
     )
     # Ends are compared, and their uncertainty found, at the scale of the closest.
     problem.scales = np.min([scales for _, scales in found], axis=0).tolist()
-    z = min((z for z, _ in found), key=lambda z: problem.loss(problem.parts(z)))
+    losses = [problem.loss(problem.parts(z)) for z, _ in found]
+    z = found[ranked(losses, SQUARES)[0]][0]
     return _result(problem, z, first, block, window)
 
 

@@ -11,6 +11,7 @@ from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.ties import samples
 
 FloatArray = NDArray[np.float64]
 
@@ -164,7 +165,7 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], name: str) -> str:
 
 
 def _long(record: Record) -> int:
-    return min(max(record.smoothing_window, (round(0.05 / record.dt) // 2) * 2 + 1), 501,
+    return min(max(record.smoothing_window, (samples(0.05, record.dt) // 2) * 2 + 1), 501,
                (len(record) - 1) | 1)  # fmt: skip
 
 

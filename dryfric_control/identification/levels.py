@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
 from dryfric_control.identification.crawl import Pieces
+from dryfric_control.ties import NEAR
 
 FloatArray = NDArray[np.float64]
 
@@ -36,11 +37,14 @@ class Level(NamedTuple):
         Whitened regressors.
     values : ndarray, shape (n,)
         Whitened works.
+    least : float
+        What round-off of the works leaves in `values`.
     """
 
     coefficients: FloatArray
     rows: FloatArray
     values: FloatArray
+    least: float
 
 
 def inner(x: ArrayLike, travel: tuple[float, float]) -> FloatArray:
@@ -69,7 +73,7 @@ def blocks_of(pieces: Pieces) -> NDArray[np.int64]:
         member = np.unique(pieces.slide, return_inverse=True)[1]
         way = np.bincount(member, pieces.way)
         done = ((np.cumsum(way) - 0.5 * way) / way.sum())[member]
-    label = np.minimum((done * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+    label = np.minimum((done * _BLOCKS + NEAR).astype(np.int64), _BLOCKS - 1)
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
 
@@ -95,21 +99,24 @@ def solve(pieces: Pieces, force: FloatArray, travel: tuple[float, float], degree
     variance b times the way, and that of the kinetic energy at its ends,
     variance a v^2, which the piece before and the piece after share with
     opposite signs.  Both are found from the residuals.  Least squares without
-    the second is several times less accurate on a smooth crawl.
+    the second is several times less accurate on a smooth crawl.  Errors of
+    1e-10 of the force are round-off: neither part is taken for smaller.
     """
+    least = NEAR * np.abs(force).max() * pieces.way
     basis = legendre.legvander(inner(pieces.x, travel), degree) * pieces.way[:, None]
     work = force * pieces.way
     factor = np.vstack([np.sqrt(pieces.way), np.zeros(work.size)])
     for _ in range(_ROUNDS):
         rows = solve_banded((1, 0), factor, basis)
         values = solve_banded((1, 0), factor, work)
-        coefficients, root = _huber(rows, values)
-        factor = _factor(pieces, work - basis @ coefficients)
-    return Level(coefficients, rows * root[:, None], values * root)
+        small = float(np.median(least / factor[0]))
+        coefficients, root = _huber(rows, values, small)
+        factor = _factor(pieces, work - basis @ coefficients, float(np.median(least)))
+    return Level(coefficients, rows * root[:, None], values * root, small)
 
 
-def _huber(rows: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients, and roots of the weights."""
+def _huber(rows: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
+    """Coefficients, and roots of the weights; errors below `least` are round-off."""
     root = np.ones(values.size)
     coefficients = np.zeros(rows.shape[1])
     for _ in range(20):
@@ -119,17 +126,17 @@ def _huber(rows: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray
         if done:
             break
         error = np.abs(values - rows @ coefficients)
-        scale = 1.4826 * float(np.median(error))
+        scale = max(1.4826 * float(np.median(error)), least)
         limit = _LIMIT * scale if scale > 0.0 else np.inf
         root = np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-300)))
     return coefficients, root
 
 
-def _factor(pieces: Pieces, error: FloatArray) -> FloatArray:
-    """Banded Cholesky factor of the covariance of the works."""
-    scale = 1.4826 * float(np.median(np.abs(error)))
+def _factor(pieces: Pieces, error: FloatArray, least: float) -> FloatArray:
+    """Banded Cholesky factor of the covariance of the works; below `least` is round-off."""
+    scale = max(1.4826 * float(np.median(np.abs(error))), least)
     error = np.clip(error, -3.0 * scale, 3.0 * scale) if scale > 0.0 else error
-    total = float(np.sum(error**2))
+    total = max(float(np.sum(error**2)), error.size * least**2)
     if total == 0.0:
         return np.vstack([np.sqrt(pieces.way), np.zeros(error.size)])
     begin, end = pieces.begin**2, pieces.end**2
@@ -152,7 +159,8 @@ def choose(
 ) -> tuple[FloatArray, int]:
     """Held-out error of each degree, and the smallest as good as the best.
 
-    "As good" is within one standard error of the difference, over the blocks.
+    "As good" is within one standard error of the difference, over the blocks, or
+    within what round-off makes of it.
 
     Returns
     -------
@@ -165,7 +173,7 @@ def choose(
     errors = np.zeros((highest + 1, count))
     # Judged in the rows of the highest degree: those are whitened as the noise is.
     whole = solve(pieces, force, travel, highest)
-    limit = _LIMIT * _typical(whole)
+    limit = _LIMIT * max(_typical(whole), whole.least)
     for d in range(highest + 1):
         level = solve(pieces, force, travel, d)
         for g in range(count):
@@ -176,10 +184,11 @@ def choose(
             error = whole.values[out] - whole.rows[out] @ padded
             size = np.minimum(np.abs(error), limit)
             errors[d, g] = np.sum(size * (2.0 * np.abs(error) - size))
+    equal = 2.0 * limit * whole.least * len(force)
     best = int(np.argmin(errors.sum(axis=1)))
     for d in range(best + 1):
         worse = errors[d] - errors[best]
-        if worse.sum() <= np.sqrt(count) * np.std(worse, ddof=1):
+        if worse.sum() <= np.sqrt(count) * np.std(worse, ddof=1) + equal:
             break
     return np.sqrt(errors.sum(axis=1) / len(force)), d
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.estimation.motion import directions
 from dryfric_control.records.record import Record
+from dryfric_control.ties import NEAR, above
 
 # Shorter halts are not told from a reading that lags.
 _SHORTEST = 10
@@ -78,7 +79,7 @@ def stick_phases(record: Record) -> Sticks:
     begin, end = begin[keep], end[keep]
     if end.size > 1:
         ways = np.abs(record.x[begin[1:]] - record.x[end[:-1]])
-        real = ways >= _SLIP * np.quantile(ways, 0.9)
+        real = ~above(_SLIP * np.quantile(ways, 0.9), ways, NEAR * record.range)
         begin, end = begin[np.r_[True, real]], end[np.r_[real, True]]
     return Sticks(begin, end, moving[end].astype(np.int64))
 

@@ -25,6 +25,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController
 from dryfric_control.records.record import Record
+from dryfric_control.ties import NEAR, above, ranked
 
 if TYPE_CHECKING:
     import control as ct
@@ -219,16 +220,27 @@ def identify_stribeck(
         off = np.log([own.amplitude / measured.amplitude, own.period / measured.period])
         return max(float(np.max(np.abs(off))), _CLOSE), cost
 
+    def closest(axes: list[FrictionAxis]) -> list[FrictionAxis]:
+        """The same, the closest first; those that tie in the order given."""
+        misses = [miss(one) for one in axes]
+        order = ranked([cost for _, cost in misses])
+        again = ranked([misses[i][0] for i in order])
+        return [axes[order[i]] for i in again]
+
     measured = ripple(record)
-    points = sorted(_coarse(axis, record, sticks, free)[:_TRIED], key=miss)
+    coarse = _coarse(axis, record, sticks, free)[:_TRIED]
+    points = closest(coarse)
     points += _refined(
         points[:starts], _slips(record, sticks), typical([record]), free, jobs, progress
     )
-    best = min(points, key=miss)
+    best = closest(points)[0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)
-        found = fit_windows(best, [windows], free, starts=1)
-        if miss(found.axis) > miss(best):
+        # Which run comes closest may hang on one break-away: the forces have their say.
+        ends = [fit_windows(p, [windows], free, starts=1) for p in dict.fromkeys((best, coarse[0]))]
+        nearest = closest([end.axis for end in ends])[0]
+        found = next(end for end in ends if end.axis is nearest)
+        if closest([found.axis, best])[0] is best:
             found = assess(best, [windows], free)  # the search went to a wrong valley
     for message in found.messages:
         warnings.warn(message, FitWarning, stacklevel=2)
@@ -284,7 +296,8 @@ def _coarse(
                 continue
             found.append((cost, one))
     chosen: list[FrictionAxis] = []
-    for _, one in sorted(found, key=lambda pair: pair[0]):
+    for i in ranked([cost for cost, _ in found], NEAR * float(np.abs(force).max())):
+        one = found[i][1]
         if all(_apart(one, other) for other in chosen):
             chosen.append(one)
     return chosen or [axis.replace(stribeck=Stribeck(0.2, 0.3 * fastest))]
@@ -317,7 +330,7 @@ def _break_aways(record: Record, sticks: Sticks) -> NDArray[np.int64]:
     for a, b, c, s in zip(sticks.begin, sticks.end, after, sticks.direction, strict=True):
         middle = (a + b) // 2
         rest = float(np.median(record.x[middle:b]))
-        gone = s * (record.x[middle:c] - rest) > least
+        gone = ~above(least, s * (record.x[middle:c] - rest), NEAR * record.range)
         found.append(middle + int(np.argmax(gone)) - 1 if gone.any() else b)
     return np.array(found)
 
@@ -353,7 +366,7 @@ def _slips(record: Record, sticks: Sticks) -> list[Windows]:
         for i in own[:: max(1, own.size // _SOME)][:_SOME]:
             end = int(sticks.begin[i + 1])
             way = s * (record.x[at[i] : end] - record.x[at[i]])
-            start = int(at[i]) + int(np.argmax(way > _GONE * way[-1]))
+            start = int(at[i]) + int(np.argmax(above(way, _GONE * way[-1], NEAR * record.range)))
             if way[-1] > 0.0 and end - start >= 20:
                 spans.append((start, end))
     if not spans:

@@ -20,6 +20,7 @@ from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import hardest_switching, worst_switching
 from dryfric_control.text import wrapped
+from dryfric_control.ties import ranked
 
 Array = NDArray[np.float64]
 
@@ -294,7 +295,8 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
         If one does not.
     """
     # what is not a number is no proof: the worst of all, wherever it stands in the list
-    worst = max(blocks, key=lambda b: np.inf if np.isnan(b.eigenvalue) else b.eigenvalue)
+    sizes = [np.inf if np.isnan(b.eigenvalue) else b.eigenvalue for b in blocks]
+    worst = blocks[ranked([-size for size in sizes])[0]]
     if not worst.eigenvalue < -LEAST_MARGIN:
         relax = (
             "relax decay towards 1"

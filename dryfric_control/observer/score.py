@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.ties import samples
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array)
     """
     x, v, friction, mode = plant[:4]
     axis = axis.effective()
-    near, late = round(SETTLED_POSITION / dt), round(SETTLED / dt)
+    near, late = samples(SETTLED_POSITION, dt), samples(SETTLED, dt)
     slip = np.flatnonzero(mode != 0)
     slip = slip[slip >= late]
     place = np.clip(x[slip], *axis.travel) if axis.travel else x[slip]

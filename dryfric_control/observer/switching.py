@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
+from dryfric_control.ties import ranked
 
 Array = NDArray[np.float64]
 
@@ -336,7 +337,7 @@ def hardest_switching(
     """
     game = _best_game(models)
     alone = {key: best_gain(models, (key,)) for key in models}
-    start = max(alone, key=lambda key: alone[key])
+    start = list(alone)[ranked([-gain for gain in alone.values()])[0]]
 
     def places(word: tuple[int, ...]) -> list[int] | None:
         allowed = path_of(graph, word) is not None

@@ -46,6 +46,7 @@ from dryfric_control.records.record_checks import (
     warn_if_suspect,
 )
 from dryfric_control.store.files import replacing
+from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
     import control
@@ -374,7 +375,7 @@ class Record:
         tuple of Record
         """
         size = min(
-            len(self), round(min(positive_number("seconds", seconds), self.duration) / self.dt)
+            len(self), samples(min(positive_number("seconds", seconds), self.duration), self.dt)
         )
         if size < 2:
             raise ValueError(f"blocks of {seconds:g} s hold fewer than 2 samples of {self.dt:g} s")

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.records.readers.channels import si_unit
 from dryfric_control.records.readers.sources import MAX_ROWS
+from dryfric_control.ties import NEAR
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -301,7 +302,8 @@ def estimated_quantum(x: FloatArray) -> float | None:
     resolution = float(np.spacing(np.abs(x).max()))
     steps = np.abs(np.diff(x))
     gaps = np.diff(np.unique(x))
-    steps, gaps = steps[steps > 64 * resolution], gaps[gaps > 64 * resolution]
+    least = max(64 * resolution, NEAR * float(np.ptp(x)))
+    steps, gaps = steps[steps > least], gaps[gaps > least]
     repeated = gaps.size + 1 < x.size / 2
     if gaps.size == 0 or (not repeated and min(gaps.size, steps.size) < MIN_SAMPLES):
         return None

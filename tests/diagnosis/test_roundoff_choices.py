@@ -1,0 +1,248 @@
+"""Round-off chooses nothing: the same record, written a little otherwise, is told the same.
+
+A record off by 1e-12 of its range, or one whose numbers were summed in another
+order, differs by less than anything that it resolves.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.diagnose import diagnose
+from dryfric_control.diagnosis.first_guesses import guesses, view
+from dryfric_control.estimation.motion import directions
+from dryfric_control.estimation.windows import cut
+from dryfric_control.identification import slow_ramp_experiment
+from dryfric_control.identification.stick_slip import stick_phases
+from dryfric_control.identification.stribeck import _break_aways, _coarse
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
+
+BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
+SLIPPING = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
+    stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
+)  # fmt: skip
+EFFECTS = {
+    "clean": (),
+    "bias_force": (dfc.effects.BiasForce(force=2.0),),
+    "spring": (dfc.effects.Spring(stiffness=40.0, rest=0.05),),
+    "cogging": (dfc.effects.Cogging(amplitude=1.5, period=0.03, phase=0.4),),
+    "quadratic_drag": (dfc.effects.QuadraticDrag(drag=8.0),),
+}
+CHANGES = ("noise", "thirds", "tenths")
+
+
+def noisy(values, rng):
+    return values + 1e-12 * np.ptp(values) * rng.standard_normal(values.size)
+
+
+def changed(record, how):
+    """The record off by less than it resolves."""
+    rng = np.random.default_rng(3)
+    change = {
+        "noise": lambda v: noisy(v, rng),
+        "thirds": lambda v: v * (1.0 / 3.0) * 3.0,
+        "tenths": lambda v: sum([v * 0.1] * 10),
+    }[how]
+    u, x = change(record.u), change(record.x)
+    assert not np.array_equal(x, record.x)
+    return dfc.Record(record.t, u, x, record.reference)
+
+
+@cache
+def run(name):
+    t = 1e-3 * np.arange(3000)
+    pace = 2.0 * np.pi * t
+    u = 22.0 * np.sin(0.5 * pace) + 6.0 * np.sin(3.1 * pace + 1.0) + 4.0 * np.sin(0.83 * pace)
+    x = BASE.replace(effects=EFFECTS[name]).simulate(u, dt=1e-3).y[0]
+    return dfc.Record(t, u, 1e-6 * np.round(1e6 * x))
+
+
+@cache
+def crawl():
+    ramp = slow_ramp_experiment(SLIPPING, duration=20.0, quantum=1e-6).record
+    return dfc.Record(ramp.t, ramp.u, ramp.x, ramp.reference)
+
+
+@cache
+def told(name):
+    return diagnose(BASE, run(name), jobs=1)
+
+
+# --- the rule ---------------------------------------------------------------
+
+
+def test_equal_numbers_keep_their_order_and_others_are_sorted():
+    rng = np.random.default_rng(0)
+    values = np.repeat(rng.permutation(20) + 1.0, 3) * (1.0 + 1e-14 * rng.standard_normal(60))
+    expected = np.argsort(np.round(values), kind="stable")
+    assert ranked(values) == expected.tolist()
+    assert ranked([np.nan, np.inf, 1.0, -np.inf]) == [3, 2, 0, 1]
+    assert ranked([0.0, -0.5 * SQUARES], SQUARES) == [0, 1]
+    assert ranked([0.0, -2.0 * SQUARES], SQUARES) == [1, 0]
+    assert ranked([]) == []
+
+
+def test_only_what_exceeds_round_off_is_above():
+    assert above([0.3 * (1.0 + 1e-15), 0.3 * (1.0 + 3.0 * NEAR)], 0.3).tolist() == [False, True]
+    assert above([1e-300, -1.0], 0.0).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("dt", [0.004, 0.02, 0.1 / 3.0, 1e-3, 0.25 / 7.5])
+def test_whole_samples_do_not_depend_on_the_last_digit_of_the_step(dt):
+    whole = samples(0.25, dt)
+    assert abs(whole * dt - 0.25) <= 0.5 * dt * (1.0 + 1e-9)
+    assert {samples(0.25, dt * (1.0 + k * 2e-16)) for k in range(-5, 6)} == {whole}
+
+
+# --- records ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", CHANGES)
+@pytest.mark.parametrize("quantum", [1e-6, 2 * np.pi / 2**20])
+def test_the_quantum_is_found_all_the_same(how, quantum, tmp_path):
+    x = quantum * np.round(run("clean").x / quantum)
+    record = dfc.Record(run("clean").t, run("clean").u, x)
+    other = changed(record, how)
+    path = tmp_path / "record.csv"
+    np.savetxt(
+        path, np.column_stack([other.t, other.u, other.x]), fmt="%.17g", delimiter=",",
+        header="t [s],u [N],x [m]", comments="",
+    )  # fmt: skip
+    read = dfc.read_record(path)
+    assert other.quantum == pytest.approx(quantum, rel=1e-6)
+    assert read.quantum == pytest.approx(quantum, rel=1e-6)
+    assert read.dt == record.dt
+
+
+@pytest.mark.parametrize("how", CHANGES)
+def test_what_moves_and_where_windows_lie_is_the_same(how):
+    record = crawl()
+    other = changed(record, how)
+    assert np.array_equal(directions(record), directions(other))
+    for window in (0.25, 0.0625, 0.0125):
+        one, two = cut(record, window), cut(other, window)
+        assert np.array_equal(one.edges, two.edges)
+        assert np.array_equal(one.rest >= 0.05, two.rest >= 0.05)
+
+
+def test_an_exact_rest_is_no_motion():
+    # Most of it at rest, without an encoder: neither quantum nor noise bounds a motion.
+    t = 1e-3 * np.arange(4000)
+    x = 0.1 * np.clip(t - 3.0, 0.0, 0.5)
+    record = dfc.Record(t, np.cos(t), x, quantum=0.0)
+    moving = directions(record)
+    assert not moving[:2900].any() and not moving[3600:].any() and np.all(moving[3100:3400] == 1)
+
+
+# --- identification ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("how", "quantum", "known"),
+    [*((h, 1e-6, True) for h in CHANGES), ("noise", 0.0, True), ("thirds", 0.0, False)],
+)
+def test_degrees_are_the_same(how, quantum, known):
+    axis, record = ramp(quantum)
+    for one in (record, changed(record, how)):
+        found = dfc.identify_coulomb(one, axis=axis if known else None)
+        assert found.degrees == (1, 0)
+
+
+@cache
+def ramp(quantum):
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, travel=(0.0, 0.3), coulomb=dfc.CoulombMap([8.0, 10.0], 7.0)
+    )
+    return axis, slow_ramp_experiment(axis, quantum=quantum).record
+
+
+@pytest.mark.parametrize("how", CHANGES)
+def test_break_aways_and_starts_of_a_peak_are_the_same(how):
+    found = []
+    for record in (crawl(), changed(crawl(), how)):
+        sticks = stick_phases(record)
+        axis = SLIPPING.replace(stribeck=None)
+        free = ("stribeck", "stick_speed", "coulomb_map")
+        starts = _coarse(axis, record, sticks, free)
+        found.append((sticks, _break_aways(record, sticks), starts))
+    (sticks, at, starts), (other, there, again) = found
+    assert np.array_equal(sticks.begin, other.begin) and np.array_equal(sticks.end, other.end)
+    assert np.array_equal(at, there)
+    assert len(starts) == len(again) > 3
+    for one, two in zip(starts, again, strict=True):
+        assert two.stribeck.speed == pytest.approx(one.stribeck.speed, rel=1e-6)
+        assert two.stribeck.excess == pytest.approx(one.stribeck.excess, rel=1e-6)
+        assert two.stick_speed == pytest.approx(one.stick_speed, rel=1e-6)
+
+
+@pytest.mark.parametrize("how", ["noise"])
+def test_a_fit_ends_in_the_same_place(how):
+    found = [
+        dfc.fit(BASE.replace(mass=3.0, coulomb=5.0), record, ("mass", "viscous", "coulomb"))
+        for record in (run("clean"), changed(run("clean"), how))
+    ]
+    assert list(found[1].parameters) == list(found[0].parameters)
+    for name, value in found[0].parameters.items():
+        assert found[1].parameters[name] == pytest.approx(value, rel=1e-6)
+    assert found[1].messages == found[0].messages
+
+
+# --- diagnosis --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", CHANGES)
+def test_first_guesses_are_the_same(how):
+    record, effect = run("cogging"), REGISTRY["cogging"]
+    one, two = (guesses(effect, view(BASE, r)) for r in (record, changed(record, how)))
+    assert len(one) == len(two) > 1
+    for (values, base), (others, around) in zip(one, two, strict=True):
+        assert others == pytest.approx(values, rel=1e-6)
+        assert around == pytest.approx(base, rel=1e-6)
+
+
+def test_of_two_equal_peaks_the_first_is_taken():
+    """A sine halfway between two points of the grid raises both alike."""
+    from dryfric_control.diagnosis.first_guesses import _FINE, _periods
+
+    seen = view(BASE, run("clean"))
+    along = np.linspace(-0.5, 0.5, seen.x.size)
+    grid = np.arange(40, 60) / _FINE
+    f = 0.5 * (grid[3] + grid[4])
+    found = []
+    for k in range(-4, 5):
+        wave = 4.0 * np.cos(2.0 * np.pi * f * along) * (1.0 + k * 1e-14)
+        still = np.zeros(seen.x.size)
+        one = type(seen)(**{**seen.__dict__, "residual": wave, "a": still, "v": still + 1.0})
+        found.append([p[0] for p in _periods(one, along * (1.0 + k * 1e-15))])
+    for other in found[1:]:
+        assert other == pytest.approx(found[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "how"), [*((n, "noise") for n in EFFECTS), ("clean", "thirds")])
+def test_a_diagnosis_is_the_same(name, how):
+    one, two = told(name), diagnose(BASE, changed(run(name), how), jobs=1)
+    assert one.verdict == two.verdict == ("explained" if EFFECTS[name] else "nothing to find")
+    assert [c.effect for c in one.causes] == [c.effect for c in two.causes]
+    for first, second in zip(one.causes, two.causes, strict=True):
+        assert first.alternatives == second.alternatives
+        assert second.parameters == pytest.approx(first.parameters, rel=1e-6)
+
+
+@pytest.mark.parametrize("how", ["noise", "thirds"])
+def test_the_next_experiment_is_the_same(how):
+    bias = BASE.replace(effects=(dfc.effects.BiasForce(force=2.0),))
+    rivals = [
+        BASE.replace(effects=(dfc.effects.Spring(stiffness=10.0, rest=0.2),)),
+        BASE.replace(effects=(dfc.effects.CoulombAsymmetry(force=-2.0),)),
+    ]
+    one, two = (
+        dfc.next_experiment(bias, rivals, record)
+        for record in (run("bias_force"), changed(run("bias_force"), how))
+    )
+    assert (one.name, one.separates) == (two.name, two.separates)
+    assert list(one.tried) == list(two.tried)
+    assert np.allclose(one.reference, two.reference, rtol=0.0, atol=1e-6 * np.ptp(one.reference))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from dryfric_control.text import did_you_mean
 
@@ -50,3 +53,84 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     except (UnicodeEncodeError, TypeError) as err:
         raise ValueError(f"{source!r} is no file name") from err
     return path
+
+
+def write_document(
+    path: str | os.PathLike[str], kind: str, version: int, data: Mapping[str, Any]
+) -> None:
+    """Write a result as JSON, sealed by a checksum, as a whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write.
+    kind : str
+        What it is, as "observer design".
+    version : int
+        Version of the format.
+    data : mapping
+        Plain data; floats survive bit by bit.
+    """
+    whole = {"format": f"dryfric-control {kind}", "version": version, **data}
+    whole["checksum"] = _checksum(whole)
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        json.dump(whole, file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def read_document(
+    path: str | os.PathLike[str], kind: str, version: int
+) -> tuple[dict[str, Any], bool]:
+    """Read what `write_document` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    kind : str
+        What it must be.
+    version : int
+        The version that can be read.
+
+    Returns
+    -------
+    data : dict
+        The data, without checksum.
+    intact : bool
+        Whether the checksum fits; where it does not, check the parts for a better
+        message and end with `edited`.
+
+    Raises
+    ------
+    ValueError
+        If the file is not JSON, of another kind or of another version.
+    """
+    article = "an" if kind[0] in "aeiou" else "a"
+    try:
+        data = json.loads(existing_file(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
+    form = f"dryfric-control {kind}"
+    if not isinstance(data, dict) or data.get("format") != form:
+        raise ValueError(f"{path} is no {kind}: it lacks format = {form!r}")
+    if data.get("version") != version:
+        raise ValueError(
+            f"{path} has version {data.get('version')!r}, this package reads {version}: make "
+            f"{article} {kind} again, or use a newer package"
+        )
+    seal = data.pop("checksum", None)
+    return data, seal == _checksum(data)
+
+
+def edited(path: str | os.PathLike[str]) -> ValueError:
+    """Error for a file whose checksum does not fit."""
+    return ValueError(
+        f"{path} was changed after it was written: its checksum does not fit. Make and save it "
+        "again in place of editing the file"
+    )
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    """Of the data in one fixed spelling, so that white space and order are free."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()

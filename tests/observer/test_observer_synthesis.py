@@ -7,9 +7,9 @@ import json
 
 import numpy as np
 import pytest
+from dryfric_control.effects import Spring
 
 from dryfric_control import FrictionAxis
-from dryfric_control.effects import Spring
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.observer import design_pi_observer, load_design
 from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices

@@ -73,6 +73,8 @@ FILIPPOV, PAPER = 0, 1
 
 #: Places in the array of numbers that describes an axis; the coefficients of
 #: the Coulomb levels (for +, then for -) and the effects' parameters follow.
+#: SHORT_WAY and SHORT_TIME are the shortest length and time over which an effect
+#: varies: no step passes either, or all its stages could see the same phase.
 (
     INVERSE_MASS,
     VISCOUS,
@@ -89,8 +91,10 @@ FILIPPOV, PAPER = 0, 1
     STIFFNESS,
     DAMPING,
     INVERSE_MOTOR,
+    SHORT_WAY,
+    SHORT_TIME,
     COULOMB,
-) = range(16)
+) = range(18)
 
 #: Places in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
@@ -134,12 +138,17 @@ _TOLERANCE = 3e-9
 # exp(-40) is below the round-off of 1: further out there is no Stribeck term.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
-# Well-posed switching never comes near this; it bounds the work per sample.
-_MAX_SWITCHES = 64
-# Numbers that one sample may write into the list of switches: two pieces with a
-# switch at their start, and as many again inside as the bound allows.  A play may go
-# on to the bound, take one more stretch, and then the rest.
-ROOM = 3 * 2 * 3 * (_MAX_SWITCHES + 2)
+# Bounds the work per sample.  Well-posed switching comes near it only where a sample holds
+# tens of thousands of oscillations; what comes after is left out, and counted as lost.
+_MAX_SWITCHES = 100_000
+TOO_MANY = "one sample holds more than 100 000 switches: take a shorter dt, or check the units"
+#: Numbers that a list of switches has room for at the least, before each sample.
+ROOM = 3 * 400
+#: Beyond that, a sample has too many of them.
+MOST_ROOM = 8 * 3 * _MAX_SWITCHES
+#: Places of the tally of a list of switches: how many there are, how many it has room
+#: for, how many were lost for want of room.
+LISTED, HELD, LOST = range(3)
 _SHORTEST = 1e-9  # shortest step, as a part of the interval
 
 
@@ -600,12 +609,24 @@ def _at_zero(plant, t, x, w, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def _record(events, count, t, before, after):
-    k = count[0]
+def tally(events):
+    """Tally of an empty list of switches."""
+    count = np.zeros(3, np.int64)
+    count[HELD] = events.shape[0] // 3
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _record(events, count, t, before, after, nth=0):
+    """List a switch, the nth of its stretch; lost where there is no room, or no end."""
+    k = count[LISTED]
+    if k >= count[HELD] or nth == _MAX_SWITCHES:
+        count[LOST] += 1
+        return
     events[3 * k] = t
     events[3 * k + 1] = before
     events[3 * k + 2] = after
-    count[0] = k + 1
+    count[LISTED] = k + 1
 
 
 @internal(forceinline=True)
@@ -626,6 +647,8 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     if mode == 0:
         x1, v1 = _decay(plant, x, v, h)
         if _varies(plant, drive):
+            if h > plant.numbers[SHORT_TIME]:
+                return False, x, v
             # The middle is looked at too: a force may peak inside a sample.
             xm, vm = _decay(plant, x, v, 0.5 * h)
             middle, _ = _hold_excess(plant, drive, t0, 0.5 * h, xm, vm, rest + 0.5 * h)
@@ -644,10 +667,53 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
         lowest = min(lowest, s * (v + 0.5 * part * h * k1))
     calm = (
         lowest > sigma
+        and abs(x1 - x) <= plant.numbers[SHORT_WAY]
+        and h <= plant.numbers[SHORT_TIME]
         and _peak_step(plant, v, v1, s, h) == h
         and _step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
     )
     return calm, x1, v1
+
+
+@internal
+def _hold_later(plant, drive, t0, tau, x, v, rest, d):
+    """Excess of the load over what holds it after d more at rest, and its direction."""
+    xd, vd = _decay(plant, x, v, d)
+    return _hold_excess(plant, drive, t0, tau + d, xd, vd, rest + d)
+
+
+@internal
+def _release(plant, drive, t0, tau, x, v, rest, d):
+    """Whether a stuck axis breaks away within d, when, and in which direction.
+
+    The excess of the load is looked at twice, or more often where an effect varies faster,
+    and at the peak of the parabola through three looks.
+    """
+    looks = max(2, int(math.ceil(d / plant.numbers[SHORT_TIME])))
+    part = d / looks
+    a, before, last = 0.0, -math.inf, -math.inf
+    for look in range(1, looks + 1):
+        b = part * look
+        excess, s = _hold_later(plant, drive, t0, tau, x, v, rest, b)
+        bend = before - 2.0 * last + excess
+        if excess <= 0.0 and bend < 0.0 and last >= excess and last > before > -math.inf:
+            peak = b - part + 0.5 * part * (before - excess) / bend
+            high, s = _hold_later(plant, drive, t0, tau, x, v, rest, peak)
+            if high > 0.0:
+                excess, a, b = high, b - 2.0 * part, peak
+        if excess > 0.0:
+            for _ in range(60):
+                c = 0.5 * (a + b)
+                if not a < c < b:
+                    break
+                above, side = _hold_later(plant, drive, t0, tau, x, v, rest, c)
+                if above > 0.0:
+                    b, s = c, side
+                else:
+                    a = c
+            return True, b, s
+        a, before, last = b, last, excess
+    return False, d, 1.0
 
 
 @internal
@@ -666,32 +732,13 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             s = 1.0
             found = False
             if varies and switches < _MAX_SWITCHES:
-                a = 0.0
-                for part in range(1, 3):
-                    b = 0.5 * part * d
-                    xb, vb = _decay(plant, x, v, b)
-                    excess, s = _hold_excess(plant, drive, t0, tau + b, xb, vb, rest + b)
-                    if excess > 0.0:
-                        found = True
-                        for _ in range(60):
-                            c = 0.5 * (a + b)
-                            if not a < c < b:
-                                break
-                            xc, vc = _decay(plant, x, v, c)
-                            above, side = _hold_excess(plant, drive, t0, tau + c, xc, vc, rest + c)
-                            if above > 0.0:
-                                b, s = c, side
-                            else:
-                                a = c
-                        d = b
-                        break
-                    a = b
+                found, d, s = _release(plant, drive, t0, tau, x, v, rest, d)
             x, v = _decay(plant, x, v, d)
             tau += d
             rest += d
             if found:
                 switches += 1
-                _record(events, count, t0 + tau, 0, int(s))
+                _record(events, count, t0 + tau, 0, int(s), switches)
                 mode, rest, fresh, longest = int(s), 0.0, True, h
                 if s * v < 0.0:
                     v = 0.0
@@ -701,11 +748,14 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         if fresh:
             k1 = _acceleration(plant, drive, t0, tau, x, v, s)
             fresh = False
-        d = min(longest, h - tau)
+        d = min(longest, h - tau, plant.numbers[SHORT_TIME])
         x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = _TOLERANCE * (abs(v) + sigma + d * abs(k1))
         error = _step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         if d > _SHORTEST * h:
+            if abs(x1 - x) > plant.numbers[SHORT_WAY]:
+                longest = 0.9 * d * plant.numbers[SHORT_WAY] / abs(x1 - x)
+                continue
             if error > allowed:
                 longest = d * max(0.1, 0.9 * (allowed / error) ** 0.2)
                 continue
@@ -784,7 +834,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             after = 0 if s * v <= sigma else mode
         if after != mode:
             switches += 1
-            _record(events, count, t0 + tau, mode, after)
+            _record(events, count, t0 + tau, mode, after, switches)
             mode, rest = after, 0.0
 
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
@@ -963,8 +1013,8 @@ def outputs(plant, t, dt, memory, u):
 def step(numbers, integers, memory, t, dt, u0, u1):
     """One sample for a caller that keeps no list of switches."""
     plant = point(numbers, integers)
-    events = np.empty(ROOM)
-    count = np.zeros(1, np.int64)
+    events = np.empty(3)
+    count = tally(events)
     sample(plant, t, dt, u0, u1, pointer(memory), pointer(events), pointer(count))
 
 
@@ -1018,23 +1068,33 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
     plant = point(numbers, integers)
     state = pointer(memory)
     n = u.shape[0]
-    events = np.empty(64 * ROOM)
-    count = np.zeros(1, np.int64)
-    switches = pointer(count)
     # The mode at the start is chosen, not switched to.
     state[MODE] = outputs(plant, t0, dt, state, u[0])[2]
-    for k in range(n - 1):
-        if 3 * count[0] + ROOM > events.shape[0]:
-            events = doubled(events)
-        out[0, k] = state[X]
-        end = u[k + 1] if first else u[k]
-        out[1, k], out[2, k], out[3, k] = sample(
-            plant, t0 + k * dt, dt, u[k], end, state, pointer(events), switches
-        )
+    start = memory.copy()
+    room = ROOM
+    while True:
+        events = np.empty(max(64 * ROOM, 2 * room))
+        count = tally(events)
+        for k in range(n - 1):
+            if 3 * count[LISTED] + room > events.shape[0]:
+                events = doubled(events)
+                count[HELD] = events.shape[0] // 3
+            out[0, k] = state[X]
+            end = u[k + 1] if first else u[k]
+            out[1, k], out[2, k], out[3, k] = sample(
+                plant, t0 + k * dt, dt, u[k], end, state, pointer(events), pointer(count)
+            )
+        if count[LOST] == 0:
+            break
+        if 8 * room > MOST_ROOM:
+            raise ValueError(TOO_MANY)
+        # A sample with more switches than there was room for: once more, with more room.
+        memory[:] = start
+        room *= 8
     out[0, n - 1] = state[X]
     t = t0 + (n - 1) * dt
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
-    return located(events, count[0])
+    return located(events, count[LISTED])
 
 
 # Axes with inner states.  This part is called by its address: it is compiled, once,
@@ -1247,7 +1307,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
             fresh = False
-        d = min(longest, h - tau)
+        d = min(longest, h - tau, side.numbers[SHORT_TIME])
         x1, v1, y1, p1, m4, k4, error = _stride(
             side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
         )
@@ -1256,6 +1316,9 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             pace += abs(v) + d * abs(m1)
         allowed = _TOLERANCE * pace
         if d > _SHORTEST * h:
+            if abs(y1 - y) > side.numbers[SHORT_WAY]:
+                longest = 0.9 * d * side.numbers[SHORT_WAY] / abs(y1 - y)
+                continue
             if error > allowed:
                 longest = d * max(0.1, 0.9 * (allowed / error) ** 0.2)
                 continue
@@ -1348,7 +1411,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     after = 0
         if after != mode:
             switches += 1
-            _record(events, count, t0 + tau, mode, after)
+            _record(events, count, t0 + tau, mode, after, switches)
             mode, rest = after, 0.0
 
     if contact:
@@ -1484,9 +1547,10 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     seen, friction, first = _seen_play(plant, drive, t0, memory, side)
     begun = count[0]
     for turn in range(_MAX_SWITCHES):
-        d = h - tau
-        if d <= 0.0:
+        if tau >= h:
             break
+        # Whether they touch is looked at where a piece ends.
+        d = min(h - tau, plant.numbers[SHORT_TIME])
         # Bounds the work, and the switches that are listed.
         last_turn = turn == _MAX_SWITCHES - 1 or count[0] - begun > _MAX_SWITCHES
         now, piece = t0 + tau, _later(drive, tau)

@@ -78,7 +78,7 @@ def free_runs(
     memory = np.zeros(size)
     state = axis_step.pointer(memory)
     events = np.empty(axis_step.ROOM)
-    count = np.zeros(1, np.int64)
+    count = axis_step.tally(events)
     switches, counted = axis_step.pointer(events), axis_step.pointer(count)
     rested = 0.0
     for w in range(edges.shape[0] - 1):

@@ -53,22 +53,24 @@ def control_update(gains, memory, reference, y):
 
 @njit(cache=True, error_model="numpy")
 def run_loop(
-    numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, out
+    numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, room, out
 ):
     """Closed loop into `out`: rows x, v, friction, mode, u, y.
 
-    The drive force is u + disturbance.  Returns the located switches.
+    The drive force is u + disturbance.  Returns the located switches, and how many found no
+    room: `room` is what one sample is given.
     """
     plant = axis_step.point(numbers, integers)
     state = axis_step.pointer(memory)
     control, past = axis_step.pointer(gains), axis_step.pointer(controller)
     n = reference.shape[0]
-    events = np.empty(64 * axis_step.ROOM)
-    count = np.zeros(1, np.int64)
+    events = np.empty(64 * room)
+    count = axis_step.tally(events)
     for k in range(n):
         t = k * dt
-        if 3 * count[0] + axis_step.ROOM > events.shape[0]:
+        if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
+            count[axis_step.HELD] = events.shape[0] // 3
         y = encode(state[axis_step.X], quantum)
         u = control_update(control, past, reference[k], y)
         force = u + disturbance[k]
@@ -78,4 +80,4 @@ def run_loop(
         out[1, k], out[2, k], out[3, k] = axis_step.sample(
             plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
         )
-    return axis_step.located(events, count[0])
+    return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]

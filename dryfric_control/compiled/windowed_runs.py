@@ -210,7 +210,7 @@ def project(
     plant = axis_step.point(numbers, integers)
     memory = np.zeros(size)
     events = np.empty(axis_step.ROOM)
-    count = np.zeros(1, np.int64)
+    count = axis_step.tally(events)
     n_inner = axis_step.N_INNER
     inner, after, other = np.full(n_inner + 1, np.nan), np.empty(n_inner + 1), np.empty(n_inner + 1)
     n = x.shape[0]
@@ -286,7 +286,7 @@ def moved(
     plant = axis_step.point(numbers, integers)
     memory = np.zeros(size)
     events = np.empty(axis_step.ROOM)
-    count = np.zeros(1, np.int64)
+    count = axis_step.tally(events)
     inner = np.full(axis_step.N_INNER + 1, np.nan)
     out = np.empty(x.shape[0])
     for w in range(edges.shape[0] - 1):

@@ -33,6 +33,8 @@ _MASS_UNITS = {("m", "N"): "kg", ("rad", "N m"): "kg m^2"}
 #: Fastest change of speed that one sample may hold, in time constants: the steps
 #: inside it resolve that change, and beyond this a sample takes milliseconds.
 MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
+#: Most samples of delay, and most turns of an effect in one sample.
+MOST_SAMPLES = 1e6
 
 
 class Arrays(NamedTuple):
@@ -700,6 +702,12 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
                 f"stribeck.speed = {axis.stribeck.speed:g} is crossed {rate * dt:.3g} times in one "
                 f"sample of dt = {dt:g} s: check the units of stribeck.speed and mass"
             )
+    for effect in axis.effects:
+        if dt > MOST_SAMPLES * effect.shortest_time:
+            raise ValueError(
+                f"{effect.describe()} turns round {dt / effect.shortest_time:.3g} times in one "
+                f"sample of dt = {dt:g} s: check its units"
+            )
 
 
 def check_finite(outputs: NDArray[np.float64]) -> None:
@@ -807,9 +815,16 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         delay,
         lag,
         *_inner_numbers(axis),
+        min((effect.shortest_length for effect in axis.effects), default=np.inf),
+        min((effect.shortest_time for effect in axis.effects), default=np.inf),
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
+    if delay > MOST_SAMPLES * dt:
+        raise ValueError(
+            f"input_delay.delay = {delay:g} s is {delay / dt:.3g} samples of dt = {dt:g} s: "
+            "check the units of delay and dt"
+        )
     history = int(np.ceil(delay / dt)) + 2 if delay > 0.0 else 0
     integers = [
         SWITCHING[axis.switching],

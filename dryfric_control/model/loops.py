@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, positive, samples
+from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TOO_MANY
 from dryfric_control.compiled.loop import (
     LONGEST_SPAN,
     READINGS,
@@ -280,21 +281,27 @@ def simulate_loop(
     dt = controller.dt
     check_pace(axis, dt)
     arrays = axis.arrays(dt)
-    memory = np.zeros(arrays.memory)
-    memory[:2] = x0, v0
     out = np.empty((6, r.size))
-    located = run_loop(
-        arrays.numbers,
-        arrays.integers,
-        memory,
-        controller.gains,
-        controller.memory(encode(x0, quantum), v0),
-        r,
-        force,
-        quantum,
-        dt,
-        out,
-    )
+    lost, room = 1, ROOM
+    while lost:
+        if room > MOST_ROOM:
+            raise ValueError(TOO_MANY)
+        memory = np.zeros(arrays.memory)
+        memory[:2] = x0, v0
+        located, lost = run_loop(
+            arrays.numbers,
+            arrays.integers,
+            memory,
+            controller.gains,
+            controller.memory(encode(x0, quantum), v0),
+            r,
+            force,
+            quantum,
+            dt,
+            room,
+            out,
+        )
+        room *= 8
     check_finite(out)
     return SimulationResponse(
         np.arange(r.size) * dt,

@@ -82,7 +82,8 @@ class Effect:
     `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
     `experiment`, and, for the actions "input", "force" and "friction", a
     static method `law`; for "axis" a method ``alter(axis)`` that returns the
-    axis with other base parameters.
+    axis with other base parameters.  A law that varies fast along the way or in
+    time says so by `shortest_length` and `shortest_time`.
 
     Notes
     -----
@@ -139,6 +140,20 @@ class Effect:
     def values(self) -> tuple[float, ...]:
         """Values of the parameters, in the order of `parameters`."""
         return tuple(getattr(self, item.name) for item in fields(self))
+
+    @property
+    def shortest_length(self) -> float:
+        """Length over which the law may turn round, as inf where it does not.
+
+        Steps of the integration are not longer: a law that repeats with position would else
+        be seen at the same phase by every stage.
+        """
+        return math.inf
+
+    @property
+    def shortest_time(self) -> float:
+        """Time over which the law may turn round by itself [s], inf where it does not."""
+        return math.inf
 
     @classmethod
     def parameters(cls) -> dict[str, dict[str, Any]]:

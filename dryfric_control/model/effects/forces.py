@@ -223,6 +223,11 @@ class Gravity(Effect):
     explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
     experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
 
+    @property
+    def shortest_length(self) -> float:
+        """A quarter of a turn [rad]."""
+        return 0.5 * math.pi if self.amplitude > 0.0 else math.inf
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
@@ -267,6 +272,11 @@ class Cogging(Effect):
     depends_on_speed = False
     explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
     experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
+
+    @property
+    def shortest_length(self) -> float:
+        """A quarter of the period."""
+        return 0.25 * self.period if self.amplitude > 0.0 else math.inf
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -317,6 +327,13 @@ class TimePeriodic(Effect):
         "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
     )
     experiment = "Hold the axis at several speeds and at rest: the frequency stays the same."
+
+    @property
+    def shortest_time(self) -> float:
+        """An eighth of a period [s]."""
+        if self.amplitude == 0.0 or self.frequency < 1e-300:
+            return math.inf
+        return 0.125 / self.frequency
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

@@ -1,1 +1,34 @@
 """Compiled loops: one sampled step of the axis and everything built on it."""
+
+import atexit
+import shutil
+import tempfile
+import warnings
+
+import numba
+
+
+def _probe(value: float) -> float:
+    return value
+
+
+def _keep_compiled_code() -> None:
+    """Find a folder for compiled code where neither the package's nor the user's can be written.
+
+    numba refuses to compile anything for its cache there, and the package would not import.
+    """
+    try:
+        numba.njit(cache=True)(_probe)
+    except RuntimeError:
+        folder = tempfile.mkdtemp(prefix="dryfric-control-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        numba.config.CACHE_DIR = folder
+        warnings.warn(
+            "no folder for compiled code can be written: it is compiled anew in every process; set "
+            "the environment variable NUMBA_CACHE_DIR to a folder that can be written",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+
+_keep_compiled_code()

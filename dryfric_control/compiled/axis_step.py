@@ -689,7 +689,7 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
     The excess of the load is looked at twice, or more often where an effect varies faster,
     and at the peak of the parabola through three looks.
     """
-    looks = max(2, int(math.ceil(d / plant.numbers[SHORT_TIME])))
+    looks = max(2, math.ceil(d / plant.numbers[SHORT_TIME]))
     part = d / looks
     a, before, last = 0.0, -math.inf, -math.inf
     for look in range(1, looks + 1):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from dryfric_control.effects import Backlash, Cogging, Compliance, Gravity, InputDelay, TimePeriodic
 from scipy.integrate import solve_ivp
 
 import dryfric_control as dfc
-from dryfric_control.effects import Backlash, Cogging, Compliance, Gravity, InputDelay, TimePeriodic
 
 
 def slid(axis, force, extra, duration, v0):

@@ -1,0 +1,51 @@
+"""An installation that nobody may write, for a user without a home."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import dryfric_control
+
+PROGRAM = """
+from numba.core import caching
+
+given = [c for c in caching.CacheImpl._locator_classes if "UserProvided" in c.__name__]
+assert len(given) == 1
+caching.CacheImpl._locator_classes = given
+caching.CompileResultCacheImpl._locator_classes = given
+
+import warnings
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    import dryfric_control.compiled
+print([str(w.message) for w in told if "NUMBA_CACHE_DIR" in str(w.message)])
+
+import numba
+from dryfric_control.compiled.axis_step import polynomial
+print(polynomial.stats.cache_path == "" or polynomial.stats.cache_path)
+"""
+
+
+def run(**environment):
+    own = {"PYTHONPATH": str(Path(dryfric_control.__file__).parents[1])}
+    keep = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=keep | own | environment, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_imports_and_says_what_to_set(tmp_path):
+    """It used to end in numba's "cannot cache function: no locator available"."""
+    told, folder = run(TMPDIR=str(tmp_path))
+    assert "NUMBA_CACHE_DIR" in told and "written" in told
+    assert folder.startswith(str(tmp_path))
+    assert not list(tmp_path.iterdir())  # gone with the process
+
+
+def test_says_nothing_where_a_folder_is_given(tmp_path):
+    told, folder = run(NUMBA_CACHE_DIR=str(tmp_path))
+    assert told == "[]" and folder.startswith(str(tmp_path))

@@ -18,6 +18,8 @@ from dryfric_control.compiled.axis_step import (
     EXCESS,
     INVERSE_MASS,
     INVERSE_STRIBECK_SPEED,
+    SHORT_TIME,
+    SHORT_WAY,
     STICK_SPEED,
     VISCOUS,
     load,
@@ -207,8 +209,9 @@ def run_smooth(numbers, integers, law, u, dt, first, x0, v0, tolerance, out):
                 break
             if substep == MOST_SUBSTEPS:
                 return k + 1
-            last = h >= left
-            step = left if last else h
+            longest = min(h, numbers[SHORT_TIME])
+            last = longest >= left
+            step = left if last else longest
             nudges = (
                 1e-8 * abs(x) + 1e-4 * v_scale * dt,
                 1e-8 * abs(v) + 1e-4 * nudge_v,
@@ -221,6 +224,9 @@ def run_smooth(numbers, integers, law, u, dt, first, x0, v0, tolerance, out):
             )
             if kind == BRISTLE:
                 error = max(error, abs(stage[5, 2]) / (tolerance * (abs(z) + z_scale)))
+            if abs(xn - x) > numbers[SHORT_WAY]:
+                h = 0.9 * step * numbers[SHORT_WAY] / abs(xn - x)
+                continue
             if not error <= 1.0:
                 h = step * (max(0.2, 0.9 * error**-0.25) if error < 1e300 else 0.2)
                 if h < GIVE_UP * dt:

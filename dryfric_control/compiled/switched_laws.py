@@ -17,6 +17,8 @@ from numba import njit
 
 from dryfric_control.compiled.axis_step import (
     INVERSE_MASS,
+    SHORT_TIME,
+    SHORT_WAY,
     VISCOUS,
     Drive,
     breakaway_level,
@@ -25,6 +27,7 @@ from dryfric_control.compiled.axis_step import (
     point,
     sliding_level,
 )
+from dryfric_control.compiled.roots import between, narrowed
 
 # A piece shorter than this fraction of a sample is given to the next one: below it the
 # force that starts a motion is lost in round-off.
@@ -105,22 +108,11 @@ def _time_to_band(plant, drive, t0, tau, x, v, s, h, band, kx, kv):
     at_high = s * v_high - band
     side = 0
     for _ in range(100):
-        # A motion that starts on the band gives no sign there: halve until inside.
-        share = at_low / (at_low - at_high) if at_low > 0.0 else 0.5
-        middle = low + (high - low) * share
-        if not low < middle < high:
+        middle = between(low, at_low, high, at_high)
+        if middle == high:
             break
         at = s * _slide_step(plant, drive, t0, tau, x, v, s, middle, kx, kv)[1] - band
-        if at > 0.0:
-            low, at_low = middle, at
-            if side == 1:
-                at_high *= 0.5
-            side = 1
-        else:
-            high, at_high = middle, at
-            if side == -1:
-                at_low *= 0.5
-            side = -1
+        low, at_low, high, at_high, side = narrowed(low, at_low, high, at_high, side, middle, at)
         if at == 0.0:
             break
     return high
@@ -266,13 +258,16 @@ def run_switched(numbers, integers, band, static, u, dt, first, x0, v0, toleranc
                     v = s * band
                     h = dt
                 continue
-            step = min(h, left)
+            step = min(h, left, numbers[SHORT_TIME])
             rate = _slide_rate(plant, drive, t0, tau, x, v, s)
             xn, vn, ex, ev, rate_n = _slide_step(plant, drive, t0, tau, x, v, s, step, kx, kv)
             error = max(
                 abs(ex) / (tolerance * (abs(x) + v_scale * dt)),
                 abs(ev) / (tolerance * (max(abs(v), abs(vn)) + v_scale)),
             )
+            if abs(xn - x) > numbers[SHORT_WAY]:
+                h = 0.9 * step * numbers[SHORT_WAY] / abs(xn - x)
+                continue
             if not error <= 1.0:
                 h = step * (max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2)
                 if h < GIVE_UP * dt:

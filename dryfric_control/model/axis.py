@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, places, positive, samples
-from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.model.effects import Backlash, Compliance, Effect, Presliding
 from dryfric_control.model.effects.effect import law_address
 from dryfric_control.model.friction import CoulombMap, Stribeck
@@ -844,7 +844,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     if numbers[axis_step.CONTACT_STIFFNESS] == 0.0:
         integers[axis_step.STRUCTURE] &= ~axis_step.CONTACT
     if integers[axis_step.STRUCTURE]:
-        integers[axis_step.TASK] = axis_step.inner_task().address
+        integers[axis_step.TASK] = elastic.inner_task().address
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values

@@ -1,0 +1,698 @@
+"""Inner states of an axis: elastic contact, play, spring between motor and load.
+
+Everything here is reached through one address, `inner_task`: it is compiled, once, only
+where such an axis is used, and costs the others nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+from numba import cfunc, njit
+
+from dryfric_control.compiled.axis_step import (
+    ADVANCE,
+    CONTACT,
+    CONTACT_STIFFNESS,
+    DAMPING,
+    DEFLECTION,
+    EXCESS,
+    FILIPPOV,
+    HALF_GAP,
+    INVERSE_MASS,
+    INVERSE_MOTOR,
+    LISTED,
+    MAX_SWITCHES,
+    MODE,
+    N_LEVEL,
+    N_MINUS,
+    N_NUMBERS,
+    N_PLUS,
+    OFFSET,
+    PAPER,
+    PLAY,
+    REST,
+    RIGID_TASK,
+    RULE,
+    SETTLE,
+    SHORT_TIME,
+    SHORT_WAY,
+    SHORTEST,
+    SLIP,
+    SPRING,
+    STICK_RATE,
+    STICK_SPEED,
+    STIFFNESS,
+    STRUCTURE,
+    TASK_CALL,
+    TOLERANCE,
+    VISCOUS,
+    Drive,
+    Plant,
+    V,
+    X,
+    at_zero,
+    band_excess,
+    base_level,
+    begin,
+    do,
+    drive_force,
+    further,
+    hold_excess,
+    internal,
+    load,
+    peak_step,
+    peaked_level,
+    record,
+    resolve,
+    sliding_level,
+    spare_memory,
+    step_error,
+)
+from dryfric_control.compiled.roots import between, larger, narrowed, smaller
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _held_force(force):
+    return Drive(force, 0.0, 0.0, 0.0)
+
+
+@internal
+def _later(drive, tau):
+    """The same drive, its time counted from tau."""
+    start = drive.start + drive.slope * tau
+    if drive.fade == 0.0:
+        return Drive(start, drive.slope, 0.0, 0.0)
+    return Drive(start, drive.slope, drive.fade * math.exp(-drive.rate * tau), drive.rate)
+
+
+@internal(forceinline=True)
+def _load_side(plant):
+    """The plant with the load's mass alone."""
+    return Plant(further(plant.numbers, plant.integers[N_NUMBERS]), plant.integers)
+
+
+@internal(forceinline=True)
+def _transmitted(side, drive, tau, x, v, y, p):
+    """Force on the load: through the spring between two masses, or the drive."""
+    if side.integers[STRUCTURE] & SPRING:
+        return side.numbers[STIFFNESS] * (x - y) + side.numbers[DAMPING] * (v - p)
+    return drive_force(drive, tau)
+
+
+@internal
+def _bound(side, t, y, p, w, s, rest):
+    """Friction that an elastic contact can carry in direction s at speed p."""
+    return peaked_level(side, t, y, p, s * abs(p), w, base_level(side, y, s), s, rest)
+
+
+@internal
+def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
+    """Accelerations of motor and load in one mode.
+
+    `anchor` is the position of the load at which an elastic contact is
+    unstrained: its deflection is y - anchor.
+    """
+    force = _transmitted(side, drive, tau, x, v, y, p)
+    motor = 0.0
+    if side.integers[STRUCTURE] & SPRING:
+        motor = (drive_force(drive, tau) - force) * side.numbers[INVERSE_MOTOR]
+    s, t = float(mode), t0 + tau
+    if mode == 0 and not side.integers[STRUCTURE] & CONTACT:
+        return motor, -side.numbers[STICK_RATE] * p
+    w = load(side, _held_force(force), t, 0.0, y, p, s, rest)
+    if mode == 0:
+        friction = side.numbers[CONTACT_STIFFNESS] * (y - anchor)
+    else:
+        friction = s * sliding_level(side, t, y, p, w, s)
+    return motor, (w - side.numbers[VISCOUS] * p - friction) * side.numbers[INVERSE_MASS]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _wave_error(k1, k2, k3, k4, phi, d):
+    """Speed error of one step of an oscillation that turns by phi in it.
+
+    Acceleration A cos leaves d A phi^4/120; A phi is seen in the first
+    difference of the stages, A phi^2/4 in the second.
+    """
+    return d * phi * phi * (phi * abs(k4 - k1) + 4.0 * abs((k1 - k2) - (k3 - k4))) / 120.0
+
+
+@internal
+def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
+    """One step of motor and load: their states, last stages, and its error."""
+    half = 0.5 * d
+    ym, xm = y + half * (p + 0.25 * d * k1), x + half * (v + 0.25 * d * m1)
+    m2, k2 = _rates(
+        side, drive, t0, tau + half, xm, v + half * m1, ym, p + half * k1, anchor, mode, rest
+    )
+    m3, k3 = _rates(
+        side, drive, t0, tau + half, xm, v + half * m2, ym, p + half * k2, anchor, mode, rest
+    )
+    x1, y1 = x + d * (v + half * m3), y + d * (p + half * k3)
+    m4, k4 = _rates(side, drive, t0, tau + d, x1, v + d * m3, y1, p + d * k3, anchor, mode, rest)
+    x1, y1 = x + d * (v + d * (m1 + m2 + m3) / 6.0), y + d * (p + d * (k1 + k2 + k3) / 6.0)
+    v1 = v + d * (m1 + 2.0 * (m2 + m3) + m4) / 6.0
+    p1 = p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
+    numbers = side.numbers
+    turn = 0.0
+    if mode == 0:
+        turn = numbers[STICK_RATE]
+        if side.integers[STRUCTURE] & CONTACT:
+            turn = math.sqrt(numbers[CONTACT_STIFFNESS] * numbers[INVERSE_MASS])
+    error = 0.0
+    if side.integers[STRUCTURE] & SPRING:
+        inverse = numbers[INVERSE_MOTOR] + numbers[INVERSE_MASS]
+        turn += math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
+        error = _wave_error(m1, m2, m3, m4, d * turn, d)
+    error = max(error, _wave_error(k1, k2, k3, k4, d * turn, d))
+    # Forces along the way: the elastic force stands for their size; their passage
+    # through zero (the way given as endless) is left to the wave error.  Nothing is
+    # allowed here: the estimate must not be waved through as zero.
+    pull = numbers[INVERSE_MASS] * (
+        abs(_transmitted(side, drive, tau, x, v, y, p))
+        + numbers[CONTACT_STIFFNESS] * abs(y - anchor)
+    )
+    error = max(error, step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
+    return x1, v1, y1, p1, m4, k4, error
+
+
+@internal
+def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
+    """Whether a mode is over in this state."""
+    s, t = float(mode), t0 + tau
+    if side.integers[STRUCTURE] & CONTACT:
+        if mode != 0:
+            return s * p <= 0.0
+        pull = side.numbers[CONTACT_STIFFNESS] * (y - anchor)
+        s = 1.0 if pull > 0.0 else -1.0
+        if s * p <= 0.0:
+            return False
+        force = _transmitted(side, drive, tau, x, v, y, p)
+        w = load(side, _held_force(force), t, 0.0, y, p, 0.0, rest)
+        return s * pull >= _bound(side, t, y, p, w, s, rest)
+    if mode == 0:
+        force = _transmitted(side, drive, tau, x, v, y, p)
+        return hold_excess(side, _held_force(force), t, 0.0, y, p, rest)[0] > 0.0
+    if s * p > side.numbers[STICK_SPEED]:
+        return False
+    if s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
+        return True
+    force = _transmitted(side, drive, tau, x, v, y, p)
+    return band_excess(side, _held_force(force), t, 0.0, y, p, s) <= 0.0
+
+
+@internal
+def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
+    """Deflection of a contact that springs back, no more than the level holds."""
+    s = 1.0 if z > 0.0 else -1.0
+    force = _transmitted(side, drive, tau, x, v, y, p)
+    w = load(side, _held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
+    most = _bound(side, t0 + tau, y, p, w, s, rest) / side.numbers[CONTACT_STIFFNESS]
+    return s * min(s * z, most)
+
+
+@internal
+def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
+    """Mode, speed and deflection of the load, friction force, accelerations."""
+    force = _transmitted(side, drive, 0.0, x, v, y, p)
+    w = load(side, _held_force(force), t0, 0.0, y, p, float(mode), rest)
+    if not side.integers[STRUCTURE] & CONTACT:
+        mode, p = resolve(side, t0, y, p, mode, rest, w)
+        motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y, mode, rest)
+        if mode == 0:
+            return mode, p, 0.0, w, motor, rate
+        s = float(mode)
+        w = load(side, _held_force(force), t0, 0.0, y, p, s, 0.0)
+        return mode, p, 0.0, s * sliding_level(side, t0, y, p, w, s), motor, rate
+    stiffness = side.numbers[CONTACT_STIFFNESS]
+    if mode != 0 and mode * p <= 0.0:
+        mode = 0
+    if mode == 0:
+        s = 1.0 if z > 0.0 else -1.0
+        bound = _bound(side, t0, y, p, w, s, rest)
+        # Round-off of a contact that slides already is not worth an elastic phase.
+        if s * stiffness * z >= bound * (1.0 - 1e-12):
+            z = s * bound / stiffness
+            mode = int(s) if s * p > 0.0 else 0
+    if mode == 0:
+        friction = stiffness * z
+    else:
+        s = float(mode)
+        w = load(side, _held_force(force), t0, 0.0, y, p, s, 0.0)
+        friction = s * sliding_level(side, t0, y, p, w, s)
+    motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y - z, mode, rest)
+    return mode, p, z, friction, motor, rate
+
+
+@internal
+def _advance_inner(side, drive, t0, h, memory, events, count):
+    """Move one mass on an elastic contact, or two masses on a spring.
+
+    `side` is the plant with the mass that carries the friction.  Else as
+    `advance`.
+    """
+    two = side.integers[STRUCTURE] & SPRING != 0
+    contact = side.integers[STRUCTURE] & CONTACT != 0
+    stiffness, sigma = side.numbers[CONTACT_STIFFNESS], side.numbers[STICK_SPEED]
+    x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
+    y, p = x, v
+    if two:
+        y, p = x + memory[OFFSET], v + memory[SLIP]
+    first, p, z, friction, m1, k1 = _begin_inner(
+        side, drive, t0, x, v, y, p, memory[DEFLECTION], mode, rest
+    )
+    if first != mode:
+        record(events, count, t0, mode, first)
+        mode, rest = first, 0.0
+    seen = v if two else p
+    anchor = y - z
+    # Whether the level can fall while the contact is strained.
+    fades = contact and (
+        side.numbers[EXCESS] > 0.0
+        or side.integers[N_LEVEL] + side.integers[N_PLUS] + side.integers[N_MINUS] > 2
+    )
+    tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
+    while tau < h:
+        s = float(mode)
+        if fresh:
+            m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
+            fresh = False
+        d = min(longest, h - tau, side.numbers[SHORT_TIME])
+        x1, v1, y1, p1, m4, k4, error = _stride(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
+        )
+        pace = abs(p) + sigma + d * abs(k1)
+        if two:
+            pace += abs(v) + d * abs(m1)
+        allowed = TOLERANCE * pace
+        if d > SHORTEST * h:
+            if abs(y1 - y) > side.numbers[SHORT_WAY]:
+                longest = 0.9 * d * side.numbers[SHORT_WAY] / abs(y1 - y)
+                continue
+            if error > allowed:
+                longest = smaller(d, allowed, error)
+                continue
+            if mode != 0:
+                sight = peak_step(side, p, p1, s, d)
+                if sight < 0.99 * d:
+                    longest = sight
+                    continue
+                part = k1 / (k1 - k4) if k1 != k4 else 0.0
+                if p == 0.0 and s * k1 > 0.0 and s * p1 <= 0.0:
+                    # From rest and back to it in one step: stop near the turn.
+                    longest = d * min(max(part, 0.1), 0.9)
+                    continue
+                dip = p + part * d * (k1 + 0.5 * part * (k4 - k1))
+                if s * k1 < 0.0 < s * k4 and s * p1 > 0.0 > s * dip and 1e-6 < part < 1.0 - 1e-6:
+                    longest = part * d
+                    continue
+            elif contact and p * p1 < 0.0:
+                # The contact turns round in this step: stop where it is strained most.
+                part = p / (p - p1)
+                force = _transmitted(side, drive, tau + d, x1, v1, y1, p1)
+                w = load(side, _held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
+                pull = stiffness * (y + 0.6 * part * d * p - anchor)
+                side_of_pull = 1.0 if pull > 0.0 else -1.0
+                near = _bound(side, t0 + tau, y, 0.0, w, side_of_pull, rest)
+                if abs(pull) > 0.99 * near and 1e-6 < part < 1.0 - 1e-6:
+                    longest = part * d
+                    continue
+
+        after_rest = rest + d if mode == 0 else 0.0
+        over = switches < MAX_SWITCHES and _switched(
+            side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips
+        )
+        if not over:
+            x, v, y, p, rest, fresh = x1, v1, y1, p1, after_rest, True
+            tau += d
+            if fades and mode == 0:
+                anchor = y - _eased(side, drive, t0, tau, x, v, y, p, y - anchor, rest)
+            if tau + SHORTEST * h >= h:
+                tau = h
+            if longest < h:
+                longest = larger(d, allowed, error)
+            continue
+
+        a, b = 0.0, d
+        while b - a > 1e-14 * d:
+            c = 0.5 * (a + b)
+            xc, vc, yc, pc, _, _, _ = _stride(
+                side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
+            )
+            now = rest + c if mode == 0 else 0.0
+            if _switched(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips):
+                b = c
+            else:
+                a = c
+        x, v, y, p, _, _, _ = _stride(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, b
+        )
+        tau += b
+        if tau + SHORTEST * h >= h:
+            tau = h
+        fresh, longest = True, h
+        force = _transmitted(side, drive, tau, x, v, y, p)
+        held = _held_force(force)
+        after = 0
+        if mode == 0:
+            rest += b
+            if contact:
+                after = 1 if y > anchor else -1
+            else:
+                after = int(hold_excess(side, held, t0 + tau, 0.0, y, p, rest)[1])
+                if after * p < 0.0:
+                    p = 0.0
+        elif contact:
+            p = 0.0
+            w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
+            anchor = y - s * sliding_level(side, t0 + tau, y, p, w, s) / stiffness
+        elif s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
+            p = 0.0
+            if side.integers[RULE] == PAPER:
+                flips += 1
+                after = -mode
+            else:
+                if two:
+                    held = _held_force(_transmitted(side, drive, tau, x, v, y, p))
+                w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
+                after = at_zero(side, t0 + tau, y, w, mode)
+                if after == mode and b <= 2e-14 * d:
+                    # Round-off between a load and a level that are equal.
+                    after = 0
+        if after != mode:
+            switches += 1
+            record(events, count, t0 + tau, mode, after, switches)
+            mode, rest = after, 0.0
+
+    if contact:
+        z = y - anchor
+        if mode != 0:
+            s = float(mode)
+            force = _transmitted(side, drive, h, x, v, y, p)
+            w = load(side, _held_force(force), t0 + h, 0.0, y, p, s, 0.0)
+            z = s * sliding_level(side, t0 + h, y, p, w, s) / stiffness
+        memory[DEFLECTION] = z
+    elif mode == 0 and abs(p) < 1e-9 * sigma:
+        p = 0.0
+    if two:
+        memory[X], memory[V], memory[OFFSET], memory[SLIP] = x, v, y - x, p - v
+    else:
+        memory[X], memory[V] = y, p
+    memory[MODE], memory[REST] = mode, rest
+    return seen, friction, first
+
+
+@internal
+def _advance_one(plant, drive, t0, h, memory, events, count):
+    """Move one mass, on an elastic contact or not."""
+    if plant.integers[STRUCTURE] & CONTACT:
+        return _advance_inner(plant, drive, t0, h, memory, events, count)
+    return do(plant, RIGID_TASK, ADVANCE, drive, t0, h, memory, events, count)
+
+
+@internal
+def _motor(plant, drive, v, tau):
+    """Way and speed of the motor alone after tau, exactly."""
+    inverse = plant.numbers[INVERSE_MOTOR]
+    push = tau * (drive.start + 0.5 * drive.slope * tau)
+    moved = tau * tau * (0.5 * drive.start + drive.slope * tau / 6.0)
+    if drive.fade != 0.0:
+        phi = drive.rate * tau
+        fall = -math.expm1(-phi) / drive.rate
+        push += drive.fade * fall
+        if phi > 1e-3:
+            moved += drive.fade * (tau - fall) / drive.rate
+        else:
+            moved += drive.fade * tau * tau * (0.5 - phi / 6.0 + phi * phi / 24.0)
+    return v * tau + moved * inverse, v + push * inverse
+
+
+@njit(cache=True, error_model="numpy")
+def _state_of_load(memory, scratch):
+    """The load as one mass of its own, into `scratch`."""
+    scratch[X], scratch[V] = memory[X] + memory[OFFSET], memory[V] + memory[SLIP]
+    scratch[MODE], scratch[REST] = memory[MODE], memory[REST]
+    scratch[DEFLECTION] = memory[DEFLECTION]
+
+
+@internal
+def _seen_one(plant, drive, t, state):
+    """Mode, speed, friction force and acceleration of one mass as it starts."""
+    mode = int(state[MODE])
+    if plant.integers[STRUCTURE] & CONTACT:
+        mode, p, _, friction, _, rate = _begin_inner(
+            plant, drive, t, state[X], state[V], state[X], state[V],
+            state[DEFLECTION], mode, state[REST],
+        )  # fmt: skip
+        return mode, p, friction, rate
+    mode, p, friction, rate = begin(plant, drive, t, state[X], state[V], mode, state[REST])
+    if mode == 0:
+        rate = -plant.numbers[STICK_RATE] * p
+    return mode, p, friction, rate
+
+
+@internal
+def _push(plant, drive, t, state, side):
+    """Force with which the motor, in contact at `side`, pushes the load."""
+    rate = _seen_one(plant, drive, t, state)[3]
+    return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
+
+
+@internal
+def _meeting(plant, memory):
+    """Side on which motor and load touch without moving apart, 0 for none."""
+    half = plant.numbers[HALF_GAP]
+    if abs(memory[OFFSET]) < half * (1.0 - 1e-12):
+        return 0.0
+    side = 1.0 if memory[OFFSET] < 0.0 else -1.0
+    return side if side * memory[SLIP] <= 0.0 else 0.0
+
+
+@internal
+def _impact(plant, memory, side):
+    """Plastic impact: one speed from here on, the momentum is kept."""
+    share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
+    memory[OFFSET] = -side * plant.numbers[HALF_GAP]
+    if memory[SLIP] != 0.0:
+        memory[V] += (1.0 - share) * memory[SLIP]
+        memory[SLIP] = 0.0
+
+
+@internal
+def _joined(plant, drive, t, d, memory, side, scratch, events, count):
+    """Move motor and load as one mass over d; the contact's push at the end."""
+    _state_of_load(memory, scratch)
+    _advance_one(plant, drive, t, d, scratch, events, count)
+    return _push(plant, _later(drive, d), t + d, scratch, side)
+
+
+@internal
+def _apart(plant, drive, t, d, memory, scratch, events, count):
+    """Move motor and load without contact over d; the motor's lead at the end."""
+    _state_of_load(memory, scratch)
+    _advance_one(_load_side(plant), _held_force(0.0), t, d, scratch, events, count)
+    moved, _ = _motor(plant, drive, memory[V], d)
+    # From differences: the gap is small against the position.
+    return moved - memory[OFFSET] - (scratch[X] - (memory[X] + memory[OFFSET]))
+
+
+@internal
+def _advance_play(plant, drive, t0, h, memory, events, count):
+    """Move motor and load with a play between them, see `advance`.
+
+    In contact they are one mass until the contact would have to pull; apart
+    the motor moves in closed form and the load under its own forces, until
+    they meet.
+    """
+    half = plant.numbers[HALF_GAP]
+    share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
+    scratch = spare_memory()
+    tau = 0.0
+    side = _meeting(plant, memory)
+    if side != 0.0:
+        _impact(plant, memory, side)
+        _state_of_load(memory, scratch)
+        if _push(plant, drive, t0, scratch, side) < 0.0:
+            side = 0.0
+    seen, friction, first = _seen_play(plant, drive, t0, memory, side)
+    begun = count[LISTED]
+    for turn in range(MAX_SWITCHES):
+        if tau >= h:
+            break
+        # Whether they touch is looked at where a piece ends.
+        d = min(h - tau, plant.numbers[SHORT_TIME])
+        # Bounds the work, and the switches that are listed.
+        last_turn = turn == MAX_SWITCHES - 1 or count[LISTED] - begun > MAX_SWITCHES
+        now, piece = t0 + tau, _later(drive, tau)
+        known = count[LISTED]
+        if side != 0.0:
+            end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
+            if end < 0.0 and not last_turn:
+                a, b = 0.0, d
+                _state_of_load(memory, scratch)
+                fa, fb = _push(plant, piece, now, scratch, side), end
+                last = 0
+                for i in range(100):
+                    c = between(a, fa, b, fb)
+                    if b - a <= 1e-15 * d or fb == 0.0 or c == b:
+                        break
+                    # The push may jump as the load sticks: halve now and then.
+                    if i % 4 == 3:
+                        c = 0.5 * (a + b)
+                    count[LISTED] = known
+                    fc = _joined(plant, piece, now, c, memory, side, scratch, events, count)
+                    a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
+                count[LISTED] = known
+                _joined(plant, piece, now, b, memory, side, scratch, events, count)
+                d = b
+                offset, after = -side * half, 0.0
+            else:
+                offset, after = -side * half, side
+            memory[X], memory[V] = scratch[X] - offset, scratch[V]
+            memory[OFFSET], memory[SLIP] = offset, 0.0
+        else:
+            lead = _apart(plant, piece, now, d, memory, scratch, events, count)
+            after = 0.0
+            if abs(lead) > half and not last_turn:
+                after = 1.0 if lead > 0.0 else -1.0
+                a, b = 0.0, d
+                fa, fb = half + after * memory[OFFSET], half - after * lead
+                if fa <= 0.0:
+                    # Apart and back again in one piece: find a moment between.
+                    c = 0.5 * d
+                    for _ in range(30):
+                        count[LISTED] = known
+                        lead = _apart(plant, piece, now, c, memory, scratch, events, count)
+                        if after * lead < half:
+                            a, fa = c, half - after * lead
+                            break
+                        b, fb = c, half - after * lead
+                        c *= 0.5
+                last = 0
+                if fa <= 0.0:
+                    b = 0.0
+                for _ in range(100):
+                    c = between(a, fa, b, fb)
+                    if b - a <= 1e-15 * d or fb == 0.0 or c == b:
+                        break
+                    count[LISTED] = known
+                    lead = _apart(plant, piece, now, c, memory, scratch, events, count)
+                    a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, half - after * lead)
+                count[LISTED] = known
+                lead = after * half
+                if b > 0.0:
+                    _apart(plant, piece, now, b, memory, scratch, events, count)
+                else:
+                    _state_of_load(memory, scratch)
+                d = b
+            moved, speed = _motor(plant, piece, memory[V], d)
+            memory[X] += moved
+            memory[V] = speed
+            memory[OFFSET], memory[SLIP] = -lead, scratch[V] - speed
+            if after != 0.0:
+                memory[OFFSET] = -after * half
+                memory[V] = speed + (1.0 - share) * (scratch[V] - speed)
+                memory[SLIP] = 0.0
+        memory[MODE], memory[REST] = scratch[MODE], scratch[REST]
+        memory[DEFLECTION] = scratch[DEFLECTION]
+        tau += d
+        if tau + SHORTEST * h >= h:
+            tau = h
+        if after != 0.0 and side == 0.0 and tau < h:
+            _state_of_load(memory, scratch)
+            if _push(plant, _later(drive, tau), t0 + tau, scratch, after) < 0.0:
+                after = 0.0
+        side = after
+    return seen, friction, first
+
+
+@internal
+def _seen_play(plant, drive, t, memory, side):
+    """Speed of the motor, friction force and mode, given the side of contact."""
+    scratch = spare_memory()
+    _state_of_load(memory, scratch)
+    if side != 0.0:
+        mode, _, friction, _ = _seen_one(plant, drive, t, scratch)
+    else:
+        mode, _, friction, _ = _seen_one(_load_side(plant), _held_force(0.0), t, scratch)
+    return memory[V], friction, mode
+
+
+@internal
+def _settle(plant, force, t, memory):
+    """Inner states of an axis that has come to rest, or to steady sliding.
+
+    A play is closed on the side of the drive, a spring carries the drive, an
+    elastic contact the load as far as it can.
+    """
+    kind = plant.integers[STRUCTURE]
+    memory[OFFSET], memory[SLIP], memory[DEFLECTION] = 0.0, 0.0, 0.0
+    if kind & PLAY:
+        memory[OFFSET] = -plant.numbers[HALF_GAP] if force >= 0.0 else plant.numbers[HALF_GAP]
+    if kind & SPRING:
+        memory[OFFSET] = -force / plant.numbers[STIFFNESS]
+    if kind & CONTACT:
+        y, v = memory[X] + memory[OFFSET], memory[V]
+        w = load(plant, _held_force(force), t, 0.0, y, v, 0.0, memory[REST])
+        slides = abs(v) > plant.numbers[STICK_SPEED]
+        s = math.copysign(1.0, v if slides else w)
+        bound = _bound(plant, t, y, v, w, s, 0.0)
+        pull = s * bound if slides else s * min(abs(w), bound)
+        memory[DEFLECTION] = pull / plant.numbers[CONTACT_STIFFNESS]
+
+
+@internal
+def _advance_structure(plant, drive, t0, h, memory, events, count):
+    """Move an axis with inner states, see `advance`."""
+    kind = plant.integers[STRUCTURE]
+    if kind & PLAY:
+        return _advance_play(plant, drive, t0, h, memory, events, count)
+    if kind & SPRING:
+        return _advance_inner(_load_side(plant), drive, t0, h, memory, events, count)
+    return _advance_inner(plant, drive, t0, h, memory, events, count)
+
+
+@internal
+def _outputs_structure(plant, drive, t, memory):
+    """Speed of the motor, friction force and mode of the load."""
+    kind = plant.integers[STRUCTURE]
+    if kind & PLAY:
+        side = _meeting(plant, memory)
+        if side != 0.0:
+            scratch = spare_memory()
+            _state_of_load(memory, scratch)
+            if memory[SLIP] == 0.0 and _push(plant, drive, t, scratch, side) < 0.0:
+                side = 0.0
+        return _seen_play(plant, drive, t, memory, side)
+    two = kind & SPRING != 0
+    x, v, mode = memory[X], memory[V], int(memory[MODE])
+    side_plant, y, p = plant, x, v
+    if two:
+        side_plant, y, p = _load_side(plant), x + memory[OFFSET], v + memory[SLIP]
+    mode, p, _, friction, _, _ = _begin_inner(
+        side_plant, drive, t, x, v, y, p, memory[DEFLECTION], mode, memory[REST]
+    )
+    return v, friction, mode
+
+
+def _inner_task(
+    task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
+):
+    """Whatever an axis with inner states is asked to do; speed, friction, mode."""
+    plant, drive = Plant(numbers, integers), Drive(start, slope, fade, rate)
+    if task == SETTLE:
+        _settle(plant, start, t0, memory)
+        return
+    if task == ADVANCE:
+        v, friction, mode = _advance_structure(plant, drive, t0, h, memory, events, count)
+    else:
+        v, friction, mode = _outputs_structure(plant, drive, t0, memory)
+    seen[0], seen[1], seen[2] = v, friction, mode
+
+
+@functools.cache
+def inner_task():
+    """Compiled code of the inner states, on first use."""
+    return cfunc(TASK_CALL, cache=True)(_inner_task)

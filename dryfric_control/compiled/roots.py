@@ -1,0 +1,48 @@
+"""Root finding and the length of the next step, once for every compiled loop.
+
+Both are written over plain numbers: the caller's loop evaluates its own function,
+which may repeat a step or move a whole state.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+#: Step rule: part of the length that the error allows, and the most a step shrinks and grows.
+_SAFETY, _SHRINK, _GROW = 0.9, 0.1, 3.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def between(a, fa, b, fb):
+    """Next place to look at in (a, b), or b where no number is left between them.
+
+    The secant's, or the middle where that is outside: a value that is not positive at `a`
+    (a root at the start) gives no secant.
+    """
+    c = (fa * b - fb * a) / (fa - fb) if fa > 0.0 else a
+    if not a < c < b:
+        c = 0.5 * (a + b)
+    return c if a < c < b else b
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def narrowed(a, fa, b, fb, side, c, fc):
+    """Bracket after a look at c, by Illinois' rule: an end that stays twice counts half.
+
+    `fa` is positive, `fb` is not; `side` is which end moved last (0 at first).
+    """
+    if fc > 0.0:
+        return c, fc, b, (0.5 * fb if side == 1 else fb), 1
+    return a, (0.5 * fa if side == -1 else fa), c, fc, -1
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def smaller(d, allowed, error):
+    """Step after one of length d whose error, of order 5, was not allowed."""
+    return d * max(_SHRINK, _SAFETY * (allowed / error) ** 0.2)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def larger(d, allowed, error):
+    """Step after one of length d whose error, of order 5, was allowed."""
+    return d * min(_GROW, _SAFETY * (allowed / max(error, 1e-300)) ** 0.2)

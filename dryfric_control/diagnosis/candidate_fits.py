@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import BASE, with_effect
-from dryfric_control.diagnosis.first_guesses import View, guesses, view
+from dryfric_control.diagnosis.first_guesses import guesses
 from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesis
+from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
@@ -244,13 +245,13 @@ class Race:
         """What first guesses look at, for a fitted axis and with the base as believed."""
         record = self.bench.windows.record
         known = base.hypothesis.values(base.z)
-        views = [(view(base.axis, record, self.believed), known)]
+        views = [(View(base.axis, record, self.believed), known)]
         if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
             # The base may have bent only for want of the cause.
             straight = known | {n: v for n, v in self.believed.items() if n in known}
             names = [n for n in self.believed if n in known]
             axis = with_values(base.axis, names, [straight[n] for n in names])
-            views.append((view(axis, record, self.believed), straight))
+            views.append((View(axis, record, self.believed), straight))
         return tuple(views)
 
     def _near(self, runners: list[Fitted]) -> list[Fitted]:

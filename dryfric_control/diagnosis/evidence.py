@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
-from dryfric_control.diagnosis.first_guesses import view
 from dryfric_control.diagnosis.search import Bench
+from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
@@ -162,7 +162,7 @@ def evidence(
     """
     axis = axis.effective()
     windows = cut(record, window, hold)
-    seen = view(axis, record)
+    seen = View(axis, record)
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
     lags, correlation, white = autocorrelation(seen.residual, index, record.dt)

@@ -5,143 +5,25 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
 
-from dryfric_control.compiled.free_runs import accelerations
 from dryfric_control.diagnosis.candidates import holds, other_numbers, with_effect
-from dryfric_control.estimation.motion import directions
-from dryfric_control.estimation.parameters import powers, values_of
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.estimation.force_residual import Values, View
+from dryfric_control.estimation.parameters import powers
 from dryfric_control.model.effects import Effect
-from dryfric_control.records.record import Record
 from dryfric_control.ties import above, ranked
 
 FloatArray = NDArray[np.float64]
-Values = dict[str, float]
 
-# Noise of the acceleration that a regression may have, over the Coulomb level.
-_NOISE = 0.02
-# Samples that a regression reads; more make no better guess.
-_ENOUGH = 4000
-# Longest smoothing, samples.
-_LONGEST = 81
 # Points of the search grid for a period within one width of the main lobe.
 _FINE = 4
 # Periods: the shortest over the smoothing's own reach, the most of them.
 _MOST_PERIODS = 400
 # Guesses of an effect that has none of its own.
 _MOST_GUESSES = 256
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """What a guess may look at: sliding samples and the typical size of things.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The axis that leaves the residual.
-    t, x, v, a, u : ndarray, shape (n,)
-        Zero-phase motion and drive of sliding samples.
-    direction : ndarray of int64, shape (n,)
-    residual : ndarray, shape (n,)
-        Force that the axis would need beside its drive.
-    level : float
-        Typical Coulomb level.
-    travel : tuple of float
-        Lowest and highest position in the record.
-    quantum, dt : float
-    drive : ndarray
-        All samples of the input, sliding or not.
-    believed : dict of str to float
-        Base parameters as the user believes them.
-    """
-
-    axis: FrictionAxis
-    t: FloatArray
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
-    u: FloatArray
-    direction: NDArray[np.int64]
-    residual: FloatArray
-    level: float
-    travel: tuple[float, float]
-    quantum: float
-    dt: float
-    drive: FloatArray
-    believed: Values
-
-    @property
-    def span(self) -> float:
-        """Travel in the record."""
-        return self.travel[1] - self.travel[0]
-
-    @property
-    def middle(self) -> float:
-        """Middle of the travel in the record."""
-        return 0.5 * (self.travel[0] + self.travel[1])
-
-
-def view(axis: FrictionAxis, record: Record, believed: Values | None = None) -> View:
-    """Sliding samples of a record, and the force residual of an axis there."""
-    if believed is None:
-        names = ("mass", "viscous", "coulomb")
-        believed = dict(zip(names, values_of(axis, names).tolist(), strict=True))
-    low, high = float(record.x.min()), float(record.x.max())
-    middle = 0.5 * (low + high)
-    level = max(
-        0.5 * float(np.sum(np.abs([axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]))),
-        1e-3 * float(np.std(record.u)),
-    )
-    size = _window(record, _NOISE * level / axis.mass)
-    smooth = record.derivatives(size)
-    moving = directions(record)
-    steady = np.ones(len(record), bool)
-    half = size // 2
-    for offset in range(-half, half + 2):
-        change = np.flatnonzero(np.diff(moving) != 0) + offset
-        steady[np.clip(change, 0, len(record) - 1)] = False
-    steady[: half + 1] = steady[len(record) - half - 1 :] = False
-    pick = np.flatnonzero((moving != 0) & steady & (moving * smooth.v > 0.0))
-    if pick.size > _ENOUGH:
-        pick = pick[:: -(-pick.size // _ENOUGH)]
-    t, x, v, a = record.t[pick], smooth.x[pick], smooth.v[pick], smooth.a[pick]
-    # With held input a central difference sees the mean of both sides, smoothed.
-    held = 0.5 * (record.u + np.concatenate((record.u[:1], record.u[:-1])))
-    u = np.convolve(np.pad(held, half, mode="edge"), _kernel(size, record.dt), "valid")[pick]
-    way = moving[pick].astype(np.int64)
-    model = np.empty(pick.size)
-    arrays = axis.arrays(1.0)
-    accelerations(arrays.numbers, arrays.integers, t, x, v, u, way, model)
-    residual = axis.mass * (a - model)
-    return View(
-        axis, t, x, v, a, u, way, residual, level, (low, high),
-        max(record.quantum or 0.0, math.sqrt(12.0) * record.noise, 1e-9 * record.range),
-        record.dt, record.u, believed,
-    )  # fmt: skip
-
-
-def _window(record: Record, allowed: float) -> int:
-    """Shortest smoothing whose acceleration noise is allowed."""
-    longest = min(_LONGEST, ((len(record) - 1) // 4) | 1)
-    for size in range(7, longest, 2):
-        gain = float(np.linalg.norm(savgol_coeffs(size, 3, deriv=2, delta=record.dt)))
-        if gain * record.noise < allowed:
-            return size
-    return max(longest, 7)
-
-
-def _kernel(size: int, dt: float) -> FloatArray:
-    """Smoothing that the second derivative of a Savitzky-Golay filter applies to it."""
-    second = savgol_coeffs(size, 3, deriv=2, delta=dt)
-    kernel = np.zeros(size)
-    kernel[1:-1] = np.cumsum(np.cumsum(second))[:-2] * dt**2
-    return np.asarray(kernel / kernel.sum())
 
 
 def _regress(v: View, columns: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -462,9 +344,4 @@ def _column(effect: type[Effect], v: View, values: Values) -> FloatArray:
         axis = with_effect(v.axis, effect, dict(values)).axis
     except ValueError:
         return np.zeros(v.x.size)
-    model = []
-    for one in (axis, v.axis):
-        arrays = one.arrays(1.0)
-        model.append(np.empty(v.x.size))
-        accelerations(arrays.numbers, arrays.integers, v.t, v.x, v.v, v.u, v.direction, model[-1])
-    return np.asarray(v.axis.mass * (model[0] - model[1]))
+    return np.asarray(v.axis.mass * (v.accelerations(axis) - v.accelerations(v.axis)))

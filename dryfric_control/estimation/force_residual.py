@@ -1,23 +1,32 @@
-"""A first guess for a fit: regression of the force residual."""
+"""Force residual of the sliding samples of a record, and a first guess for a fit from it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import savgol_coeffs
 
 from dryfric_control.compiled.free_runs import accelerations
 from dryfric_control.estimation.motion import directions
+from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
+Values = dict[str, float]
 
-# Samples that the regression reads; more do not make a better start.
-_ENOUGH = 5000
+# Samples that a regression reads, for the start of a fit and for first guesses; more
+# change neither (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
+_ENOUGH, _ENOUGH_TO_GUESS = 5000, 4000
+# First guesses: noise of the acceleration over the Coulomb level that a regression may
+# have, and the longest smoothing that is spent on it [samples]
+# (`benchmarks/diagnosis.py`, conditions exact and coarse).
+_NOISE, _LONGEST = 0.02, 81
 
 
 class Sliding:
@@ -29,6 +38,11 @@ class Sliding:
         The record.
     limit : int, optional
         Largest number of samples to keep.
+    smoothing : int, optional
+        Samples of the Savitzky-Golay window, odd.  Default: the record's own
+        `smoothing_window`.
+    smooth_drive : bool, optional
+        Whether the drive is smoothed by the same window as the acceleration.
 
     Attributes
     ----------
@@ -40,10 +54,17 @@ class Sliding:
     direction : ndarray of int64, shape (n,)
     """
 
-    def __init__(self, record: Record, limit: int | None = None) -> None:
-        smooth = record.derivatives()
+    def __init__(
+        self,
+        record: Record,
+        limit: int | None = None,
+        smoothing: int | None = None,
+        smooth_drive: bool = False,
+    ) -> None:
+        size = record.smoothing_window if smoothing is None else smoothing
+        smooth = record.derivatives(size)
         # The smoothing must not reach across a start or a stop.
-        half = record.smoothing_window // 2
+        half = size // 2
         moving = directions(record)
         steady = np.ones(len(record), bool)
         changes = np.flatnonzero(np.diff(moving) != 0)
@@ -53,29 +74,123 @@ class Sliding:
         pick = np.flatnonzero((moving != 0) & steady & (moving * smooth.v > 0.0))
         if limit is not None and pick.size > limit:
             pick = pick[:: -(-pick.size // limit)]
+        drive = 0.5 * (record.u + np.concatenate((record.u[:1], record.u[:-1])))
+        if smooth_drive:
+            drive = np.convolve(np.pad(drive, half, mode="edge"), _kernel(size, record.dt), "valid")
         self.t, self.x = record.t[pick], smooth.x[pick]
-        self.v, self.a = smooth.v[pick], smooth.a[pick]
-        self.u = 0.5 * (record.u[pick] + record.u[np.maximum(pick - 1, 0)])
+        self.v, self.a, self.u = smooth.v[pick], smooth.a[pick], drive[pick]
         self.direction = moving[pick].astype(np.int64)
 
-    def residual(self, axis: FrictionAxis) -> FloatArray:
+    def accelerations(self, axis: FrictionAxis) -> FloatArray:
+        """Acceleration of an axis' sliding mode in these states, shape (n,)."""
+        return _accelerations(axis, self.t, self.x, self.v, self.u, self.direction)
+
+    def force_residual(self, axis: FrictionAxis) -> FloatArray:
         """Drive that the axis would need less the drive it had, shape (n,)."""
-        arrays = axis.arrays(1.0)
-        model = np.empty(self.t.size)
-        accelerations(
-            arrays.numbers, arrays.integers, self.t, self.x, self.v, self.u, self.direction, model
+        return np.asarray(axis.mass * (self.a - self.accelerations(axis)))
+
+
+class View(Sliding):
+    """Sliding samples as a first guess reads them: with an axis and typical sizes.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis that leaves the residual.
+    record : Record
+        The record.
+    believed : dict of str to float, optional
+        Nominal base parameters.  Default: those of the axis.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+        Force that the axis would need beside its drive.
+    level : float
+        Typical Coulomb level.
+    middle, span : float
+        Middle and length of the travel in the record.
+    quantum, dt : float
+        Resolution of the readings as a quantum, and sampling time [s].
+    drive : ndarray
+        All samples of the input, sliding or not.
+
+    Notes
+    -----
+    The smoothing is the shortest that leaves an acceleration noise of 2 % of
+    level/mass, up to 81 samples.
+
+    Examples
+    --------
+    A missing bias force is the residual at every sample:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(6.0 * t)
+    >>> pushed = axis.replace(effects=(dfc.effects.BiasForce(force=1.5),))
+    >>> x = pushed.simulate(u, dt=1e-3).y[0]
+    >>> round(float(np.median(View(axis, dfc.Record(t, u, x)).residual)), 2)
+    1.5
+    """
+
+    def __init__(self, axis: FrictionAxis, record: Record, believed: Values | None = None) -> None:
+        if believed is None:
+            names = ("mass", "viscous", "coulomb")
+            believed = dict(zip(names, values_of(axis, names).tolist(), strict=True))
+        low, high = float(record.x.min()), float(record.x.max())
+        self.middle, self.span = 0.5 * (low + high), high - low
+        levels = [axis.coulomb(np.array([self.middle]), s)[0] for s in (1, -1)]
+        self.level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
+        size = _quiet(record, _NOISE * self.level / axis.mass)
+        super().__init__(record, _ENOUGH_TO_GUESS, size, smooth_drive=True)
+        self.axis, self.believed = axis, believed
+        self.residual = self.force_residual(axis)
+        self.quantum = max(
+            record.quantum or 0.0, math.sqrt(12.0) * record.noise, 1e-9 * record.range
         )
-        return np.asarray(axis.mass * (self.a - model))
+        self.dt, self.drive = record.dt, record.u
+
+
+def _quiet(record: Record, allowed: float) -> int:
+    """Shortest smoothing whose acceleration noise is allowed."""
+    longest = min(_LONGEST, ((len(record) - 1) // 4) | 1)
+    for size in range(7, longest, 2):
+        gain = float(np.linalg.norm(savgol_coeffs(size, 3, deriv=2, delta=record.dt)))
+        if gain * record.noise < allowed:
+            return size
+    return max(longest, 7)
+
+
+def _kernel(size: int, dt: float) -> FloatArray:
+    """Smoothing of the acceleration by a second derivative of a Savitzky-Golay filter."""
+    second = savgol_coeffs(size, 3, deriv=2, delta=dt)
+    kernel = np.zeros(size)
+    kernel[1:-1] = np.cumsum(np.cumsum(second))[:-2] * dt**2
+    return np.asarray(kernel / kernel.sum())
+
+
+def _accelerations(
+    axis: FrictionAxis,
+    t: FloatArray,
+    x: FloatArray,
+    v: FloatArray,
+    u: FloatArray,
+    direction: NDArray[np.int64],
+) -> FloatArray:
+    """Acceleration of the sliding mode at given states, shape (n,)."""
+    arrays = axis.arrays(1.0)
+    found = np.empty(x.size)
+    accelerations(arrays.numbers, arrays.integers, t, x, v, u, direction, found)
+    return found
 
 
 def forces(
     axis: FrictionAxis, x: FloatArray, v: FloatArray, u: FloatArray, direction: NDArray[np.int64]
 ) -> FloatArray:
     """Force with which an axis' sliding mode differs from the drive, shape (n,)."""
-    arrays = axis.arrays(1.0)
-    model = np.empty(x.size)
-    accelerations(arrays.numbers, arrays.integers, np.zeros(x.size), x, v, u, direction, model)
-    return np.asarray(axis.mass * model - u)
+    return np.asarray(axis.mass * _accelerations(axis, np.zeros(x.size), x, v, u, direction) - u)
 
 
 def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> FloatArray:
@@ -104,7 +219,7 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
             axis = problem.model_at(point).axis
         except ValueError:
             return np.full(sum(p.t.size for p in parts), 1e3)
-        return np.concatenate([p.residual(axis) for p in parts]) / scale
+        return np.concatenate([p.force_residual(axis) for p in parts]) / scale
 
     inside = np.clip(z, problem.low, problem.high)
     found = least_squares(

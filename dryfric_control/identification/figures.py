@@ -35,7 +35,7 @@ def plot_fit(
     fastest = 0.0
     for i, run in enumerate(training):
         slide = Sliding(run.windows.record, 3000)
-        friction = -slide.residual(bare)
+        friction = -slide.force_residual(bare)
         fastest = max(fastest, float(np.max(np.abs(slide.v), initial=0.0)))
         top.plot(slide.v, friction, ".", color=GREY, ms=2,
                  label="measured, inertia and effects taken off" if i == 0 else None)  # fmt: skip

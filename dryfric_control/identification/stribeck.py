@@ -267,7 +267,7 @@ def _coarse(
     """
     slide = Sliding(record, _ENOUGH)
     bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
-    friction = -slide.residual(bare) - axis.viscous * slide.v
+    friction = -slide.force_residual(bare) - axis.viscous * slide.v
     at = _break_aways(record, sticks)
     sides = np.concatenate([slide.direction, sticks.direction])
     places = np.concatenate([slide.x, record.x[at]])

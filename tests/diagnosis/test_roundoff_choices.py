@@ -11,7 +11,8 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.diagnosis.first_guesses import guesses, view
+from dryfric_control.diagnosis.first_guesses import guesses
+from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
@@ -197,7 +198,7 @@ def test_a_fit_ends_in_the_same_place(how):
 @pytest.mark.parametrize("how", CHANGES)
 def test_first_guesses_are_the_same(how):
     record, effect = run("cogging"), REGISTRY["cogging"]
-    one, two = (guesses(effect, view(BASE, r)) for r in (record, changed(record, how)))
+    one, two = (guesses(effect, View(BASE, r)) for r in (record, changed(record, how)))
     assert len(one) == len(two) > 1
     for (values, base), (others, around) in zip(one, two, strict=True):
         assert others == pytest.approx(values, rel=1e-6)
@@ -208,7 +209,7 @@ def test_of_two_equal_peaks_the_first_is_taken():
     """A sine halfway between two points of the grid raises both alike."""
     from dryfric_control.diagnosis.first_guesses import _FINE, _periods
 
-    seen = view(BASE, run("clean"))
+    seen = View(BASE, run("clean"))
     along = np.linspace(-0.5, 0.5, seen.x.size)
     grid = np.arange(40, 60) / _FINE
     f = 0.5 * (grid[3] + grid[4])

@@ -1,58 +1,213 @@
-"""Compiled parts of the diagnosis: free runs with their start states projected out.
+"""Free runs over the windows of a record, and their normal equations, compiled.
 
-They release the interpreter lock, so that candidates may run in threads.
+They release the interpreter lock, so that starts and candidates may run in threads.
 """
 # mypy: disallow-untyped-defs=False
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
 
 from dryfric_control.compiled import axis_step
-from dryfric_control.compiled.free_runs import _held, _keep, _lagged, _restore
 
-# Parts of a step towards the best start state that are tried in turn.
-_PARTS = (1.0, 0.25)
-# A window whose cost fell by less than this has found its start state.
-_FALL = 0.02
-# Step of the slopes over the start's error.
-_SLOPE = 0.1
-# Places within a play that are tried for a window that no other start explains:
-# the first so many over the whole play, the others ever closer to the best.
+# Search of a start state (`benchmarks/diagnosis.py`, exact and off): parts of a step
+# that are tried in turn; fall of the cost below which a window has found its start, of
+# a cost whose noise is sqrt(2 samples); slopes over this part of the start's error.
+_PARTS, _FALL, _SLOPE = (1.0, 0.25), 0.02, 0.1
+# Of the promised fall, what is worth new slopes, and what another step along the old.
+_NEW_SLOPES, _OLD_SLOPES, _STEPS = 0.3, 0.5, 3
+# Cost per sample above which a window's start is sought elsewhere: twice the noise's.
+_LOST = 2.0
+# Places within a play that are tried for such a window (`benchmarks/diagnosis.py
+# backlash`): the first so many over the whole play, the others ever closer to the best.
 _PLACES, _CLOSER = 9, 12
 
 
+class Windowed(NamedTuple):
+    """A record in windows; window i covers the samples edges[i] to edges[i+1] - 1."""
+
+    u: Any  # (n,) drive force
+    x: Any  # (n,) readings
+    t0: float  # time of the first sample [s]
+    dt: float  # sampling time [s]
+    first: bool  # whether the drive runs linearly between samples
+    edges: Any  # (nwindows + 1,)
+    x0: Any  # (nwindows,) state at each start, and its standard deviations
+    v0: Any
+    x_error: Any
+    v_error: Any
+    rest: Any  # (nwindows,) time at rest before each start [s]
+
+
+class Evaluation(NamedTuple):
+    """Errors of the active windows for one axis.
+
+    Attributes
+    ----------
+    errors, by_x, by_v : ndarray, shape (n,)
+        Simulated less measured position, and its slopes with the start state.
+    starts : ndarray, shape (3, nwindows)
+        Corrections of the start states; place of a load in its play (-1 to 1)
+        where it does not go on from the window before, else NaN.
+    costs : ndarray, shape (nwindows,)
+        Sum of squares over scale^2, and the cost of the corrections.
+    """
+
+    errors: Any
+    by_x: Any
+    by_v: Any
+    starts: Any
+    costs: Any
+
+
+class Search(NamedTuple):
+    """How start states are searched."""
+
+    active: Any  # (nwindows,) windows asked for
+    linked: bool  # windows hand on their internal memory
+    uniform: bool  # the axis is the same at every position
+    scale: float  # standard deviation of the errors
+    rounds: int  # of new slopes with the start state; none and no slopes if negative
+    offsets: Any  # other velocities to start from, in multiples of their error
+
+
+class _Run(NamedTuple):
+    """An axis, and the memory that its runs use."""
+
+    plant: Any
+    memory: Any
+    events: Any
+    count: Any
+
+
+class _Found(NamedTuple):
+    """Where the search of one window's start ended."""
+
+    dx: float
+    dv: float
+    cost: float
+
+
 @axis_step.internal
-def begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner):
-    """Memory at the first sample of a window; without inner states, an axis at rest.
+def _run_of(axis):
+    """An axis from its `Arrays`, which must outlive it."""
+    plant = axis_step.point(axis.numbers, axis.integers)
+    events = np.empty(axis_step.ROOM)
+    return _Run(plant, np.zeros(axis.memory), events, axis_step.tally(events))
+
+
+@axis_step.internal
+def _held(plant, state, u, k, end):
+    """Drive of sample k after the input map; before the record it is u[0]."""
+    return axis_step.input_map(plant, 0.0, state, u[min(max(k + end, 0), u.shape[0] - 1)])
+
+
+@axis_step.internal
+def _lagged(plant, w, k, state):
+    """Lagged drive at sample k, from the inputs of ten time constants before."""
+    u, dt = w.u, w.dt
+    lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY]
+    whole = int(delay / dt)
+    part = delay / dt - whole
+    back = min(k, int(10.0 * lag / dt) + whole + 2)
+    value = _held(plant, state, u, k - back - whole, 0)
+    for i in range(k - back, k):
+        # Input old acts for the part of the sample that the delay takes.
+        old = _held(plant, state, u, i - whole - 1, 0)
+        new = _held(plant, state, u, i - whole, 0)
+        if w.first:
+            old = 0.5 * (old + new)
+            new = 0.5 * (new + _held(plant, state, u, i - whole, 1))
+        value = old + (value - old) * np.exp(-part * dt / lag)
+        value = new + (value - new) * np.exp(-(1.0 - part) * dt / lag)
+    return value
+
+
+@axis_step.internal
+def _keep(memory, inner):
+    """Inner states at one instant, into `inner`."""
+    inner[0], inner[1] = memory[axis_step.DEFLECTION], memory[axis_step.OFFSET]
+    inner[2], inner[3] = memory[axis_step.SLIP], memory[axis_step.MODE]
+
+
+@axis_step.internal
+def _restore(plant, inner, memory):
+    """Inner states at the position and speed in memory; a stuck load stays stuck."""
+    memory[axis_step.DEFLECTION], memory[axis_step.OFFSET] = inner[0], inner[1]
+    memory[axis_step.SLIP], memory[axis_step.MODE] = inner[2], inner[3]
+    kind = plant.integers[axis_step.STRUCTURE]
+    if not kind & axis_step.CONTACT and inner[2] != 0.0 and inner[3] == 0.0:
+        memory[axis_step.SLIP] = -memory[axis_step.V]
+
+
+@axis_step.internal
+def _begin(run, w, i, x0, v0, inner):
+    """Memory at the first sample of window i; without inner states, an axis at rest.
 
     The last place of `inner` is the time at rest, which the run before knows
     better than the readings do: it stopped at an instant, they stand still.
     """
+    plant, memory, a, rest = run.plant, run.memory, w.edges[i], w.rest[i]
     state = axis_step.pointer(memory)
     memory[:] = 0.0
     memory[axis_step.X], memory[axis_step.V] = x0, v0
-    memory[axis_step.REST] = (
-        inner[axis_step.N_INNER] if inner[axis_step.N_INNER] > 0.0 < rest else rest
-    )
+    rested = inner[axis_step.N_INNER]
+    memory[axis_step.REST] = rested if rested > 0.0 < rest else rest
     for j in range(plant.integers[axis_step.N_HISTORY]):
-        memory[axis_step.HISTORY + 2 * j] = _held(plant, state, u, a - 1 - j, 0)
-        memory[axis_step.HISTORY + 2 * j + 1] = _held(plant, state, u, a - 1 - j, 1 if first else 0)
+        end = 1 if w.first else 0
+        memory[axis_step.HISTORY + 2 * j] = _held(plant, state, w.u, a - 1 - j, 0)
+        memory[axis_step.HISTORY + 2 * j + 1] = _held(plant, state, w.u, a - 1 - j, end)
     if plant.numbers[axis_step.LAG] > 0.0:
-        memory[axis_step.LAGGED] = _lagged(plant, u, dt, first, a, state)
+        memory[axis_step.LAGGED] = _lagged(plant, w, a, state)
     if plant.integers[axis_step.STRUCTURE] != 0:
         if np.isnan(inner[0]):
-            axis_step.settle(plant, t0 + a * dt, dt, state, u[a])
+            axis_step.settle(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
             _keep(memory, inner)
-        _restore(plant.integers, inner, memory)
-    _, _, mode = axis_step.outputs(plant, t0 + a * dt, dt, state, u[a])
+        _restore(plant, inner, memory)
+    _, _, mode = axis_step.outputs(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
     memory[axis_step.MODE] = mode
     if mode != 0:
         memory[axis_step.REST] = 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@axis_step.internal
+def _inner_at(run, w, i, place, inner):
+    """Inner states with which window i starts, in place.
+
+    They do not depend on the start's corrections.  At a `place` of the play,
+    -1 to 1, the load is as fast as the motor.
+    """
+    if np.isnan(inner[0]):
+        _begin(run, w, i, w.x0[i], w.v0[i], inner)
+    if not np.isnan(place):
+        inner[0], inner[1] = 0.0, place * run.plant.numbers[axis_step.HALF_GAP]
+        inner[2], inner[3] = 0.0, 0.0
+
+
+@axis_step.internal
+def _free_run(run, w, i, x0, v0, inner, out):
+    """One free run over window i from a start state, positions into out[a:b].
+
+    `inner` is the internal memory at the start; what the run hands on is left
+    in run.memory, one sample after its last.
+    """
+    memory, a, b, last = run.memory, w.edges[i], w.edges[i + 1], w.u.shape[0] - 1
+    _begin(run, w, i, x0, v0, inner)
+    state = axis_step.pointer(memory)
+    switches, counted = axis_step.pointer(run.events), axis_step.pointer(run.count)
+    out[a] = memory[axis_step.X]
+    for k in range(a, b):
+        run.count[0] = 0
+        end = w.u[min(k + 1, last)] if w.first else w.u[k]
+        axis_step.sample(run.plant, w.t0 + k * w.dt, w.dt, w.u[k], end, state, switches, counted)
+        if k + 1 < b:
+            out[k + 1] = memory[axis_step.X]
+
+
+@axis_step.internal
 def _end(memory, after):
     """What a run hands on: its inner states and for how long it has been at rest."""
     _keep(memory, after)
@@ -61,296 +216,230 @@ def _end(memory, after):
 
 
 @axis_step.internal
-def _placed(plant, place, inner):
-    """Inner states with the load at a place of the play, -1 to 1, as fast as the motor."""
-    inner[0], inner[1] = 0.0, place * plant.numbers[axis_step.HALF_GAP]
-    inner[2], inner[3] = 0.0, 0.0
-
-
-@axis_step.internal
-def _free_run(plant, memory, events, count, u, t0, dt, first, a, b, x0, v0, rest, inner, out):
-    """One free run over the samples a to b - 1, positions into out[a:b].
-
-    `inner` is the internal memory at the start; the one at the end is left in
-    `memory`.
-    """
-    state = axis_step.pointer(memory)
-    begin_window(plant, memory, u, t0, dt, first, a, x0, v0, rest, inner)
-    out[a] = memory[axis_step.X]
-    switches, counted = axis_step.pointer(events), axis_step.pointer(count)
-    for k in range(a, b - 1):
-        count[0] = 0
-        end = u[k + 1] if first else u[k]
-        axis_step.sample(plant, t0 + k * dt, dt, u[k], end, state, switches, counted)
-        out[k + 1] = memory[axis_step.X]
-    # The next window starts one sample later.
-    count[0] = 0
-    end = u[b] if first and b < u.shape[0] else u[b - 1]
-    axis_step.sample(plant, t0 + (b - 1) * dt, dt, u[b - 1], end, state, switches, counted)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def _copy(source, a, b, target):
     """target[a:b] = source[a:b], whose check of shapes would take long to compile."""
     for k in range(a, b):
         target[k] = source[k]
 
 
+@axis_step.internal
+def _needed(active, linked, i):
+    """Whether a window must run: asked for, or linked to the next that is."""
+    return active[i] or (linked and i + 1 < active.shape[0] and active[i + 1])
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def _cost(x, out, a, b, dx, dv, scale, x_error, v_error):
-    total = 0.0
-    for k in range(a, b):
-        e = out[k] - x[k]
-        total += e * e
-    return total / scale**2 + (dx / x_error) ** 2 + (dv / v_error) ** 2
+def free_runs(axis, w, active, linked, starts, out):
+    """Positions of free runs over the active windows from corrected start states.
+
+    `axis` is the `Arrays` of an axis, `starts` as in `Evaluation`.  A window goes
+    on with the inner states and the time at rest with which the one before has
+    ended, if that was run; `linked`: the one before an active window is run too.
+    """
+    run = _run_of(axis)
+    inner = np.full(axis_step.N_INNER + 1, np.nan)
+    for i in range(w.edges.shape[0] - 1):
+        if _needed(active, linked, i):
+            _inner_at(run, w, i, starts[2, i], inner)
+            _free_run(run, w, i, w.x0[i] + starts[0, i], w.v0[i] + starts[1, i], inner, out)
+            _end(run.memory, inner)
+        else:
+            inner[:] = np.nan
 
 
 @axis_step.internal
-def _settle(
-    plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0, v0, rest, inner, scale,
-    xe, ve, rounds, dx, dv, out, tried, by_x, by_v, after,
-):  # fmt: skip
-    """Search the start state of one window from the corrections dx, dv.
+def _cost(w, i, out, dx, dv, scale):
+    """Sum of squares of a window over scale^2, and the cost of its corrections."""
+    total = 0.0
+    for k in range(w.edges[i], w.edges[i + 1]):
+        e = out[k] - w.x[k]
+        total += e * e
+    return total / scale**2 + (dx / w.x_error[i]) ** 2 + (dv / w.v_error[i]) ** 2
 
-    Leaves the run in out[a:b], its slopes in by_x and by_v and the internal
-    memory at its end in `after`; returns the corrections and the cost.  With
-    rounds < 0 there is one run from the corrections given, and no slopes.
+
+@axis_step.internal
+def _start_terms(w, i, scale, dx, dv, errors, by_x, by_v):
+    """Normal equations of a window's start state, (xx, xv, vv, gx, gv), prior included."""
+    xx, xv, vv = (scale / w.x_error[i]) ** 2, 0.0, (scale / w.v_error[i]) ** 2
+    gx, gv = xx * dx, vv * dv
+    for k in range(w.edges[i], w.edges[i + 1]):
+        xx += by_x[k] * by_x[k]
+        xv += by_x[k] * by_v[k]
+        vv += by_v[k] * by_v[k]
+        gx += by_x[k] * errors[k]
+        gv += by_v[k] * errors[k]
+    return xx, xv, vv, gx, gv
+
+
+@axis_step.internal
+def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, after):
+    """Search the start state of window i from the corrections dx, dv.
+
+    Leaves the run in out[a:b], its slopes in at.by_x and at.by_v and the
+    internal memory at its end in `after`.  With rounds < 0 there is one run
+    from the corrections given, and no slopes.
     """
-    _free_run(
-        plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx, v0 + dv, rest, inner, out
-    )
-    _end(memory, after)
-    cost = _cost(x, out, a, b, dx, dv, scale, xe, ve)
+    a, b, scale = w.edges[i], w.edges[i + 1], search.scale
+    x0, v0 = w.x0[i], w.v0[i]
+    _free_run(run, w, i, x0 + dx, v0 + dv, inner, out)
+    _end(run.memory, after)
+    cost = _cost(w, i, out, dx, dv, scale)
     if rounds < 0:
-        return dx, dv, cost
-    hx, hv = _SLOPE * xe, _SLOPE * ve
+        return _Found(dx, dv, cost)
+    hx, hv = _SLOPE * w.x_error[i], _SLOPE * w.v_error[i]
     for turn in range(rounds + 1):
-        if uniform:
-            by_x[a:b] = 1.0
+        if search.uniform:
+            at.by_x[a:b] = 1.0
         else:
-            _free_run(
-                plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx + hx, v0 + dv, rest,
-                inner, tried,
-            )  # fmt: skip
+            _free_run(run, w, i, x0 + dx + hx, v0 + dv, inner, tried)
             for k in range(a, b):
-                by_x[k] = (tried[k] - out[k]) / hx
-        _free_run(
-            plant, memory, events, count, u, t0, dt, first, a, b, x0 + dx, v0 + dv + hv, rest,
-            inner, tried,
-        )  # fmt: skip
+                at.by_x[k] = (tried[k] - out[k]) / hx
+        _free_run(run, w, i, x0 + dx, v0 + dv + hv, inner, tried)
         for k in range(a, b):
-            by_v[k] = (tried[k] - out[k]) / hv
+            at.by_v[k] = (tried[k] - out[k]) / hv
         if turn == rounds:
             break
         again = False
         # Along fixed slopes as long as that pays, then with new ones.
-        for _ in range(3):
-            xx, xv, vv = (scale / xe) ** 2, 0.0, (scale / ve) ** 2
-            gx, gv = xx * dx, vv * dv
+        for _ in range(_STEPS):
             for k in range(a, b):
-                e = out[k] - x[k]
-                xx += by_x[k] * by_x[k]
-                xv += by_x[k] * by_v[k]
-                vv += by_v[k] * by_v[k]
-                gx += by_x[k] * e
-                gv += by_v[k] * e
+                at.errors[k] = out[k] - w.x[k]
+            xx, xv, vv, gx, gv = _start_terms(w, i, scale, dx, dv, at.errors, at.by_x, at.by_v)
             det = xx * vv - xv * xv
             sx = -(vv * gx - xv * gv) / det
             sv = -(xx * gv - xv * gx) / det
-            # What the slopes promise; less than this is not worth a run.
+            # The fall that the slopes promise; less than this is not worth a run.
             promised = -(gx * sx + gv * sv) / scale**2
             if not promised > _FALL:
                 break
             fell = 0.0
             for part in _PARTS:
                 tx, tv = dx + part * sx, dv + part * sv
-                _free_run(
-                    plant, memory, events, count, u, t0, dt, first, a, b, x0 + tx, v0 + tv, rest,
-                    inner, tried,
-                )  # fmt: skip
-                new = _cost(x, tried, a, b, tx, tv, scale, xe, ve)
+                _free_run(run, w, i, x0 + tx, v0 + tv, inner, tried)
+                new = _cost(w, i, tried, tx, tv, scale)
                 if new < cost:
                     fell = cost - new
-                    again = again or fell > 0.3 * promised
+                    again = again or fell > _NEW_SLOPES * promised
                     dx, dv, cost = tx, tv, new
                     _copy(tried, a, b, out)
-                    _end(memory, after)
+                    _end(run.memory, after)
                     break
-            if fell < 0.5 * promised:
+            if fell < _OLD_SLOPES * promised:
                 break
         if not again:
             break
-    return dx, dv, cost
+    return _Found(dx, dv, cost)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _needed(active, w, linked):
-    """Whether a window must run: asked for, or linked to the next that is."""
-    return active[w] or (linked and w + 1 < active.shape[0] and active[w + 1])
+def project(axis, w, search, at):
+    """Errors of the active windows from their most likely start states, into `at`.
 
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def project(
-    numbers, integers, size, linked, uniform, u, x, t0, dt, first, edges, x0, v0, x_error,
-    v_error, rest, active, scale, rounds, offsets, starts, errors, by_x, by_v, costs,
-):  # fmt: skip
-    """Errors of the active windows from their most likely start states.
-
-    `starts` (rows dx, dv, place) holds where the search of each window's start
-    begins and is changed in place; `errors`, `by_x`, `by_v` get the errors of
-    position and their slopes with the start state, `costs` the sum of squares
-    over scale^2 and what the corrections cost.  A window far above the scale
-    is searched again from speeds that differ by `offsets` of their error:
-    a break-away makes the cost rugged.  `linked`: windows hand on their
-    internal memory, so that the one before an active window runs as well;
-    `place` is where in its play a load starts instead (-1 to 1), NaN where it
-    goes on from the window before.  `uniform`: the axis is the same at every
-    position, so that a run from elsewhere need not be made.
+    `at.starts` holds where the search of each window's start begins and is
+    changed in place.  A window far above the scale is searched again from other
+    speeds: a break-away makes the cost rugged; and where the load is in its play.
     """
-    plant = axis_step.point(numbers, integers)
-    memory = np.zeros(size)
-    events = np.empty(axis_step.ROOM)
-    count = axis_step.tally(events)
-    n_inner = axis_step.N_INNER
+    run = _run_of(axis)
+    n_inner, n = axis_step.N_INNER, w.x.shape[0]
     inner, after, other = np.full(n_inner + 1, np.nan), np.empty(n_inner + 1), np.empty(n_inner + 1)
-    n = x.shape[0]
     out, tried, better = np.empty(n), np.empty(n), np.empty(n)
-    for w in range(edges.shape[0] - 1):
-        a, b = edges[w], edges[w + 1]
-        if not _needed(active, w, linked):
+    starts = at.starts
+    for i in range(w.edges.shape[0] - 1):
+        a, b, active = w.edges[i], w.edges[i + 1], search.active[i]
+        if not _needed(search.active, search.linked, i):
             inner[:] = np.nan
             continue
-        if np.isnan(inner[0]):
-            # What a first window starts with does not depend on its corrections.
-            begin_window(plant, memory, u, t0, dt, first, a, x0[w], v0[w], rest[w], inner)
-        if not np.isnan(starts[2, w]):
-            _placed(plant, starts[2, w], inner)
+        _inner_at(run, w, i, starts[2, i], inner)
         # Of a window not asked for, only what it hands on matters.
-        turns = rounds if active[w] else min(rounds, 1)
-        dx, dv, cost = _settle(
-            plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w], rest[w],
-            inner, scale, x_error[w], v_error[w], turns, starts[0, w], starts[1, w], out, tried,
-            by_x, by_v, after,
-        )  # fmt: skip
-        for offset in offsets:
-            if cost < 2.0 * (b - a) or not active[w]:
-                break
-            tx, tv, new = _settle(
-                plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w],
-                rest[w], inner, scale, x_error[w], v_error[w], rounds, 0.0, offset * v_error[w],
-                better, tried, by_x, by_v, other,
-            )  # fmt: skip
-            if new < cost:
-                dx, dv, cost = tx, tv, new
-                _copy(better, a, b, out)
-                _copy(other, 0, n_inner + 1, after)
-        play = plant.integers[axis_step.STRUCTURE] & axis_step.PLAY != 0
-        if play and offsets.shape[0] > 0 and active[w] and cost > 2.0 * (b - a):
-            # Nobody measures where in its play the load is.
-            best, width = starts[2, w], 2.0 / (_PLACES - 1)
-            for turn in range(_PLACES + _CLOSER):
-                if turn < _PLACES:
-                    place = -1.0 + width * turn
+        turns = search.rounds if active else min(search.rounds, 1)
+        found = _search_start(
+            run, w, i, search, turns, starts[0, i], starts[1, i], inner, at, out, tried, after
+        )
+        best, width, place = starts[2, i], 2.0 / (_PLACES - 1), np.nan
+        tries = search.offsets.shape[0] if active else 0
+        play = run.plant.integers[axis_step.STRUCTURE] & axis_step.PLAY != 0
+        for turn in range(tries + (_PLACES + _CLOSER if play and tries > 0 else 0)):
+            dv = 0.0
+            if turn < tries:
+                if found.cost < _LOST * (b - a):
+                    break
+                dv = search.offsets[turn] * w.v_error[i]
+            else:
+                # Nobody measures where in its play the load is.
+                count = turn - tries
+                if count == 0 and not found.cost > _LOST * (b - a):
+                    break
+                if count < _PLACES:
+                    place = -1.0 + width * count
                 elif np.isnan(best):
                     break
                 else:
                     # Either side of the best, then half as far.
-                    if (turn - _PLACES) % 2 == 0:
+                    if (count - _PLACES) % 2 == 0:
                         width *= 0.5
-                    place = best + (width if turn % 2 == 0 else -width)
+                    place = best + (width if count % 2 == 0 else -width)
                     place = min(max(place, -1.0), 1.0)
-                _placed(plant, place, inner)
-                tx, tv, new = _settle(
-                    plant, uniform, memory, events, count, u, x, t0, dt, first, a, b, x0[w], v0[w],
-                    rest[w], inner, scale, x_error[w], v_error[w], rounds, 0.0, 0.0, better,
-                    tried, by_x, by_v, other,
-                )  # fmt: skip
-                if new < cost:
-                    dx, dv, cost, best = tx, tv, new, place
-                    _copy(better, a, b, out)
-                    _copy(other, 0, n_inner + 1, after)
-            starts[2, w] = best
-        starts[0, w], starts[1, w] = dx, dv
-        costs[w] = cost if active[w] else 0.0
+                _inner_at(run, w, i, place, inner)
+            new = _search_start(
+                run, w, i, search, search.rounds, 0.0, dv, inner, at, better, tried, other
+            )
+            if new.cost < found.cost:
+                found = new
+                best = place if turn >= tries else best
+                _copy(better, a, b, out)
+                _copy(other, 0, n_inner + 1, after)
+        starts[0, i], starts[1, i], starts[2, i] = found.dx, found.dv, best
+        at.costs[i] = found.cost if active else 0.0
         for k in range(a, b):
-            errors[k] = out[k] - x[k]
+            at.errors[k] = out[k] - w.x[k]
         _copy(after, 0, n_inner + 1, inner)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def moved(
-    numbers, integers, size, linked, u, x, t0, dt, first, edges, x0, v0, rest, active, starts,
-    errors, width, slope,
-):  # fmt: skip
-    """Slopes of the errors with a parameter, from runs of a moved axis."""
-    plant = axis_step.point(numbers, integers)
-    memory = np.zeros(size)
-    events = np.empty(axis_step.ROOM)
-    count = axis_step.tally(events)
-    inner = np.full(axis_step.N_INNER + 1, np.nan)
-    out = np.empty(x.shape[0])
-    for w in range(edges.shape[0] - 1):
-        a, b = edges[w], edges[w + 1]
-        if not _needed(active, w, linked):
-            inner[:] = np.nan
+def normal_terms(w, active, at, slopes, scale):
+    """Gradient and normal matrix of each active window, its start state eliminated.
+
+    `slopes` has one row of errors for each parameter.  With start slopes S,
+    their prior P and M = S'S + P, the normal matrix is D'D - D'S inv(M) S'D,
+    all over scale^2; zero for windows not active.  The third array has, for dx
+    and dv, the best step where it is (first column) and its slope with each
+    parameter; without parameters that is all there is.
+    """
+    p, nw = slopes.shape[0], w.edges.shape[0] - 1
+    g, h, back = np.zeros((nw, p)), np.zeros((nw, p, p)), np.zeros((nw, 2, p + 1))
+    c = np.empty((p, 2))
+    for i in range(nw):
+        if not active[i]:
             continue
-        if np.isnan(inner[0]):
-            begin_window(plant, memory, u, t0, dt, first, a, x0[w], v0[w], rest[w], inner)
-        if not np.isnan(starts[2, w]):
-            _placed(plant, starts[2, w], inner)
-        _free_run(
-            plant, memory, events, count, u, t0, dt, first, a, b, x0[w] + starts[0, w],
-            v0[w] + starts[1, w], rest[w], inner, out,
-        )  # fmt: skip
-        _end(memory, inner)
-        if active[w]:
+        a, b = w.edges[i], w.edges[i + 1]
+        xx, xv, vv, gx, gv = _start_terms(
+            w, i, scale, at.starts[0, i], at.starts[1, i], at.errors, at.by_x, at.by_v
+        )
+        det = xx * vv - xv * xv
+        back[i, 0, 0] = -(vv * gx - xv * gv) / det
+        back[i, 1, 0] = -(xx * gv - xv * gx) / det
+        for j in range(p):
+            c[j, 0], c[j, 1], total = 0.0, 0.0, 0.0
             for k in range(a, b):
-                slope[k] = (out[k] - x[k] - errors[k]) / width
+                c[j, 0] += slopes[j, k] * at.by_x[k]
+                c[j, 1] += slopes[j, k] * at.by_v[k]
+                total += slopes[j, k] * at.errors[k]
+            by_x = (vv * c[j, 0] - xv * c[j, 1]) / det
+            by_v = (xx * c[j, 1] - xv * c[j, 0]) / det
+            back[i, 0, j + 1], back[i, 1, j + 1] = -by_x, -by_v
+            g[i, j] = (total - by_x * gx - by_v * gv) / scale**2
+            for m in range(j + 1):
+                total = 0.0
+                for k in range(a, b):
+                    total += slopes[j, k] * slopes[m, k]
+                total -= by_x * c[m, 0] + by_v * c[m, 1]
+                h[i, j, m] = total / scale**2
+                h[i, m, j] = h[i, j, m]
+    return g, h, back
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def normal_terms(
-    edges, active, errors, slopes, by_x, by_v, starts, scale, x_error, v_error, g, h, back,
-):  # fmt: skip
-    """Gradient and normal matrix of each active window, its start state eliminated.
-
-    With start slopes S, their prior P and M = S'S + P, the normal matrix is
-    D'D - D'S inv(M) S'D, all over scale^2; zero for windows not active.
-    `back` gets, for dx and dv, the best correction where it is (first column)
-    and its slope with each parameter.
-    """
-    p = slopes.shape[0]
-    c = np.empty((p, 2))
-    for w in range(edges.shape[0] - 1):
-        if not active[w]:
-            g[w], h[w] = 0.0, 0.0
-            continue
-        a, b = edges[w], edges[w + 1]
-        xx, xv, vv = (scale / x_error[w]) ** 2, 0.0, (scale / v_error[w]) ** 2
-        gx, gv = xx * starts[0, w], vv * starts[1, w]
-        for k in range(a, b):
-            xx += by_x[k] * by_x[k]
-            xv += by_x[k] * by_v[k]
-            vv += by_v[k] * by_v[k]
-            gx += by_x[k] * errors[k]
-            gv += by_v[k] * errors[k]
-        det = xx * vv - xv * xv
-        back[w, 0, 0] = -(vv * gx - xv * gv) / det
-        back[w, 1, 0] = -(xx * gv - xv * gx) / det
-        for i in range(p):
-            c[i, 0], c[i, 1], total = 0.0, 0.0, 0.0
-            for k in range(a, b):
-                c[i, 0] += slopes[i, k] * by_x[k]
-                c[i, 1] += slopes[i, k] * by_v[k]
-                total += slopes[i, k] * errors[k]
-            first = (vv * c[i, 0] - xv * c[i, 1]) / det
-            second = (xx * c[i, 1] - xv * c[i, 0]) / det
-            back[w, 0, i + 1], back[w, 1, i + 1] = -first, -second
-            g[w, i] = (total - first * gx - second * gv) / scale**2
-            for j in range(i + 1):
-                total = 0.0
-                for k in range(a, b):
-                    total += slopes[i, k] * slopes[j, k]
-                total -= first * c[j, 0] + second * c[j, 1]
-                h[w, i, j] = total / scale**2
-                h[w, j, i] = h[w, i, j]
+def accelerations(numbers, integers, t, x, v, u, direction, out):
+    """Acceleration of the sliding mode at given states, into `out`."""
+    for k in range(t.shape[0]):
+        out[k] = axis_step.mode_rate(numbers, integers, t[k], x[k], v[k], u[k], direction[k])[0]

@@ -12,9 +12,24 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import BASE, with_effect
 from dryfric_control.diagnosis.first_guesses import guesses
-from dryfric_control.diagnosis.search import BASE_COST, ROBUST, Bench, Hypothesis
 from dryfric_control.estimation.force_residual import View
-from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
+from dryfric_control.estimation.parameters import (
+    Parameter,
+    Scales,
+    choose,
+    values_of,
+    with_values,
+)
+from dryfric_control.estimation.problem import (
+    BASE_COST,
+    CANDIDATE,
+    Problem,
+    narrowing,
+    scatter,
+    search_bounds,
+    through,
+)
+from dryfric_control.estimation.windows import ROBUST, Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.ties import SQUARES, ranked
@@ -43,6 +58,15 @@ _LOWER = 2.0
 _SAME = 2e-3
 # Of many first guesses, so many are left after single runs.
 _MANY = 4
+# A drive later than this is no drive for a position loop [s].
+_LATE, _LATEST = ("input_delay.delay", "actuator_lag.time_constant"), 0.1
+# Parts of the mass that may be a load; one next to nothing is no load but a contact.
+_SHARES = (0.05, 0.95)
+# Of what must not vanish, a hundredth of the guess is as good as nothing, and a hundred
+# times it beyond all guesses.
+_VANISHING = (0.01, 100.0)
+# Steps of the last descent of a fit, and rounds of its search of start states.
+_LAST_TURNS, _LAST_ROUNDS = 10, 2
 # Mean score below which single windows are worth a search for better starts.
 _THOROUGH = 1.5
 
@@ -55,7 +79,7 @@ class Fitted:
     ----------
     slug : str
         The effect added; empty for the axis itself with its base free.
-    hypothesis : Hypothesis
+    hypothesis : Problem
     z : ndarray
         Search coordinates.
     axis : FrictionAxis
@@ -70,7 +94,7 @@ class Fitted:
     """
 
     slug: str
-    hypothesis: Hypothesis
+    hypothesis: Problem
     z: FloatArray
     axis: FrictionAxis
     loss: float
@@ -83,7 +107,7 @@ class Race:
 
     Parameters
     ----------
-    bench : Bench
+    bench : Windows
     believed : FrictionAxis
         The axis whose base parameters the prior is about.
     fit, judge : ndarray of bool, shape (nwindows,)
@@ -96,7 +120,7 @@ class Race:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: Windows,
         believed: FrictionAxis,
         fit: BoolArray,
         judge: BoolArray,
@@ -115,13 +139,13 @@ class Race:
 
     def hypothesis(
         self, axis: FrictionAxis, free: Sequence[str], base: Sequence[str] | None = None
-    ) -> Hypothesis:
+    ) -> Problem:
         """Hypothesis with base parameters (default: all) and others free."""
         names = list(BASE.values()) if base is None else list(base)
         if not names and not free:
-            return Hypothesis(self.bench, axis, (), self.believed)
+            return Problem(axis, (), [self.bench])
         axis, parameters = choose(axis, [*names, *free], self.sizes)
-        return Hypothesis(self.bench, axis, parameters, self.believed)
+        return Problem(axis, parameters, [self.bench], self.believed, _bounds(parameters))
 
     def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
         if key not in self._answers:
@@ -168,13 +192,13 @@ class Race:
         search: bool,
     ) -> Fitted:
         h = self.hypothesis(axis, free, base)
-        z = h.search(dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True)))
-        return self._finished(slug, h, z, fit, h.scales(z, fit), None, search)
+        z = h.start
+        return self._finished(slug, h, z, fit, narrowing(h, z, fit), None, search)
 
     def _finished(
         self,
         slug: str,
-        h: Hypothesis,
+        h: Problem,
         z: FloatArray,
         fit: BoolArray,
         scales: Sequence[float],
@@ -182,10 +206,12 @@ class Race:
         search: bool,
     ) -> Fitted:
         """A fit to its end, from coordinates and start states, and its scores."""
-        z, at, loss = h.minimise(z, fit, scales, 4, starts)
+        z, [at], loss = through(h, z, fit, scales, CANDIDATE, starts)
+        starts = at.starts
         if h.rugged.size and search and not self._settled(loss, fit):
-            z, at = h.scatter(z, fit, at.starts, _TRIES)
-        z, at, loss = h.minimise(z, fit, scales[-1:], 10, at.starts, 2)
+            z, starts = scatter(h, z, fit, starts, _TRIES)
+        last = CANDIDATE._replace(iterations=_LAST_TURNS, rounds=_LAST_ROUNDS)
+        z, [at], loss = through(h, z, fit, scales[-1:], last, starts)
         return self.judged(Fitted(slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
 
     def judged(self, one: Fitted) -> Fitted:
@@ -243,7 +269,7 @@ class Race:
 
     def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
         """What first guesses look at, for a fitted axis and with the base as believed."""
-        record = self.bench.windows.record
+        record = self.bench.record
         known = base.hypothesis.values(base.z)
         views = [(View(base.axis, record, self.believed), known)]
         if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
@@ -307,8 +333,9 @@ class Race:
             chosen.add(1)
         runs = []
         for _, _, h, z in [tried[i] for i in sorted(chosen)]:
-            scales = h.scales(z, self.sieve)
-            z, at, _ = h.minimise(z, self.sieve, scales[:1], _TURNS[settled], starts)
+            scales = narrowing(h, z, self.sieve)
+            turns = CANDIDATE._replace(iterations=_TURNS[settled])
+            z, [at], _ = through(h, z, self.sieve, scales[:1], turns, starts)
             axis = h.axis_at(z)
             # A break-away hit by luck from other starts must not hide a likeness to the base.
             known = [at.starts] if starts is None else [at.starts, starts]
@@ -329,8 +356,9 @@ class Race:
     def _on(self, one: Fitted, turns: int) -> Fitted:
         """The same a little further, down to the floor."""
         h = one.hypothesis
-        scales = h.scales(one.z, self.sieve)
-        z, at, loss = h.minimise(one.z, self.sieve, scales, turns, one.starts)
+        scales = narrowing(h, one.z, self.sieve)
+        more = CANDIDATE._replace(iterations=turns)
+        z, [at], loss = through(h, one.z, self.sieve, scales, more, one.starts)
         if loss > one.loss:
             return one
         return Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0))
@@ -338,7 +366,7 @@ class Race:
     def _second(self, one: Fitted, settled: bool) -> Fitted:
         """The same to the end of its fit, on all windows that fit."""
         h = one.hypothesis
-        scales = h.scales(one.z, self.fit)[-3:]
+        scales = narrowing(h, one.z, self.fit)[-3:]
         starts = one.starts if settled else None
         return self._finished(one.slug, h, one.z, self.fit, scales, starts, True)
 
@@ -347,3 +375,17 @@ def _sorted(runs: Iterable[Fitted]) -> list[Fitted]:
     """Fits, the lowest loss first; those that tie in the order given."""
     runs = list(runs)
     return [runs[i] for i in ranked([r.loss for r in runs], SQUARES)]
+
+
+def _bounds(parameters: Sequence[Parameter]) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest search coordinates of a candidate, within reason."""
+    low, high = search_bounds(parameters)
+    for i, p in enumerate(parameters):
+        if p.name in _LATE:
+            high[i] = p.search(_LATEST)
+        if p.name.endswith(".load_fraction"):
+            low[i], high[i] = p.search(_SHARES[0]), p.search(_SHARES[1])
+        if 0.0 < p.low < 1e-6 * p.scale and not p.logarithmic:
+            low[i] = p.search(_VANISHING[0] * p.scale)
+            high[i] = min(high[i], p.search(_VANISHING[1] * p.scale))
+    return low, high

@@ -13,7 +13,6 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
 from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis, Gain, Unexplained
-from dryfric_control.diagnosis.search import Bench
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
@@ -132,9 +131,9 @@ def diagnose(
             f"record lasts {record.duration:.3g} s, which is {len(windows)} windows of "
             f"{window:g} s: give at least {_LEAST_WINDOWS} windows, or a shorter window"
         )
-    bench = Bench(windows)
     part = roles(windows)
-    if not np.any(bench.moving & (part == FIT)) or not np.any(bench.moving & (part == JUDGE)):
+    moving = windows.moving
+    if not np.any(moving & (part == FIT)) or not np.any(moving & (part == JUDGE)):
         raise ValueError(
             "record: the axis hardly moves in it, so that it shows no friction; take one with "
             "slow and fast moves both ways"
@@ -146,7 +145,7 @@ def diagnose(
         bar.update()
 
     with bar:
-        race = Race(bench, axis, part == FIT, part == JUDGE, typical([record]), jobs)
+        race = Race(windows, axis, part == FIT, part == JUDGE, typical([record]), jobs)
         return _diagnosis(Selector(race, axis, tell), record, window, part)
 
 
@@ -207,7 +206,7 @@ def _diagnosis(
         messages=_messages(causes),
         scores=found.first,
         window=window,
-        hold=bench.windows.hold,
+        hold=bench.hold,
         roles=part,
     )
 
@@ -280,9 +279,7 @@ def _unexplained(selector, before, final, floor, explained):  # type: ignore[no-
     places: tuple[str, ...] = ()
     if not explained:
         scores = np.where(known, final.scores, np.nan)
-        places = where(
-            scores, float(floor.worst[known].max()), selector.bench.windows, selector.axis.units
-        )
+        places = where(scores, float(floor.worst[known].max()), selector.bench, selector.axis.units)
     return Unexplained(fraction if not explained else 0.0, not explained, places)
 
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
-from dryfric_control.diagnosis.search import Bench
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import Windows, cut
@@ -166,8 +165,7 @@ def evidence(
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
     lags, correlation, white = autocorrelation(seen.residual, index, record.dt)
-    bench = Bench(windows)
-    at = bench.evaluate(axis, np.ones(len(windows), bool), thorough=True)
+    at = windows.evaluate(axis, np.ones(len(windows), bool), thorough=True)
     return Evidence(
         axis,
         record,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.search import Bench, Evaluation
-from dryfric_control.estimation.windows import Windows
+from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record, RecordWarning
 
@@ -84,7 +83,7 @@ class Floor:
 
 
 def noise_floor(
-    bench: Bench,
+    bench: Windows,
     model: FrictionAxis,
     truths: list[FrictionAxis],
     at: Evaluation,
@@ -95,7 +94,7 @@ def noise_floor(
 
     Parameters
     ----------
-    bench : Bench
+    bench : Windows
     model : FrictionAxis
         Axis whose errors are scored.
     truths : list of FrictionAxis
@@ -110,7 +109,7 @@ def noise_floor(
     Floor
     """
     rng = np.random.default_rng(seed)
-    w, record = bench.windows, bench.windows.record
+    w, record = bench, bench.record
     quantum = record.quantum or 0.0
     noise = np.sqrt(max(record.noise**2 - quantum**2 / 12.0, 0.0))
     scores = np.zeros((len(truths), len(w)))
@@ -127,14 +126,13 @@ def noise_floor(
             # What is odd about the record was said when it was read.
             warnings.simplefilter("ignore", RecordWarning)
             readings = Record(record.t, record.u, reading)
-        made = Windows(
-            readings, w.edges,
-            w.x0 + at.starts[0] + errors[0] * w.x0_error,
-            w.v0 + at.starts[1] + errors[1] * w.v0_error,
-            w.x0_error, w.v0_error, w.rest, w.hold,
-        )  # fmt: skip
-        replay = Bench(made, bench.floor)
-        found = replay.evaluate(model, active, thorough=True)
+        made = replace(
+            w,
+            record=readings,
+            x0=w.x0 + at.starts[0] + errors[0] * w.x0_error,
+            v0=w.v0 + at.starts[1] + errors[1] * w.v0_error,
+        )
+        found = made.evaluate(model, active, thorough=True)
         scores[i] = bench.scores(found.costs)
         squares[i] = made.mean_squares(found.errors)
     return Floor(scores, squares)

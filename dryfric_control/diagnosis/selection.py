@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidate_fits import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue, effect_of
 from dryfric_control.diagnosis.noise_floor import NONE, REPLAYS, Floor, noise_floor
-from dryfric_control.diagnosis.search import ROBUST, Evaluation, base_cost, spreads_off
 from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.problem import CANDIDATE, base_cost, spreads_off
 from dryfric_control.estimation.uncertainty import block_labels, jackknife
+from dryfric_control.estimation.windows import ROBUST, Evaluation
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.ties import SQUARES, above, ranked
@@ -84,7 +85,7 @@ class Selector:
         self.race, self.axis, self.tell = race, axis, tell
         self.bench = race.bench
         self.known = race.fit | race.judge
-        self.labels = block_labels([self.bench.windows])
+        self.labels = block_labels([self.bench])
         # Causes that a search named and the fit without them refuted.
         self.refuted: set[str] = set()
 
@@ -113,7 +114,8 @@ class Selector:
     def covariance(self, fitted: Fitted, at: Evaluation) -> FloatArray:
         """Covariance of the search coordinates, from leaving out blocks."""
         h, z = fitted.hypothesis, fitted.z
-        g, normal, _ = h.terms(z, self.known, self.bench.floor, at)
+        h.active, h.scales = [self.known], [self.bench.floor]
+        g, normal, _ = h.terms(z, [at], CANDIDATE)
         prior = h.prior(z)[2] + 1e-9
         known = np.flatnonzero(self.known)
         labels = np.unique(self.labels[known], return_inverse=True)[1]

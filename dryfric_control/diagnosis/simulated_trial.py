@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.compiled.axis_step import N_INNER, STRUCTURE
-from dryfric_control.compiled.free_runs import free_runs
+from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, HELD
 from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
-from dryfric_control.estimation.parameters import Parameter, choose, values_of, with_values
-from dryfric_control.estimation.windows import cut
+from dryfric_control.estimation.parameters import Parameter, choose, values_of
+from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.windows import cut, positions
 from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -45,35 +45,28 @@ class Runs:
 
     Attributes
     ----------
-    u : ndarray, shape (n,)
-    dt : float
-    length : int
-        Samples of a window.
-    x0, v0, rest : ndarray, shape (nwindows,)
+    windowed : Windowed
+        The windows.
     active : ndarray of bool, shape (nwindows,)
         Windows that count.
     """
 
-    u: FloatArray
-    dt: float
-    length: int
-    x0: FloatArray
-    v0: FloatArray
-    rest: FloatArray
+    windowed: Windowed
     active: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, u: FloatArray, dt: float, length: int, x0: FloatArray, v0: FloatArray,
+        rest: FloatArray, active: NDArray[np.bool_],
+    ) -> Runs:  # fmt: skip
+        """Runs over windows of some samples each, from states that are known."""
+        edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
+        return cls(Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest), active)
 
     def positions(self, axis: FrictionAxis) -> FloatArray:
         """Positions of the active windows, shape (nactive, length)."""
-        arrays = axis.arrays(self.dt)
-        carry = bool(arrays.integers[STRUCTURE])
-        count = self.x0.size
-        out = np.zeros(count * self.length)
-        free_runs(
-            arrays.numbers, arrays.integers, arrays.memory, self.u, 0.0, self.dt, False,
-            self.length * np.arange(count + 1), self.x0, self.v0, self.rest,
-            np.ones(count, bool) if carry else self.active, np.zeros((count, N_INNER)), carry, out,
-        )  # fmt: skip
-        return out.reshape(count, self.length)[self.active]
+        out = positions(axis, self.windowed, self.active)
+        return out.reshape(self.active.size, -1)[self.active]
 
 
 def unbent(errors: FloatArray) -> FloatArray:
@@ -133,7 +126,7 @@ def simulate(
     n = np.arange(x.size)
     moved = np.maximum.accumulate(np.where(mode != 0.0, n, -1))
     rest = (dt * (n - moved - 1))[starts] * (mode[starts] == 0.0)
-    runs = Runs(u, dt, length, x[starts], v[starts], rest, np.ones(count, bool))
+    runs = Runs.of(u, dt, length, x[starts], v[starts], rest, np.ones(count, bool))
     return Trial(x, v, u, runs, x[: count * length].reshape(count, length))
 
 
@@ -207,7 +200,8 @@ class Refit:
 
     Attributes
     ----------
-    parameters : tuple of Parameter
+    problem : Problem
+        The hypothesis with its parameters free.
     known : Runs
         Windows of the known record.
     positions : ndarray, shape (nknown, length)
@@ -215,8 +209,7 @@ class Refit:
     quantum : float
     """
 
-    axis: FrictionAxis
-    parameters: tuple[Parameter, ...]
+    problem: Problem
     known: Runs
     positions: FloatArray
     quantum: float
@@ -245,22 +238,12 @@ class Refit:
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
-        known = Runs(
+        known = Runs.of(
             record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
             windows.rest[:count], active,
         )  # fmt: skip
-        return cls(axis, parameters, known, known.positions(axis), quantum)
-
-    def start(self) -> FloatArray:
-        """Search coordinates of the hypothesis as fitted."""
-        values = values_of(self.axis, [p.name for p in self.parameters])
-        return np.array([p.search(v) for p, v in zip(self.parameters, values, strict=True)])
-
-    def axis_at(self, z: FloatArray) -> FrictionAxis:
-        """The hypothesis at search coordinates."""
-        names = [p.name for p in self.parameters]
-        values = [p.value(c) for p, c in zip(self.parameters, z, strict=True)]
-        return with_values(self.axis, names, values)
+        problem = Problem(axis, parameters, [windows])
+        return cls(problem, known, known.positions(axis), quantum)
 
     def best(self, staged: Staged, stage: Stage, trial: Trial) -> FloatArray:
         """Mean squares of a trial's windows after the best small change.
@@ -285,12 +268,13 @@ class Refit:
         an error; the scale falls from the first error to the quantum.
         """
         change = staged.excitation.change
-        first = self.start()
-        reach = np.array([_freedom(p, c) for p, c in zip(self.parameters, first, strict=True)])
+        problem = self.problem
+        first = problem.start
+        reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
         def errors(z: FloatArray) -> FloatArray | None:
             try:
-                axis = self.axis_at(z)
+                axis = problem.axis_at(z)
                 new = trial.errors(change(stage, axis) if change else axis)
             except ValueError:
                 return None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import savgol_coeffs
 
-from dryfric_control.compiled.free_runs import accelerations
+from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem

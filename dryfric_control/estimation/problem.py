@@ -2,53 +2,119 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.compiled.free_runs import normal_terms, start_steps
-from dryfric_control.estimation.parameters import SHIFT, Parameter, with_values
-from dryfric_control.estimation.windows import Windows
+from dryfric_control.compiled.windowed_runs import Evaluation, normal_terms
+from dryfric_control.estimation.parameters import SHIFT, Parameter, values_of, with_values
+from dryfric_control.estimation.windows import Windows, no_corrections, positions
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.ties import NEAR, SQUARES, above
+from dryfric_control.ties import SQUARES, above
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-# Change of a search coordinate by which slopes are taken: a few of its standard
-# errors within these bounds; more would be a chord over what the fit resolves.
-_SHORT_STEP, _STEP = 5e-5, 2e-3
-# Break-away under a held input moves from sample to sample: what acts by it takes
-# at least this change, a smaller one would see nothing.
-_BY_BREAK_AWAY = ("stribeck.excess", "stribeck.speed", "stick_speed")
-_BREAK_AWAY_STEP = 5e-4
-# Slopes to both sides whose sizes differ by this hold such a jump on one side.
+# Relative change of a base parameter that is nothing to wonder about, and the cost of
+# a larger one in units of chi^2 (Cauchy's prior: one large change is likelier than
+# several middling ones).  Set by `benchmarks/diagnosis.py`, condition off.
+BASE_SPREAD, BASE_COST = 0.02, 3.0
+# Parameters that act by break-away, which under a held input moves from sample to
+# sample: their slopes need wider steps, and their loss has many valleys.
+_BY_BREAK_AWAY = ("stribeck.", "dwell_time.", "stick_speed")
+# Width of slopes in search coordinates of order 1 that is never exceeded; more would
+# be a chord over what a fit resolves (`benchmarks/identification.py coverage`).
+_WIDEST = 2e-3
+# Slopes to both sides whose sizes differ by this hold a jump on one side
+# (`benchmarks/identification.py stribeck`).
 _JUMP = 3.0
-# The scale of the errors is what this part of the windows stays below, and the
-# pull of a window on the parameters fades from a multiple of it: the few windows
-# with a mistimed break-away count less, but no whole direction is given up.
-_TYPICAL, _ROBUST = 0.8, 2.0
-# Error of a free run that the arithmetic itself may make, relative to travel.
-_ROUNDING = 1e-9
-# Steps towards the most likely start states, worth another where a window's cost
-# fell by this; their slopes are taken over a part of the start's error.
-_START_STEPS, _START_FALL, _START_SLOPE = 10, 0.02, 0.01
-# A start is looked for at these corrections of the speed, in standard deviations,
-# and over these parts of the window; during a descent only where the cost exceeds
-# that of noise by so many sqrt(samples), some three of its standard deviations.
+# The scale of the errors is what this part of the moving windows stays below
+# (`benchmarks/diagnosis.py`, `benchmarks/identification.py coverage`).
+_TYPICAL = 0.8
+# A fit's scale is lowered in so many stages at most, each from where the one before has
+# ended, until it changes by less than a quarter and the loss falls by less than this
+# (`benchmarks/identification.py stribeck`).
+_STAGES, _SAME_SCALE, _WORTH = 6, (0.8, 1.25), 1.0
+# A candidate's scale falls by this factor (`benchmarks/diagnosis.py`, run times).
+_NARROWER = 0.15
+# Errors of a start beyond which a correction of it is no correction.
+_FARTHEST = 100.0
+# Random search of rugged coordinates of order 1: its spread, the factors by which it
+# grows and shrinks, its end, and its first points, which show where in the record it
+# matters (`benchmarks/diagnosis.py dwell_time stribeck`).
+_RADIUS, _GROWS, _SHRINKS, _SMALLEST, _LEARNT = 0.3, 1.5, 0.94, 1e-3, 10
+# Start states of a fit, all windows together: most steps, the fall of a window's cost
+# that is worth another, slopes over this part of the start's error, parts of a step.
+# Starts are looked for at these speeds, in standard deviations, and over these parts of
+# the window; during a descent only where the cost exceeds that of noise by so many
+# sqrt(samples), some three of its standard deviations (`benchmarks/identification.py
+# stribeck`).
+_START_STEPS, _START_FALL, _START_SLOPE, _START_PARTS = 10, 0.02, 0.01, (1.0, 0.25)
 _SIDES = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 _HORIZONS = (0.25, 0.5, 1.0)
 _LOST = 4.0
-_STAGES, _ITERATIONS = 6, 25
-# Change of the search coordinates, which are of order 1, that is only rounding.
-_CLOSE = 1e-8
-# Relative fall of the loss below which a step is not worth another: with 1e4
-# samples a tenth of a standard error.
-_FLAT = 1e-6
-# Fall of the loss for which a search goes on from start states found anew.
-_WORTH = 1.0
+
+
+class Options(NamedTuple):
+    """Schedule of a descent by `levenberg`.
+
+    Attributes
+    ----------
+    iterations : int
+        Most steps.
+    refused : int
+        Steps refused in a row that end it.
+    damping : tuple of float
+        Least and largest damping; the first is 1e-3.
+    reach : float
+        Longest step of a coordinate, or the coordinate's own size if that is larger.
+    scaled : bool
+        Whether the normal matrix is scaled to a unit diagonal.
+    close : tuple of float
+        Step that ends it, in search coordinates of order 1 and, once refused, in
+        standard errors.
+    flat : tuple of float
+        Fall of the loss that ends it, in units of chi^2 and relative.
+    width : float
+        Standard errors over which slopes are taken.
+    least : tuple of float
+        Least width, of smooth coordinates and of those that act by break-away.
+    sides : int
+        1: slopes to one side.  2: to both; where they disagree, the smaller.
+        3: chords over both, which lead out of the valleys that break-aways make.
+    rounds : int or None
+        Rounds of the search of start states, window by window, from where the
+        slopes say.  None: all windows together, from starts looked for anew.
+    """
+
+    iterations: int
+    refused: int
+    damping: tuple[float, float]
+    reach: float
+    scaled: bool
+    close: tuple[float, float]
+    flat: tuple[float, float]
+    width: float
+    least: tuple[float, float]
+    sides: int
+    rounds: int | None
+
+
+#: Schedule of `fit` and `identify_*`, to the end: with 1e4 samples a relative fall of
+#: 1e-6 is a tenth of a standard error (`benchmarks/identification.py coverage`).
+FIT = Options(
+    iterations=25, refused=100, damping=(1e-9, 1e9), reach=np.inf, scaled=False,
+    close=(1e-8, 0.0), flat=(0.0, 1e-6), width=5.0, least=(5e-5, 5e-4), sides=2, rounds=None,
+)  # fmt: skip
+#: The same far from the end, where break-aways make many valleys.
+FAR = FIT._replace(least=(5e-5, _WIDEST), sides=3)
+#: Schedule of the candidates of a diagnosis, quick (`benchmarks/diagnosis.py`).
+CANDIDATE = Options(
+    iterations=4, refused=4, damping=(1e-6, np.inf), reach=0.5, scaled=True,
+    close=(0.0, 1e-2), flat=(0.1, 1e-4), width=3.0, least=(2e-5, _WIDEST), sides=1, rounds=0,
+)  # fmt: skip
 
 
 class Model(NamedTuple):
@@ -58,31 +124,8 @@ class Model(NamedTuple):
     shift: float
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Errors of one record's windows at one point of the search.
-
-    Attributes
-    ----------
-    errors : ndarray, shape (n,)
-        Model less measured position, from the corrected starts.
-    by_x, by_v : ndarray, shape (n,)
-        Change of the errors with the start state.
-    starts : ndarray, shape (2, nwindows)
-        Corrections of the start states.
-    costs : ndarray, shape (nwindows,)
-        Sum of squares over scale^2, and what the corrections cost.
-    """
-
-    errors: FloatArray
-    by_x: FloatArray
-    by_v: FloatArray
-    starts: FloatArray
-    costs: FloatArray
-
-
 class Problem:
-    """Windowed free runs of one or more records as a least-squares problem.
+    """An axis with free parameters, as windowed free runs of one or more records.
 
     Parameters
     ----------
@@ -92,28 +135,63 @@ class Problem:
         Free parameters.
     windows : sequence of Windows
         One entry for each record.
+    believed : mapping of str to float, optional
+        Nominal values of base parameters; a free one that is off costs
+        3 log(1 + (relative change/0.02)^2), see `prior`.
+    bounds : tuple of ndarray, shape (nparameters,), optional
+        Lowest and highest search coordinates.  Default: of the parameters.
+
+    Attributes
+    ----------
+    scales : list of float
+        Standard deviation of the errors in each record, at least the noise.
+    active : list of ndarray of bool
+        Windows of each record that count; all, until they are set.
+    steps : ndarray, shape (nparameters,)
+        Changes of the coordinates over which slopes are taken.
     """
 
     def __init__(
-        self, axis: FrictionAxis, parameters: Sequence[Parameter], windows: Sequence[Windows]
+        self,
+        axis: FrictionAxis,
+        parameters: Sequence[Parameter],
+        windows: Sequence[Windows],
+        believed: Mapping[str, float] | None = None,
+        bounds: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         self.axis = axis
         self.parameters = tuple(parameters)
         self.names = [p.name for p in self.parameters]
         self.windows = tuple(windows)
-        # Known noise bounds the error from below, per record.
-        self.floors = [max(w.record.noise, _ROUNDING * w.record.range) for w in self.windows]
-        self.scales = list(self.floors)
-        self.steps = np.full(len(self.parameters), _STEP)
-        # Chords over break-aways lead out of the many valleys that they make; near
-        # the end of the search only true slopes count.
-        self.far = False
-        self.low = np.array([p.search(p.low) if p.low > -np.inf else -np.inf for p in parameters])
-        self.high = np.array([p.search(p.high) if p.high < np.inf else np.inf for p in parameters])
+        self.scales = [w.floor for w in self.windows]
+        self.active = [np.ones(len(w), bool) for w in self.windows]
+        self.steps = np.full(len(self.parameters), _WIDEST)
+        self.low, self.high = search_bounds(self.parameters) if bounds is None else bounds
+        known = {} if believed is None else believed
+        self._believed = [
+            (i, known[n]) for i, n in enumerate(self.names) if known.get(n, 0.0) > 0.0
+        ]
+        self.breaks_away = np.array([n.startswith(_BY_BREAK_AWAY) for n in self.names], bool)
 
-    def values(self, z: FloatArray) -> FloatArray:
+    @property
+    def start(self) -> FloatArray:
+        """Search coordinates of the axis as it stands."""
+        values = values_of(self.axis, self.names).tolist()
+        return self.search(dict(zip(self.names, values, strict=True)))
+
+    @property
+    def rugged(self) -> NDArray[np.int64]:
+        """Coordinates that act by break-away alone: the loss has many valleys."""
+        return np.flatnonzero(self.breaks_away)
+
+    def search(self, values: Mapping[str, float]) -> FloatArray:
+        """Search coordinates of values, within the bounds."""
+        z = np.array([p.search(values[p.name]) for p in self.parameters])
+        return np.clip(z, self.low, self.high)
+
+    def values(self, z: FloatArray) -> dict[str, float]:
         """Values of the parameters at search coordinates."""
-        return np.array([p.value(c) for p, c in zip(self.parameters, z, strict=True)])
+        return {p.name: p.value(c) for p, c in zip(self.parameters, z, strict=True)}
 
     def model_at(self, z: FloatArray) -> Model:
         """Axis and time shift of the input at search coordinates.
@@ -123,199 +201,142 @@ class Problem:
         ValueError
             If there is no such axis: a Coulomb map may turn negative.
         """
-        given = dict(zip(self.names, self.values(z).tolist(), strict=True))
+        given = self.values(z)
         shift = given.pop(SHIFT, 0.0)
         return Model(with_values(self.axis, list(given), list(given.values())), shift)
 
-    def parts(self, z: FloatArray, near: Sequence[Part] | None = None) -> list[Part]:
+    def axis_at(self, z: FloatArray) -> FrictionAxis:
+        """Axis at search coordinates; ValueError where there is none."""
+        return self.model_at(z).axis
+
+    def prior(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Cost of the changes of base parameters, with gradient/2 and curvature/2."""
+        total, g, h = 0.0, np.zeros(z.size), np.zeros(z.size)
+        for i, believed in self._believed:
+            p = self.parameters[i]
+            value = p.value(z[i])
+            change = spreads_off(value, believed)
+            slope = p.slope(value) / believed / BASE_SPREAD
+            total += base_cost(change)
+            weight = BASE_COST / (1.0 + change**2)
+            g[i], h[i] = weight * change * slope, weight * slope**2
+        return float(total), g, h
+
+    def evaluate(
+        self,
+        z: FloatArray,
+        options: Options = FIT,
+        near: Sequence[FloatArray] | None = None,
+    ) -> list[Evaluation]:
         """Errors at a point, one entry for each record.
 
         Parameters
         ----------
         z : ndarray, shape (nparameters,)
-        near : sequence of Part, optional
-            `parts` at a point nearby, whose start states are tried too.
+        options : Options, optional
+        near : sequence of ndarray, shape (3, nwindows), optional
+            Start states from which theirs are searched.
         """
-        model = self.model_at(z)
-        return [
-            self._part(model, i, None if near is None else near[i].starts)
-            for i in range(len(self.windows))
-        ]
-
-    def _part(self, model: Model, i: int, near: FloatArray | None) -> Part:
-        w = self.windows[i]
-        whole, lost = np.ones(int(w.edges[-1])), np.ones(len(w), bool)
-        starts = np.zeros((2, len(w)))
-        if near is not None:
-            closer = self._at(model, i, near)[1] < self._at(model, i, starts)[1]
-            starts = np.where(closer, near, starts)
-        found = self._descend(model, i, starts, lost, whole)
-        if near is not None:
-            lost = found.costs > w.samples + _LOST * np.sqrt(w.samples)
-        if lost.any():
-            other = self._search(model, i, lost)
-            better = lost & (other.costs < found.costs)
-            chosen = w.spread(better)
-            for name in ("errors", "by_x", "by_v"):
-                getattr(found, name)[chosen] = getattr(other, name)[chosen]
-            found.starts[:, better] = other.starts[:, better]
-            found.costs[better] = other.costs[better]
+        model, found = self.model_at(z), []
+        for i, (w, active, scale) in enumerate(
+            zip(self.windows, self.active, self.scales, strict=True)
+        ):
+            starts = None if near is None else near[i]
+            if options.rounds is None:
+                found.append(_Together(w, model, scale).search(starts))
+            else:
+                found.append(w.evaluate(model.axis, active, scale, starts, options.rounds))
         return found
 
-    def _search(self, model: Model, i: int, active: NDArray[np.bool_]) -> Part:
-        """Start states looked for at several speeds, over longer and longer runs.
+    def loss(self, z: FloatArray, at: Sequence[Evaluation]) -> float:
+        """Sum over the windows of n c^2 log(1 + cost/(n c^2)), and the prior."""
+        rows = zip(self.windows, at, self.active, strict=True)
+        return sum(w.loss(one.costs, active) for w, one, active in rows) + self.prior(z)[0]
 
-        A run that starts inside the Stribeck peak magnifies its first error by
-        orders of magnitude, one that starts at rest may miss a creeping motion
-        for good: over a whole window a descent from the smoothed state ends in
-        a minimum next to it, with an error far above the noise.
-        """
+    def scale_of(self, i: int, at: Evaluation) -> float:
+        """Upper quantile of the errors of record i in its windows that move."""
         w = self.windows[i]
-        starts, least = np.zeros((2, len(w))), np.full(len(w), np.inf)
-        position = np.arange(int(w.edges[-1])) - w.spread(w.edges[:-1])
-        seen = [(position < part * w.spread(w.samples)).astype(float) for part in _HORIZONS]
-        for side in _SIDES:
-            tried = np.array([np.zeros(len(w)), side * w.v0_error])
-            costs = self._at(model, i, tried, seen[0], active)[1]
-            better = active & above(least, costs + SQUARES)
-            starts[:, better], least[better] = tried[:, better], costs[better]
-        for one in seen:
-            found = self._descend(model, i, starts, active, one)
-            starts = found.starts
-        return found
-
-    def _at(
-        self,
-        model: Model,
-        i: int,
-        starts: FloatArray,
-        seen: FloatArray | None = None,
-        active: NDArray[np.bool_] | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Errors of the samples seen, and costs of the windows, from given starts."""
-        w = self.windows[i]
-        errors = w.run(model.axis, model.shift, starts[0], starts[1], active) - w.record.x
-        if seen is not None:
-            errors *= seen
-        squares = w.samples * w.mean_squares(errors) / self.scales[i] ** 2
-        prior = (starts[0] / w.x0_error) ** 2 + (starts[1] / w.v0_error) ** 2
-        return errors, np.asarray(squares + prior)
-
-    def _descend(
-        self,
-        model: Model,
-        i: int,
-        starts: FloatArray,
-        active: NDArray[np.bool_],
-        seen: FloatArray,
-    ) -> Part:
-        """Most likely start states of the active windows, near given ones."""
-        w = self.windows[i]
-        starts, steps, active = starts.copy(), np.empty((2, len(w))), active.copy()
-        errors, costs = self._at(model, i, starts, seen, active)
-        by_x, by_v = np.zeros_like(errors), np.zeros_like(errors)
-        for _ in range(_START_STEPS):
-            chosen = w.spread(active)
-            for by, row, size in ((by_x, 0, w.x0_error), (by_v, 1, w.v0_error)):
-                moved = starts.copy()
-                moved[row] += _START_SLOPE * size
-                change = self._at(model, i, moved, seen, active)[0] - errors
-                by[chosen] = (change / w.spread(_START_SLOPE * size))[chosen]
-            start_steps(
-                w.edges, errors, by_x, by_v, starts, self.scales[i], w.x0_error, w.v0_error, steps
-            )
-            # Near a break-away a slope may mislead: shorten the step, or stay.
-            searching = active.copy()
-            active[:] = False
-            for part in (1.0, 0.25):
-                tried = starts + part * steps * searching
-                new, new_costs = self._at(model, i, tried, seen, searching)
-                better = searching & (new_costs < costs)
-                active |= better & (new_costs < costs - _START_FALL)
-                chosen = w.spread(better)
-                errors[chosen] = new[chosen]
-                starts[:, better], costs[better] = tried[:, better], new_costs[better]
-                searching &= ~better
-                if not searching.any():
-                    break
-            if not active.any():
-                break
-        return Part(errors, by_x, by_v, starts, costs)
-
-    def loss(self, parts: Sequence[Part]) -> float:
-        """Sum over the windows of n c^2 log(1 + cost/(n c^2))."""
-        return float(
-            sum(
-                np.sum(w.samples * _ROBUST**2 * np.log1p(p.costs / (w.samples * _ROBUST**2)))
-                for w, p in zip(self.windows, parts, strict=True)
-            )
-        )
+        rms = np.sqrt(w.mean_squares(at.errors))[self.active[i] & w.moving]
+        return float(np.quantile(rms, _TYPICAL)) if rms.size else 0.0
 
     def narrow(self, z: FloatArray) -> bool:
-        """Lower the scale to the present error; whether that changed much.
-
-        The scale of a record is an upper quantile of the errors of its windows
-        that move.
-        """
+        """Lower the scale to the present error; whether that changed much."""
         changed = False
-        for i, (w, part) in enumerate(zip(self.windows, self.parts(z), strict=True)):
-            rms = np.sqrt(w.mean_squares(part.errors))
-            starts = w.edges[:-1]
-            travel = np.maximum.reduceat(w.record.x, starts) - np.minimum.reduceat(
-                w.record.x, starts
-            )
-            moving = above(travel, 4.0 * self.floors[i], NEAR * w.record.range)
-            scale = float(np.quantile(rms[moving], _TYPICAL)) if moving.any() else 0.0
-            scale = max(scale, self.floors[i])
-            changed |= not 0.8 * self.scales[i] < scale < 1.25 * self.scales[i]
+        for i, one in enumerate(self.evaluate(z)):
+            scale = max(self.scale_of(i, one), self.windows[i].floor)
+            least, most = (part * self.scales[i] for part in _SAME_SCALE)
+            changed |= not least < scale < most
             self.scales[i] = scale
         return changed
 
-    def window_terms(self, z: FloatArray, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray]:
+    def terms(
+        self, z: FloatArray, at: Sequence[Evaluation], options: Options = FIT
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """Weighted gradient and normal matrix of every window, in a row.
 
         Parameters
         ----------
         z : ndarray, shape (nparameters,)
-        parts : sequence of Part
-            `parts` at z.
+        at : sequence of Evaluation
+            `evaluate` at z.
+        options : Options, optional
 
         Returns
         -------
         gradients : ndarray, shape (nwindows, nparameters)
         normals : ndarray, shape (nwindows, nparameters, nparameters)
+            Without the prior; zero for windows that do not count.
+        back : list of ndarray, shape (nwindows, 2, nparameters + 1)
+            How the start states follow, see `normal_terms`.
         """
-        here, ends = self.model_at(z), [self._ends(z, j) for j in range(z.size)]
-        gradients, normals = [], []
-        for i, (w, part) in enumerate(zip(self.windows, parts, strict=True)):
-            base = w.run(*here, *part.starts)
-            slopes = np.empty((z.size, int(w.edges[-1])))
+        ends = [self._ends(z, j, options) for j in range(z.size)]
+        gradients, normals, back = [], [], []
+        for i, (w, one) in enumerate(zip(self.windows, at, strict=True)):
+            slopes = np.zeros((z.size, int(w.edges[-1])))
+            base = w.run(*self.model_at(z), *one.starts[:2]) if options.sides > 1 else None
             for j, both in enumerate(ends):
-                sides = [
-                    (w.run(*model, *part.starts) - base) / step
-                    for model, step in both
-                    if step != 0.0
-                ]
-                slopes[j] = np.mean(sides, axis=0) if self.far and sides else _slope(w, sides)
-            g, h = np.empty((len(w), z.size)), np.empty((len(w), z.size, z.size))
-            normal_terms(
-                w.edges, part.errors, slopes, part.by_x, part.by_v, part.starts,
-                self.scales[i], w.x0_error, w.v0_error, g, h,
-            )  # fmt: skip
-            weight = 1.0 / (1.0 + part.costs / (w.samples * _ROBUST**2))
+                if base is None:
+                    [(model, step)] = both
+                    out = positions(model.axis, w.arrays, self.active[i], one.starts)
+                    slopes[j] = (out - w.record.x - one.errors) / step
+                else:
+                    sides = [
+                        (w.run(*model, *one.starts[:2]) - base) / step
+                        for model, step in both
+                        if step != 0.0
+                    ]
+                    chord = options.sides == 3 and sides
+                    slopes[j] = np.mean(sides, axis=0) if chord else _slope(w, sides)
+            g, h, b = normal_terms(w.arrays, self.active[i], one, slopes, self.scales[i])
+            weight = w.weights(one.costs)
             gradients.append(g * weight[:, None])
             normals.append(h * weight[:, None, None])
-        return np.concatenate(gradients), np.concatenate(normals)
+            back.append(b)
+        return np.concatenate(gradients), np.concatenate(normals), back
 
-    def refine(self, normal: FloatArray) -> None:
-        """Fit the steps of the slopes to how well the coordinates are known."""
-        known = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        by_break_away = _STEP if self.far else _BREAK_AWAY_STEP
-        least = np.where(np.isin(self.names, _BY_BREAK_AWAY), by_break_away, _SHORT_STEP)
-        self.steps = np.clip(5.0 * known, least, _STEP)
+    def refine(self, normal: FloatArray, options: Options = FIT) -> None:
+        """Fit the widths of the slopes to how well the coordinates are known."""
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        least = np.where(self.breaks_away, options.least[1], options.least[0])
+        self.steps = np.clip(
+            options.width * (1.0 / size) if options.width == 5.0 else options.width / size,
+            least,
+            _WIDEST,
+        )
 
-    def _ends(self, z: FloatArray, j: int) -> list[tuple[Model, float]]:
-        """Models a little below and above in one coordinate, and how far."""
+    def _ends(self, z: FloatArray, j: int, options: Options) -> list[tuple[Model, float]]:
+        """Models a little beside in one coordinate, and how far; on one side or both."""
+        if options.sides == 1:
+            # Away from the nearer bound, or from where there is no axis.
+            side = -1.0 if z[j] + self.steps[j] > self.high[j] else 1.0
+            for step in (side * self.steps[j], -side * self.steps[j]):
+                there = z.copy()
+                there[j] = z[j] + step
+                try:
+                    return [(self.model_at(there), float(step))]
+                except ValueError:
+                    if step == -side * self.steps[j]:
+                        raise
         found = []
         for side in (-1.0, 1.0):
             moved = z.copy()
@@ -325,6 +346,36 @@ class Problem:
             except ValueError:
                 found.append((self.model_at(z), 0.0))
         return found
+
+    def follow(
+        self, at: Sequence[Evaluation], back: Sequence[FloatArray], step: FloatArray
+    ) -> list[FloatArray]:
+        """Start states after a step of the parameters, as far as the slopes say."""
+        found = []
+        for w, one, b in zip(self.windows, at, back, strict=True):
+            starts = one.starts.copy()
+            starts[:2] += b[:, :, 0].T + (b[:, :, 1:] @ step).T
+            for row, error in ((0, w.x0_error), (1, w.v0_error)):
+                starts[row] = np.clip(starts[row], -_FARTHEST * error, _FARTHEST * error)
+            found.append(starts)
+        return found
+
+
+def search_bounds(parameters: Sequence[Parameter]) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest search coordinates of parameters."""
+    low = [p.search(p.low) if p.low > -np.inf else -np.inf for p in parameters]
+    high = [p.search(p.high) if p.high < np.inf else np.inf for p in parameters]
+    return np.array(low), np.array(high)
+
+
+def spreads_off(value: float, believed: float) -> float:
+    """How many usual spreads a base parameter is off; beyond 1e100 nothing more is said."""
+    return min((value / believed - 1.0) / BASE_SPREAD, 1e100)
+
+
+def base_cost(change: float) -> float:
+    """Cost of a base parameter that is so many spreads off."""
+    return BASE_COST * float(np.log1p(change**2))
 
 
 def _slope(w: Windows, sides: Sequence[FloatArray]) -> FloatArray:
@@ -343,8 +394,86 @@ def _slope(w: Windows, sides: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(mean)
 
 
+class Descent(NamedTuple):
+    """Where a descent has ended: coordinates, errors there, loss."""
+
+    z: FloatArray
+    at: list[Evaluation]
+    loss: float
+
+
+def levenberg(
+    problem: Problem, z: FloatArray, options: Options, at: list[Evaluation] | None = None
+) -> Descent:
+    """Minimise the loss of a problem at its scales by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    problem : Problem
+    z : ndarray, shape (nparameters,)
+        Where to start, within the bounds.
+    options : Options
+        The schedule.
+    at : list of Evaluation, optional
+        `Problem.evaluate` at z.
+
+    Returns
+    -------
+    Descent
+    """
+    at = problem.evaluate(z, options) if at is None else at
+    loss, damping = problem.loss(z, at), 1e-3
+    for _ in range(options.iterations):
+        gradients, normals, back = problem.terms(z, at, options)
+        _, prior_g, prior_h = problem.prior(z)
+        g, h = gradients.sum(axis=0) + prior_g, normals.sum(axis=0) + np.diag(prior_h)
+        if not (np.all(np.isfinite(g)) and np.all(np.isfinite(h))):
+            break  # a law that is not a number somewhere
+        problem.refine(h, options)
+        # A coordinate at its bound that would leave it stays there.
+        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
+        free = np.flatnonzero(~held & (np.diag(h) > 0.0))
+        if free.size == 0:
+            break
+        size = np.sqrt(np.maximum(np.diag(h), 1e-300))
+        unit = size[free] if options.scaled else np.ones(free.size)
+        inner = h[np.ix_(free, free)] / np.outer(unit, unit)
+        diagonal = np.ones(free.size) if options.scaled else np.diag(inner)
+        reach = np.maximum(options.reach, np.abs(z))
+        better = False
+        for _ in range(options.refused):
+            damped = inner + damping * np.diag(diagonal)
+            new = z.copy()
+            new[free] -= np.linalg.lstsq(damped, g[free] / unit, rcond=1e-12)[0] / unit
+            # No farther than a coordinate's own size: slopes hold nearby only.
+            new = np.clip(np.clip(new, z - reach, z + reach), problem.low, problem.high)
+            near = [one.starts for one in at]
+            if options.rounds is not None:
+                near = problem.follow(at, back, new - z)
+            try:
+                new_at = problem.evaluate(new, options, near)
+                new_loss = problem.loss(new, new_at)
+            except ValueError:  # a Coulomb map that turns negative
+                new_loss = np.inf
+            step = np.abs(new - z)
+            better = new_loss < loss
+            if better:
+                damping = max(0.1 * damping, options.damping[0])
+                break
+            damping *= 10.0
+            close = np.max(step) < options.close[0] or np.max(step * size) < options.close[1]
+            if close or damping > options.damping[1]:
+                break
+        if not better:
+            break
+        fall, z, at, loss = loss - new_loss, new, new_at, new_loss
+        if np.max(step) < options.close[0] or fall < options.flat[0] + options.flat[1] * loss:
+            break
+    return Descent(z, at, loss)
+
+
 def minimise(problem: Problem, z: FloatArray) -> FloatArray:
-    """Fit from one start: Levenberg-Marquardt, the loss narrowed in stages.
+    """Fit from one start, the loss narrowed in stages.
 
     Each stage takes its scale from where the one before ended, so the loss
     narrows from the error at the start down to what the data allow.
@@ -354,51 +483,186 @@ def minimise(problem: Problem, z: FloatArray) -> FloatArray:
     ndarray, shape (nparameters,)
     """
     z = np.clip(z, problem.low, problem.high)
-    rugged = bool(np.any(np.isin(problem.names, _BY_BREAK_AWAY)))
-    for problem.far in (True, False) if rugged else (False,):
+    for options in (FAR, FIT) if problem.rugged.size else (FIT,):
         loss = np.inf
         for stage in range(_STAGES):
             changed = problem.narrow(z)
-            parts = problem.parts(z)
-            if stage > 0 and not changed and problem.loss(parts) > loss - _WORTH:
+            at = problem.evaluate(z)
+            if stage > 0 and not changed and problem.loss(z, at) > loss - _WORTH:
                 break
-            z, loss = _levenberg(problem, z, parts)
+            z, _, loss = levenberg(problem, z, options, at)
     return z
 
 
-def _levenberg(problem: Problem, z: FloatArray, parts: list[Part]) -> tuple[FloatArray, float]:
-    loss = problem.loss(parts)
-    damping = 1e-3
-    for _ in range(_ITERATIONS):
-        gradients, normals = problem.window_terms(z, parts)
-        g, h = gradients.sum(axis=0), normals.sum(axis=0)
-        problem.refine(h)
-        # A coordinate at its bound that would leave it stays there.
-        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
-        held |= np.diag(h) <= 0.0
-        free = np.flatnonzero(~held)
-        if free.size == 0:
-            return z, loss
-        inner = h[np.ix_(free, free)]
-        while True:
-            damped = inner + damping * np.diag(np.diag(inner))
-            new = z.copy()
-            new[free] -= np.linalg.lstsq(damped, g[free], rcond=1e-12)[0]
-            new = np.clip(new, problem.low, problem.high)
-            try:
-                new_parts = problem.parts(new, parts)
-                new_loss = problem.loss(new_parts)
-            except ValueError:
-                new_loss = np.inf
-            step = float(np.max(np.abs(new - z)))
-            if new_loss < loss:
-                damping = max(0.1 * damping, 1e-9)
+def narrowing(problem: Problem, z: FloatArray, active: BoolArray) -> list[float]:
+    """Scales of one record from the present error down to the noise."""
+    floor = problem.windows[0].floor
+    problem.active, problem.scales = [active], [floor]
+    near = CANDIDATE._replace(rounds=1)
+    scale = problem.scale_of(0, problem.evaluate(np.clip(z, problem.low, problem.high), near)[0])
+    found = []
+    while scale > floor:
+        found.append(scale)
+        scale *= _NARROWER
+    return [*found, floor]
+
+
+def through(
+    problem: Problem,
+    z: FloatArray,
+    active: BoolArray,
+    scales: Sequence[float],
+    options: Options,
+    starts: FloatArray | None = None,
+) -> Descent:
+    """Descents on windows of one record through falling scales, from given start states."""
+    problem.active, problem.scales = [active], [scales[-1]]
+    z = np.clip(z, problem.low, problem.high)
+    near = None if starts is None else [starts]
+    if z.size == 0:
+        at = problem.evaluate(z, options._replace(rounds=2), near)
+        return Descent(z, at, problem.loss(z, at))
+    first = options._replace(rounds=max(options.rounds or 0, 1))
+    for scale in scales:
+        problem.scales = [scale]
+        at = problem.evaluate(z, first, near)
+        found = levenberg(problem, z, options, at)
+        z, near = found.z, [one.starts for one in found.at]
+    return found
+
+
+def scatter(
+    problem: Problem,
+    z: FloatArray,
+    active: BoolArray,
+    starts: FloatArray,
+    tries: int,
+    seed: int = 0,
+) -> tuple[FloatArray, FloatArray]:
+    """Random search on one record around a point in its rugged coordinates, ever closer.
+
+    Returns
+    -------
+    z : ndarray, shape (nparameters,)
+    starts : ndarray, shape (3, nwindows)
+    """
+    rng = np.random.default_rng(seed)
+    where, w = problem.rugged, problem.windows[0]
+    best = w.evaluate(problem.axis_at(z), active, None, starts, 1)
+    loss = w.loss(best.costs, active)
+    radius = _RADIUS
+    # Windows in which nothing of this changes anything need not run again.
+    some, touched = active, np.zeros_like(active)
+    for turn in range(tries):
+        there = z.copy()
+        there[where] += radius * rng.standard_normal(where.size)
+        there = np.clip(there, problem.low, problem.high)
+        at = w.evaluate(problem.axis_at(there), some, None, starts, 1)
+        new = w.loss(at.costs, some)
+        if turn < _LEARNT:
+            touched |= at.costs != best.costs
+        if new < loss:
+            z, best, loss = there, at, new
+            radius = min(_GROWS * radius, _RADIUS)
+        else:
+            radius = max(_SHRINKS * radius, _SMALLEST)
+        if turn == _LEARNT - 1 and np.any(touched):
+            some = active & touched
+            loss = w.loss(best.costs, some)
+    return z, w.evaluate(problem.axis_at(z), active, None, starts, 1).starts
+
+
+class _Together(NamedTuple):
+    """Most likely start states of one record's windows, all searched together."""
+
+    windows: Windows
+    model: Model
+    scale: float
+
+    def search(self, near: FloatArray | None) -> Evaluation:
+        """Start states near given ones, and looked for anew where those are lost."""
+        w = self.windows
+        whole, lost = np.ones(int(w.edges[-1])), np.ones(len(w), bool)
+        starts = no_corrections(len(w))
+        if near is not None:
+            starts = np.where(self._at(near)[1] < self._at(starts)[1], near, starts)
+        found = self._descend(starts, lost, whole)
+        if near is not None:
+            lost = found.costs > w.samples + _LOST * np.sqrt(w.samples)
+        if lost.any():
+            other = self._anew(lost)
+            better = lost & (other.costs < found.costs)
+            chosen = w.spread(better)
+            for mine, its in zip(found[:3], other[:3], strict=True):
+                mine[chosen] = its[chosen]
+            found.starts[:, better] = other.starts[:, better]
+            found.costs[better] = other.costs[better]
+        return found
+
+    def _anew(self, active: BoolArray) -> Evaluation:
+        """Start states looked for at several speeds, over longer and longer runs.
+
+        A run that starts inside the Stribeck peak magnifies its first error by
+        orders of magnitude, one that starts at rest may miss a creeping motion
+        for good: over a whole window a descent from the smoothed state ends in
+        a minimum next to it, with an error far above the noise.
+        """
+        w = self.windows
+        starts, least = no_corrections(len(w)), np.full(len(w), np.inf)
+        position = np.arange(int(w.edges[-1])) - w.spread(w.edges[:-1])
+        seen = [(position < part * w.spread(w.samples)).astype(float) for part in _HORIZONS]
+        for side in _SIDES:
+            tried = no_corrections(len(w))
+            tried[1] = side * w.v0_error
+            costs = self._at(tried, seen[0], active)[1]
+            better = active & above(least, costs + SQUARES)
+            starts[:, better], least[better] = tried[:, better], costs[better]
+        for one in seen:
+            found = self._descend(starts, active, one)
+            starts = found.starts
+        return found
+
+    def _at(
+        self, starts: FloatArray, seen: FloatArray | None = None, active: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Errors of the samples seen, and costs of the windows, from given starts."""
+        w = self.windows
+        errors = w.run(*self.model, starts[0], starts[1], active) - w.record.x
+        if seen is not None:
+            errors *= seen
+        squares = w.samples * w.mean_squares(errors) / self.scale**2
+        prior = (starts[0] / w.x0_error) ** 2 + (starts[1] / w.v0_error) ** 2
+        return errors, np.asarray(squares + prior)
+
+    def _descend(self, starts: FloatArray, active: BoolArray, seen: FloatArray) -> Evaluation:
+        """Most likely start states of the active windows, near given ones."""
+        w, none = self.windows, np.empty((0, int(self.windows.edges[-1])))
+        starts, active = starts.copy(), active.copy()
+        errors, costs = self._at(starts, seen, active)
+        at = Evaluation(errors, np.zeros_like(errors), np.zeros_like(errors), starts, costs)
+        for _ in range(_START_STEPS):
+            chosen = w.spread(active)
+            for by, row, size in ((at.by_x, 0, w.x0_error), (at.by_v, 1, w.v0_error)):
+                moved = starts.copy()
+                moved[row] += _START_SLOPE * size
+                change = self._at(moved, seen, active)[0] - errors
+                by[chosen] = (change / w.spread(_START_SLOPE * size))[chosen]
+            steps = normal_terms(w.arrays, active, at, none, self.scale)[2][:, :, 0].T
+            # Near a break-away a slope may mislead: shorten the step, or stay.
+            searching = active.copy()
+            active[:] = False
+            for part in _START_PARTS:
+                tried = starts.copy()
+                tried[:2] += part * steps * searching
+                new, new_costs = self._at(tried, seen, searching)
+                better = searching & (new_costs < costs)
+                active |= better & (new_costs < costs - _START_FALL)
+                chosen = w.spread(better)
+                errors[chosen] = new[chosen]
+                starts[:, better], costs[better] = tried[:, better], new_costs[better]
+                searching &= ~better
+                if not searching.any():
+                    break
+            if not active.any():
                 break
-            damping *= 10.0
-            if step < _CLOSE or damping > 1e9:
-                return z, loss
-        fall = loss - new_loss
-        z, parts, loss = new, new_parts, new_loss
-        if step < _CLOSE or fall < _FLAT * loss:
-            return z, loss
-    return z, loss
+        return at

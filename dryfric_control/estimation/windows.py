@@ -4,20 +4,42 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.checks import instance, positive
-from dryfric_control.compiled.axis_step import N_INNER, STRUCTURE
-from dryfric_control.compiled.free_runs import free_runs
+from dryfric_control.compiled.axis_step import STRUCTURE
+from dryfric_control.compiled.windowed_runs import (
+    Evaluation,
+    Search,
+    Windowed,
+    free_runs,
+    project,
+)
 from dryfric_control.estimation.motion import LONGEST, least_motion, rest_times
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-from dryfric_control.ties import above, samples
+from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: A window pulls in full up to this multiple of the scale of its errors: the few with a
+#: mistimed break-away count less, but no whole direction is given up
+#: (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
+ROBUST = 2.0
+# A window moves if its readings range over this many standard deviations of their
+# noise (`benchmarks/diagnosis.py`, condition short).
+_MOVING = 4.0
+# Rounds of new slopes in the search of a start, and other speeds from which a window far
+# above the scale is searched again, over their error (`benchmarks/diagnosis.py
+# dwell_time stribeck`).
+_ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
+# Windows that a quick look at a candidate runs (`benchmarks/diagnosis.py`, run times).
+_FEW = 14
 
 
 def shifted(u: FloatArray, samples: float) -> FloatArray:
@@ -56,6 +78,8 @@ class Windows:
         Time at rest before each start [s].
     hold : str
         "zero" or "first".
+    floor : float
+        Standard deviation of the readings' noise, quantisation included.
     """
 
     record: Record
@@ -66,11 +90,12 @@ class Windows:
     v0_error: FloatArray
     rest: FloatArray
     hold: str
+    floor: float
 
     def __len__(self) -> int:
         return self.edges.size - 1
 
-    @property
+    @cached_property
     def samples(self) -> NDArray[np.int64]:
         """Number of samples in each window, shape (nwindows,)."""
         return np.diff(self.edges)
@@ -80,35 +105,45 @@ class Windows:
         """Time at which each window starts [s], shape (nwindows,)."""
         return np.asarray(self.record.t[self.edges[:-1]])
 
+    @cached_property
+    def moving(self) -> BoolArray:
+        """Windows whose readings move by more than noise, shape (nwindows,)."""
+        x, starts = self.record.x, self.edges[:-1]
+        reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
+        return above(reach, _MOVING * self.floor, NEAR * self.record.range)
+
+    @cached_property
+    def arrays(self) -> Windowed:
+        """The same as arrays for compiled functions."""
+        record = self.record
+        return Windowed(
+            record.u, record.x, float(record.t[0]), record.dt, self.hold == "first", self.edges,
+            self.x0, self.v0, self.x0_error, self.v0_error, self.rest,
+        )  # fmt: skip
+
     def run(
         self,
         axis: FrictionAxis,
         shift: float = 0.0,
         dx: FloatArray | float = 0.0,
         dv: FloatArray | float = 0.0,
-        active: NDArray[np.bool_] | None = None,
-        inner: FloatArray | None = None,
-        carry: bool = False,
+        active: BoolArray | None = None,
     ) -> FloatArray:
         """Positions of the free runs.
 
         Parameters
         ----------
         axis : FrictionAxis
-            The axis to run.
+            The axis to run.  Its inner states, which no record shows, go on from
+            window to window.
         shift : float, optional
             Time by which the input acts later than recorded, negative if
             sooner [s].  Unlike a delay it belongs to the record.
         dx, dv : float or ndarray, shape (nwindows,)
             Added to the state at the starts.
         active : ndarray of bool, shape (nwindows,), optional
-            Windows to run; the others get no value.  Default: all.
-        inner : ndarray, shape (nwindows, axis_step.N_INNER), optional
-            Inner states (deflection, offset and slip of the load, mode) at
-            the starts, which no record tells.  Default: those with which the
-            run of the window before has ended; all windows are run then.
-        carry : bool, optional
-            Fill `inner` in place with those states instead of using it.
+            Windows to run; the others get no value.  Default: all, as where
+            the axis has inner states.
 
         Returns
         -------
@@ -117,44 +152,75 @@ class Windows:
 
         Examples
         --------
-        Runs near a base run keep its inner states, window by window:
-
         >>> import numpy as np
         >>> import dryfric_control as dfc
-        >>> from dryfric_control.compiled.axis_step import N_INNER
         >>> t = 1e-3 * np.arange(1000)
         >>> windows = cut(dfc.Record(t, np.cos(t), np.sin(3 * t)), window=0.25)
         >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=0.5)
-        >>> inner = np.zeros((len(windows), N_INNER))
-        >>> base = windows.run(axis, inner=inner, carry=True)
-        >>> near = windows.run(axis, dv=1e-3, inner=inner)
-        >>> round(float(near[249] - base[249]), 6)
+        >>> near = windows.run(axis, dv=1e-3)
+        >>> round(float(near[249] - windows.run(axis)[249]), 6)
         0.000249
         """
-        if inner is None:
-            inner, carry = np.zeros((len(self), N_INNER)), True
-        arrays = axis.arrays(self.record.dt)
-        if carry and arrays.integers[STRUCTURE]:
-            active = None
-        out = np.zeros(int(self.edges[-1]))
-        free_runs(
-            arrays.numbers,
-            arrays.integers,
-            arrays.memory,
-            shifted(self.record.u, shift / self.record.dt),
-            float(self.record.t[0]),
-            self.record.dt,
-            self.hold == "first",
-            self.edges,
-            self.x0 + dx,
-            self.v0 + dv,
-            self.rest,
-            np.ones(len(self), bool) if active is None else active,
-            inner,
-            carry,
-            out,
-        )
-        return out
+        u = shifted(self.record.u, shift / self.record.dt)
+        return positions(axis, self.arrays._replace(u=u, x0=self.x0 + dx, v0=self.v0 + dv), active)
+
+    def evaluate(
+        self,
+        axis: FrictionAxis,
+        active: BoolArray,
+        scale: float | None = None,
+        starts: FloatArray | None = None,
+        rounds: int = _ROUNDS,
+        thorough: bool = False,
+    ) -> Evaluation:
+        """Errors of an axis over windows, each from its most likely start state.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+        active : ndarray of bool, shape (nwindows,)
+            Windows to run.
+        scale : float, optional
+            Standard deviation of the errors.  Default: `floor`.
+        starts : ndarray, shape (3, nwindows), optional
+            Where the search of the starts begins, as in `Evaluation`.
+        rounds : int, optional
+            Rounds of the search; below 0 the runs are from `starts` as they are.
+        thorough : bool, optional
+            Whether windows that end far above the scale are searched again, from
+            other speeds.
+        """
+        n, offsets = int(self.edges[-1]), _OFFSETS if thorough else _OFFSETS[:0]
+        starts = no_corrections(len(self)) if starts is None else starts.copy()
+        at = Evaluation(np.zeros(n), np.zeros(n), np.zeros(n), starts, np.zeros(len(self)))
+        scale = self.floor if scale is None else scale
+        search = Search(active, linked(axis), uniform(axis), scale, rounds, offsets)
+        project(axis.arrays(self.record.dt), self.arrays, search, at)
+        return at
+
+    def loss(self, costs: FloatArray, active: BoolArray) -> float:
+        """Sum over the windows of n c^2 log(1 + cost/(n c^2))."""
+        n = self.samples[active] * ROBUST**2
+        return float(np.sum(n * np.log1p(costs[active] / n)))
+
+    def scores(self, costs: FloatArray) -> FloatArray:
+        """log(1 + cost/(n c^2)) of every window: 0.22 at the noise floor."""
+        return np.asarray(np.log1p(costs / (self.samples * ROBUST**2)))
+
+    def weights(self, costs: FloatArray) -> FloatArray:
+        """Pull of every window on the parameters, the slope of its part of the loss."""
+        return np.asarray(1.0 / (1.0 + costs / (self.samples * ROBUST**2)))
+
+    def sieve(self, active: BoolArray, scores: FloatArray, most: int = _FEW) -> BoolArray:
+        """Some of the windows: the worst, where what is rare shows, and others evenly."""
+        picked = np.zeros(active.size, bool)
+        known = np.flatnonzero(active)
+        picked[known[ranked(-scores[known], SQUARES)[: most // 2]]] = True
+        others = np.flatnonzero(active & self.moving & ~picked)
+        if others.size:
+            some = np.unique(np.linspace(0, others.size - 1, most - most // 2).astype(int))
+            picked[others[some]] = True
+        return picked
 
     def spread(self, values: NDArray) -> NDArray:
         """One value a window, repeated over its samples, shape (n,)."""
@@ -163,6 +229,45 @@ class Windows:
     def mean_squares(self, errors: FloatArray) -> FloatArray:
         """Mean square of the errors in each window, shape (nwindows,)."""
         return np.asarray(np.add.reduceat(errors**2, self.edges[:-1]) / self.samples)
+
+
+def no_corrections(count: int) -> FloatArray:
+    """Start states as they are, shape (3, nwindows), see `Evaluation`."""
+    starts = np.zeros((3, count))
+    starts[2] = np.nan
+    return starts
+
+
+def positions(
+    axis: FrictionAxis,
+    windowed: Windowed,
+    active: BoolArray | None = None,
+    starts: FloatArray | None = None,
+) -> FloatArray:
+    """Positions of free runs over the active windows, shape (n,).
+
+    Without `starts` all windows of an axis with inner states are run; with them
+    (see `Evaluation`), the active ones and those that hand on to them.
+    """
+    arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
+    if active is None or (starts is None and arrays.integers[STRUCTURE]):
+        active = np.ones(count, bool)
+    out = np.zeros(int(windowed.edges[-1]))
+    hand_on = starts is not None and linked(axis)
+    starts = no_corrections(count) if starts is None else starts
+    free_runs(arrays, windowed, active, hand_on, starts, out)
+    return out
+
+
+def uniform(axis: FrictionAxis) -> bool:
+    """Whether an axis is the same at every position."""
+    constant = len(axis.coulomb.plus) == 1 and len(axis.coulomb.minus) == 1
+    return constant and not any(e.depends_on_place for e in axis.effects)
+
+
+def linked(axis: FrictionAxis) -> bool:
+    """Whether windows hand on an internal memory; a drive's is known from its command."""
+    return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
 
 def cut(
@@ -247,4 +352,5 @@ def cut(
         np.where(still, np.minimum(errors[1], least_motion(record) / (2.0 * LONGEST)), errors[1]),
         rest,
         hold,
+        noise,
     )

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.estimation.force_residual import force_start
-from dryfric_control.estimation.parameters import Parameter, Scales, choose, values_of
+from dryfric_control.estimation.parameters import Parameter, Scales, choose
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.uncertainty import (
@@ -381,9 +381,7 @@ def fit_windows(
     records = [w.record for w in parts]
     axis, parameters = choose(axis, free, typical(records))
     problem = Problem(axis, parameters, parts)
-    first = np.array(
-        [p.search(v) for p, v in zip(parameters, values_of(axis, problem.names), strict=True)]
-    )
+    first = problem.start
     if starts is None:
         starts = _STARTS if any(n in _RUGGED for n in problem.names) else 2
     points = _starting_points(problem, first, records, starts, seed)
@@ -404,7 +402,7 @@ def fit_windows(
     )
     # Ends are compared, and their uncertainty found, at the scale of the closest.
     problem.scales = np.min([scales for _, scales in found], axis=0).tolist()
-    losses = [problem.loss(problem.parts(z)) for z, _ in found]
+    losses = [problem.loss(z, problem.evaluate(z)) for z, _ in found]
     z = found[ranked(losses, SQUARES)[0]][0]
     return _result(problem, z, first, block, window)
 
@@ -413,8 +411,7 @@ def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) ->
     """How sure the parameters of an axis are where it stands, without a search."""
     axis, parameters = choose(axis, free, typical([w.record for w in parts]))
     problem = Problem(axis, parameters, parts)
-    values = values_of(axis, problem.names)
-    z = np.array([p.search(v) for p, v in zip(parameters, values, strict=True)])
+    z = problem.start
     problem.narrow(z)
     return _result(problem, z, z, None, 0.25)
 
@@ -481,9 +478,9 @@ def _result(
     block: float | None,
     window: float,
 ) -> Fit:
-    parts = problem.parts(z)
-    problem.refine(problem.window_terms(z, parts)[1].sum(axis=0))
-    gradients, normals = problem.window_terms(z, parts)
+    at = problem.evaluate(z)
+    problem.refine(problem.terms(z, at)[1].sum(axis=0))
+    gradients, normals, _ = problem.terms(z, at)
     labels = block_labels(problem.windows, block)
     covariance, away = jackknife(gradients, normals, labels, _prior(problem.parameters))
     if away.size:
@@ -491,7 +488,7 @@ def _result(
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), problem.low, problem.high)
     model = problem.model_at(z)
-    values = problem.values(z)
+    values = np.array(list(problem.values(z).values()))
     slopes = np.array([p.slope(v) for p, v in zip(problem.parameters, values, strict=True)])
     errors = slopes * np.sqrt(np.diag(covariance))
     blind = np.any(np.abs(away) > 1e-3, axis=0)

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from dryfric_control.checks import instance, whole
 from dryfric_control.estimation.force_residual import Sliding
-from dryfric_control.estimation.parameters import Scales, choose, values_of
+from dryfric_control.estimation.parameters import Scales, choose
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
@@ -409,9 +409,7 @@ def _refined(
     def search(point: FrictionAxis) -> FrictionAxis:
         axis, parameters = choose(point.replace(stick_speed=slow), names, scales)
         problem = Problem(axis, parameters, parts)
-        first = values_of(axis, problem.names)
-        start = np.array([p.search(v) for p, v in zip(parameters, first, strict=True)])
-        found = problem.model_at(minimise(problem, start)).axis
+        found = problem.axis_at(minimise(problem, problem.start))
         return found.replace(stick_speed=point.stick_speed)
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")

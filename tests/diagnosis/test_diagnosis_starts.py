@@ -6,7 +6,6 @@ from diagnosis_cases import believed, record
 from truth import make_case
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.search import Bench
 from dryfric_control.estimation.windows import cut
 
 # A window whose score exceeds this is off by several times the noise.
@@ -17,8 +16,8 @@ def scores_of_truth(slug, effect, seed):
     """Scores of the windows of a blind record under its own cause."""
     case = make_case(slug, seed, "exact")
     axis = believed(case).replace(effects=(effect(**case.truth[slug]),))
-    bench = Bench(cut(record(case)))
-    at = bench.evaluate(axis, np.ones(len(bench.windows), bool), thorough=True)
+    bench = cut(record(case))
+    at = bench.evaluate(axis, np.ones(len(bench), bool), thorough=True)
     return bench.scores(at.costs), at
 
 

@@ -5,7 +5,6 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
-from dryfric_control.diagnosis.search import Bench
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
@@ -22,8 +21,8 @@ def made(quantum=QUANTUM, noise=0.0):
 
 
 def floor_of(record, model=AXIS, active=None, truths=4, seed=0):
-    bench = Bench(cut(record))
-    active = np.ones(len(bench.windows), bool) if active is None else active
+    bench = cut(record)
+    active = np.ones(len(bench), bool) if active is None else active
     at = bench.evaluate(AXIS, active)
     return noise_floor(bench, model, [AXIS] * truths, at, active, seed), bench
 
@@ -107,7 +106,7 @@ def test_a_true_model_leaves_the_noise_of_the_encoder():
     assert rms == pytest.approx(QUANTUM / np.sqrt(12.0), rel=0.05)
     # log(1 + 1/c^2) is the score of noise alone; a start beside the truth would cost more.
     assert floor.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
-    assert np.all(floor.scores >= 0.0) and floor.scores.shape == (4, len(bench.windows))
+    assert np.all(floor.scores >= 0.0) and floor.scores.shape == (4, len(bench))
 
 
 def test_noise_that_is_no_quantum_is_replayed_too():
@@ -132,7 +131,7 @@ def test_replays_differ_and_come_again_with_their_seed():
 def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
     record = made()
     floor, bench = floor_of(record)
-    known = np.ones(len(bench.windows), bool)
+    known = np.ones(len(bench), bool)
     scores = bench.scores(bench.evaluate(AXIS, known, thorough=True).costs)
     assert floor.reached(scores, known)
     wrong = AXIS.replace(mass=2.1)
@@ -145,10 +144,10 @@ def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
 
 @pytest.mark.parametrize("row", [0, 1])
 def test_replays_start_where_the_model_was_found_to_start(row):
-    bench = Bench(cut(made()))
-    known = np.ones(len(bench.windows), bool)
+    bench = cut(made())
+    known = np.ones(len(bench), bool)
     at = bench.evaluate(AXIS, known)
-    at.starts[row] += 30.0 * (bench.windows.x0_error, bench.windows.v0_error)[row]
+    at.starts[row] += 30.0 * (bench.x0_error, bench.v0_error)[row]
     moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
     assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
 

@@ -13,8 +13,8 @@ from dryfric_control.diagnosis.candidate_fits import CAUSE_COST, Race
 from dryfric_control.diagnosis.candidates import BASE
 from dryfric_control.diagnosis.diagnose import FIT, JUDGE, roles
 from dryfric_control.diagnosis.noise_floor import Floor
-from dryfric_control.diagnosis.search import BASE_COST, BASE_SPREAD, Bench
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
+from dryfric_control.estimation.problem import BASE_COST, BASE_SPREAD
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification.fit import typical
 
@@ -23,8 +23,8 @@ DRAG = ("quadratic_drag.drag",)
 
 
 def selector_of(axis, measured):
-    bench = Bench(cut(measured))
-    part = roles(bench.windows)
+    bench = cut(measured)
+    part = roles(bench)
     race = Race(bench, axis, part == FIT, part == JUDGE, typical([measured]), jobs=1)
     return Selector(race, axis, lambda word: None)
 
@@ -39,7 +39,7 @@ def sprung():
 @pytest.fixture(scope="module")
 def ideal(sprung):
     """A floor of nothing: scores are what they are above it."""
-    return Floor(np.zeros((2, len(sprung.bench.windows))), np.zeros((2, len(sprung.known))))
+    return Floor(np.zeros((2, len(sprung.bench))), np.zeros((2, len(sprung.known))))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def quiet(ideal):
 
 def spread(selector, values):
     """Scores of all windows: `values` in turn on those that judge, zero elsewhere."""
-    scores = np.zeros(len(selector.bench.windows))
+    scores = np.zeros(len(selector.bench))
     places = np.flatnonzero(selector.race.judge)
     scores[places] = np.resize(values, places.size)
     return scores
@@ -58,7 +58,7 @@ def spread(selector, values):
 
 def single(selector, of, value, count):
     """Scores with `value` in the first `count` windows of a kind, zero elsewhere."""
-    scores = np.zeros(len(selector.bench.windows))
+    scores = np.zeros(len(selector.bench))
     scores[np.flatnonzero(getattr(selector.race, of))[:count]] = value
     return scores
 
@@ -73,7 +73,7 @@ def fitted(selector, *effects, free=()):
 
 def test_a_gain_has_the_error_of_its_blocks(sprung):
     judge = np.flatnonzero(sprung.race.judge)
-    before = np.zeros(len(sprung.bench.windows))
+    before = np.zeros(len(sprung.bench))
     labels = sprung.labels[judge]
     blocks = np.unique(labels)
     before[judge] = 1.0 + np.searchsorted(blocks, labels)
@@ -105,7 +105,7 @@ def test_a_fall_of_the_scores_must_be_sure_and_worth_it(sprung, quiet, values, b
 
 
 def test_what_is_rare_must_win_twice_and_cost_nowhere(sprung, quiet):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     count = int(sprung.race.judge.sum())
     once, twice = (single(sprung, "judge", 0.05 * count, n) for n in (1, 2))
     assert not sprung.better(once, none, quiet)
@@ -123,7 +123,7 @@ def test_a_small_part_of_a_large_error_names_nothing(sprung, ideal):
 
 
 def test_windows_that_fall_into_line_name_a_cause(sprung, ideal):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     bad = single(sprung, "judge", 2.0, 1) + single(sprung, "fit", 2.0, 2)
     assert sprung.rids(bad, none, ideal)
     assert not sprung.rids(
@@ -140,7 +140,7 @@ def test_windows_that_fall_into_line_name_a_cause(sprung, ideal):
 
 
 def test_when_nothing_is_left_to_name(sprung, ideal):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     assert sprung.nothing_left(none, ideal)
     assert sprung.nothing_left(single(sprung, "fit", 2.0, 2), ideal)
     assert not sprung.nothing_left(single(sprung, "fit", 2.0, 3), ideal)
@@ -151,7 +151,7 @@ def test_when_nothing_is_left_to_name(sprung, ideal):
 
 
 def test_scores_tie_within_little_or_within_their_error(sprung, ideal):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     assert sprung.ties(spread(sprung, [0.029]), none, ideal)
     assert not sprung.ties(spread(sprung, [0.031]), none, ideal)
     # Two in a hundred of what the best leaves.
@@ -279,14 +279,14 @@ def likeliest(sprung, runs, on_all, floor, costs=None):
 
 
 def test_the_likeliest_of_those_level_needs_no_further_look(sprung, ideal):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     spring, gravity = runner(none, slug="spring"), runner(none, slug="gravity")
     best, asked = likeliest(sprung, [gravity, spring], {}, ideal, {"gravity": 5.0})
     assert best is spring and asked == []
 
 
 def test_all_that_may_be_looked_at_tells_two_apart_but_no_stroke_of_luck(sprung, ideal):
-    none = np.zeros(len(sprung.bench.windows))
+    none = np.zeros(len(sprung.bench))
     spring, gravity = runner(none, slug="spring"), runner(none, slug="gravity")
     # As likely: the plainer.
     best, asked = likeliest(sprung, [gravity, spring], {"spring": none, "gravity": none}, ideal)

@@ -126,7 +126,7 @@ def test_starts_inside_the_peak_are_found(seed):
     true = values_of(axis, problem.names)
     z = np.array([p.search(v) for p, v in zip(parameters, true, strict=True)])
     # Chi-squared of 250 samples: 430 is eight standard deviations off.
-    assert problem.parts(z)[0].costs.max() < 430.0
+    assert problem.evaluate(z)[0].costs.max() < 430.0
 
 
 def test_intervals_cover_with_the_peak_free():

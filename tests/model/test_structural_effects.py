@@ -4,6 +4,7 @@ The tolerance of the kernel's step is 3e-9 of the speed, which bounds most of wh
 is compared with closed forms; every other tolerance says where it comes from.
 """
 
+import dataclasses
 import math
 
 import control as ct
@@ -12,7 +13,6 @@ import pytest
 from truth import make_case, open_loop
 
 import dryfric_control as dfc
-from dryfric_control.compiled import axis_step
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
@@ -398,27 +398,27 @@ def test_windows_carry_the_inner_states_over(effects):
     t = np.arange(3000) * DT
     u = 14.0 * np.sin(2 * np.pi * 0.7 * t)
     truth = axis.simulate(u, DT)
-    windows = cut(dfc.Record(t, u, truth.y[0]), window=0.25)
+    windows = cut(dfc.Record(t, u, truth.y[0]), window=0.05)
     starts = windows.edges[:-1]
     exact = {"dx": truth.y[0, starts] - windows.x0, "dv": truth.y[1, starts] - windows.v0}
-    inner = np.zeros((len(windows), axis_step.N_INNER))
-    carried = windows.run(axis, **exact, inner=inner, carry=True)
+    carried = windows.run(axis, **exact)
     # The first window settles, the record has started unstrained: left out.
-    later = slice(int(windows.edges[2]), None)
+    later = slice(int(windows.edges[10]), None)
     error = np.abs(carried - truth.y[0])[later].max()
-    forgotten = np.abs(windows.run(axis, **exact, inner=0.0 * inner) - truth.y[0])[later].max()
+    # A window run alone has nothing to go on with.
+    alone = np.zeros_like(carried)
+    for i, (a, b) in enumerate(zip(windows.edges[:-1], windows.edges[1:], strict=True)):
+        one = {name: getattr(windows, name)[i : i + 1] for name in ("x0", "v0", "rest")}
+        window = dataclasses.replace(windows, edges=windows.edges[i : i + 2], **one)
+        start = {name: values[i : i + 1] for name, values in exact.items()}
+        alone[a:b] = window.run(axis, **start)[a:b]
+    forgotten = np.abs(alone - truth.y[0])[later].max()
     assert error < 0.2 * forgotten
     # What the first window has started wrong dies out in friction: what stays is small.
     assert error < 1e-5
-    # The rows are those of the base run; without carry they are used, not changed.
-    kept = inner.copy()
-    assert np.array_equal(windows.run(axis, **exact, inner=inner), carried)
-    assert np.array_equal(inner, kept)
-    assert np.array_equal(windows.run(axis, **exact), carried)
+    # All windows are run, whichever are asked for.
     some = np.arange(len(windows)) % 3 == 0
-    part = windows.run(axis, **exact, active=some, inner=inner)
-    chosen = windows.spread(some)
-    assert np.array_equal(part[chosen], carried[chosen]) and not part[~chosen].any()
+    assert np.array_equal(windows.run(axis, **exact, active=some), carried)
 
 
 @pytest.mark.parametrize("u", [4.0, -4.0])
@@ -434,17 +434,6 @@ def test_the_first_window_settles_under_its_load(effects, u):
     run = windows.run(axis_with(*effects), dx=0.1 - windows.x0, dv=-windows.v0)
     # Unstrained it would move by u/k, at least 20 um.
     assert np.abs(run - 0.1).max() < 1e-12
-
-
-def test_an_axis_without_inner_states_leaves_them_alone():
-    t = np.arange(1000) * DT
-    axis = rich_axis()
-    u = shaken(1000)
-    windows = cut(dfc.Record(t, u, axis.simulate(u, DT).y[0]), window=0.25)
-    inner = np.full((len(windows), axis_step.N_INNER), 7.0)
-    run = windows.run(axis, inner=inner, carry=True)
-    assert np.array_equal(run, windows.run(axis))
-    assert np.all(inner == 7.0)
 
 
 # --- refusals -------------------------------------------------------------------------

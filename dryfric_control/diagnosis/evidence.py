@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,7 +15,7 @@ from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.records.record import Record, RecordWarning
+from dryfric_control.records.record import Record
 from dryfric_control.ties import ranked
 
 FloatArray = NDArray[np.float64]
@@ -232,18 +231,7 @@ def _modes(windows: Windows, positions: FloatArray) -> NDArray[np.int8]:
     # A restart is no motion of the model: go on as before it.
     steps[restarts] = steps[restarts - 1]
     path = np.concatenate(([0.0], np.cumsum(steps)))
-    quantum = record.quantum or 0.0
-    noise = np.sqrt(max(record.noise**2 - quantum**2 / 12.0, 0.0))
-    path += noise * np.random.default_rng(0).standard_normal(path.size)
-    if quantum > 0.0:
-        path = quantum * np.round(path / quantum)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RecordWarning)
-            run = Record(record.t, record.u, path, quantum=quantum)
-    except ValueError:  # the model never moves
-        return np.zeros(len(record), np.int8)
-    return directions(run)
+    return directions(record.read(path, np.random.default_rng(0), origin=0.0))
 
 
 def autocorrelation(

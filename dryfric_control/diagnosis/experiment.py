@@ -284,7 +284,7 @@ def next_experiment(
             raise ValueError(f"names holds {len(names)} names, but there are no rivals")
         return None
     names = _named(axis, rivals, names)
-    quantum = max(record.quantum or 0.0, np.sqrt(12.0) * record.noise, 1e-9 * record.range)
+    quantum = record.resolution.step
     stage = Stage.of(axis, limits or Limits.of(axis, record), record.dt)
     axes = [axis, *rivals]
     refits = [Refit.of(one, record, quantum) for one in axes]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.records.record import Record, RecordWarning
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -107,25 +105,17 @@ def noise_floor(
     Returns
     -------
     Floor
+        Without the replays that diverge; of zeros if all do.
     """
     rng = np.random.default_rng(seed)
     w, record = bench, bench.record
-    quantum = record.quantum or 0.0
-    noise = np.sqrt(max(record.noise**2 - quantum**2 / 12.0, 0.0))
-    scores = np.zeros((len(truths), len(w)))
-    squares = np.zeros_like(scores)
-    for i, truth in enumerate(truths):
+    scores, squares = [], []
+    for truth in truths:
         x = w.run(truth, dx=at.starts[0], dv=at.starts[1])
-        reading = x + noise * rng.standard_normal(x.size)
-        if quantum > 0.0:
-            # The grid of the readings may lie anywhere.
-            shift = rng.uniform(0.0, quantum)
-            reading = quantum * np.round((reading - shift) / quantum) + shift
+        if not np.all(np.isfinite(x)):
+            continue
+        readings = record.read(x, rng)
         errors = rng.standard_normal((2, len(w)))
-        with warnings.catch_warnings():
-            # What is odd about the record was said when it was read.
-            warnings.simplefilter("ignore", RecordWarning)
-            readings = Record(record.t, record.u, reading)
         made = replace(
             w,
             record=readings,
@@ -133,6 +123,7 @@ def noise_floor(
             v0=w.v0 + at.starts[1] + errors[1] * w.v0_error,
         )
         found = made.evaluate(model, active, thorough=True)
-        scores[i] = bench.scores(found.costs)
-        squares[i] = made.mean_squares(found.errors)
-    return Floor(scores, squares)
+        scores.append(bench.scores(found.costs))
+        squares.append(made.mean_squares(found.errors))
+    none = np.zeros((1, len(w)))
+    return Floor(np.array(scores or none), np.array(squares or none))

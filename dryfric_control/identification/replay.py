@@ -14,6 +14,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.record import Record
+from dryfric_control.records.resolution import QUANTA
 from dryfric_control.text import length_text
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ def replay(
     shift = finite("shift", shift, unit="s")
     windows = cut(record, window, hold)
     positions = windows.run(axis, shift)
-    quantum = record.quantum or np.sqrt(12.0) * max(record.noise, 1e-9 * record.range)
+    quantum = record.quantum or QUANTA * record.resolution.deviation
     rms = np.sqrt(windows.mean_squares(positions - record.x))
     return Replay(axis, windows, positions, rms, float(quantum))
 

@@ -210,7 +210,7 @@ def identify_stribeck(
     def miss(one: FrictionAxis) -> tuple[float, float]:
         """How far the ripple of an axis is off, where that is equal its free runs."""
         squares = windows.mean_squares(windows.run(one) - record.x)
-        floor = record.noise**2 + (record.quantum or 0.0) ** 2 + (1e-9 * record.range) ** 2
+        floor = sum(part**2 for part in record.resolution)
         cost = float(np.mean(np.log(squares + floor)))
         if controller is None or measured is None:
             return 0.0, cost

@@ -45,6 +45,7 @@ from dryfric_control.records.record_checks import (
     warn,
     warn_if_suspect,
 )
+from dryfric_control.records.resolution import QUANTA, ROUNDING, Resolution
 from dryfric_control.store.files import replacing
 from dryfric_control.ties import samples
 
@@ -258,12 +259,17 @@ class Record:
         reaches while it is slow against the sampling; at least
         quantum / sqrt(12).
         """
-        floor = (self.quantum or 0.0) / math.sqrt(12)
+        floor = (self.quantum or 0.0) / QUANTA
         if len(self) < MIN_SAMPLES:
             return floor
         spread = float(np.median(np.abs(np.diff(self.x, 4))))
         # 0.6745: median of |N(0, 1)|; 70 = 1 + 16 + 36 + 16 + 1
         return max(floor, spread / 0.6745 / math.sqrt(70))
+
+    @cached_property
+    def resolution(self) -> Resolution:
+        """Noise, quantum and rounding: what this record cannot separate."""
+        return Resolution(self.noise, self.quantum or 0.0, ROUNDING * self.range)
 
     @cached_property
     def smoothing_window(self) -> int:
@@ -287,6 +293,51 @@ class Record:
         return min(best, (len(self) - 1) | 1)
 
     # ----------------------------------------------------------------- parts
+
+    def read(
+        self, positions: npt.ArrayLike, rng: np.random.Generator, origin: float | None = None
+    ) -> Record:
+        """Another path as the encoder of this record would have read it.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n,)
+            Position at each ``t[k]`` [unit of x].
+        rng : numpy.random.Generator
+            Source of the noise, which is normal and white.
+        origin : float, optional
+            A place of the encoder's grid [unit of x]; anywhere when left out.
+
+        Returns
+        -------
+        Record
+            With the time, input and quantum of this one; it may stand still.
+
+        Raises
+        ------
+        ValueError
+            If `positions` is no vector of finite numbers, one for each sample.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> record = dfc.Record(t, np.cos(t), 1e-3 * np.round(1e3 * np.sin(t)), quantum=1e-3)
+        >>> again = record.read(0.5 * np.sin(t), np.random.default_rng(1), origin=0.0)
+        >>> bool(np.allclose(again.x, 1e-3 * np.round(500.0 * np.sin(t)), atol=2e-3))
+        True
+        """
+        path = vector("positions", positions)
+        if path.size != len(self):
+            raise ValueError(
+                f"positions has {path.size} samples but the record has {len(self)}; give one each"
+            )
+        x = path + self.resolution.fast * rng.standard_normal(path.size)
+        if quantum := self.resolution.quantum:
+            shift = rng.uniform(0.0, quantum) if origin is None else origin
+            x = quantum * np.round((x - shift) / quantum) + shift
+        return self._derived(self.t, self.u, x, self.reference, self.dt, "read anew")
 
     def __getitem__(self, key: slice) -> Record:
         """The samples of a slice with step 1."""

@@ -1,0 +1,66 @@
+"""The resolution of a record, and its encoder applied to another path."""
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.noise_floor import noise_floor
+from dryfric_control.diagnosis.search import Bench
+from dryfric_control.estimation.windows import cut
+
+T = 1e-3 * np.arange(2000)
+
+
+def record(quantum=0.0, noise=0.0):
+    x = np.sin(7.0 * T) + noise * np.random.default_rng(1).standard_normal(T.size)
+    return dfc.Record(T, np.cos(T), quantum * np.round(x / quantum) if quantum else x)
+
+
+def test_the_resolution_is_noise_quantum_and_rounding():
+    clean, coarse, noisy = record(), record(quantum=1e-3), record(noise=1e-3)
+    assert clean.resolution.quantum == noisy.resolution.quantum == 0.0
+    assert coarse.resolution.quantum == pytest.approx(1e-3)
+    assert clean.resolution.rounding == 1e-9 * clean.range
+    assert noisy.resolution.deviation == pytest.approx(1e-3, rel=0.1)
+    assert noisy.resolution.step == pytest.approx(np.sqrt(12) * 1e-3, rel=0.1)
+    assert coarse.resolution.step >= coarse.resolution.quantum
+
+
+def test_a_path_is_read_on_the_grid_and_with_the_noise_of_the_record():
+    path = 0.3 * np.sin(5.0 * T)
+    again = record(quantum=1e-3).read(path, np.random.default_rng(0), origin=0.0)
+    np.testing.assert_allclose(again.x / 1e-3, np.round(again.x / 1e-3), atol=1e-9)
+    noisy = record(noise=1e-3)
+    error = noisy.read(path, np.random.default_rng(0)).x - path
+    assert np.std(error) == pytest.approx(noisy.noise, rel=0.05)
+
+
+def test_an_axis_that_stands_still_may_be_read():
+    still = record(quantum=1e-3).read(np.zeros(T.size), np.random.default_rng(0))
+    assert np.ptp(still.x) <= 2e-3
+
+
+def test_a_path_that_is_none_is_refused():
+    with pytest.raises(ValueError, match=r"positions has 3 samples but the record has 2000"):
+        record().read(np.zeros(3), np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"positions has .* not finite"):
+        record().read(np.full(T.size, np.nan), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("path", [np.r_[:2000] % 500 * 1.0, np.full(2000, np.inf)])
+def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
+    """The record was blamed: "the encoder wraps around", "x has values that are not finite"."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    u = 20.0 * np.sin(6.0 * T)
+    bench = Bench(cut(dfc.Record(T, u, axis.simulate(u, dt=1e-3).y[0])))
+    active = np.ones(len(bench.windows), bool)
+    at = bench.evaluate(axis, active)
+    far, run = axis.replace(name="far"), type(bench.windows).run
+    monkeypatch.setattr(
+        type(bench.windows),
+        "run",
+        lambda self, one, *a, **k: path if one is far else run(self, one, *a, **k),
+    )
+    floor = noise_floor(bench, axis, [axis, far], at, active)
+    assert np.all(np.isfinite(floor.scores))
+    assert len(floor.scores) == (2 if np.isfinite(path[0]) else 1)

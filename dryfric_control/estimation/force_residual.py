@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -147,9 +146,7 @@ class View(Sliding):
         super().__init__(record, _ENOUGH_TO_GUESS, size, smooth_drive=True)
         self.axis, self.believed = axis, believed
         self.residual = self.force_residual(axis)
-        self.quantum = max(
-            record.quantum or 0.0, math.sqrt(12.0) * record.noise, 1e-9 * record.range
-        )
+        self.quantum = record.resolution.step
         self.dt, self.drive = record.dt, record.u
 
 

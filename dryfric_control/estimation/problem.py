@@ -318,11 +318,7 @@ class Problem:
         """Fit the widths of the slopes to how well the coordinates are known."""
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         least = np.where(self.breaks_away, options.least[1], options.least[0])
-        self.steps = np.clip(
-            options.width * (1.0 / size) if options.width == 5.0 else options.width / size,
-            least,
-            _WIDEST,
-        )
+        self.steps = np.clip(options.width / size, least, _WIDEST)
 
     def _ends(self, z: FloatArray, j: int, options: Options) -> list[tuple[Model, float]]:
         """Models a little beside in one coordinate, and how far; on one side or both."""

@@ -332,7 +332,7 @@ def cut(
     size = record.smoothing_window if smoothing is None else smoothing
     smooth = record.derivatives(size)
     shorter = max(5, (size // 2) | 1)
-    noise = max(record.noise, 1e-9 * record.range)
+    noise = record.resolution.deviation
     errors = []
     for order, values in ((0, smooth.x), (1, smooth.v)):
         spread = noise * float(np.linalg.norm(savgol_coeffs(size, 3, order, record.dt)))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from dryfric_control.diagnosis.search import Bench
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.noise_floor import noise_floor
-from dryfric_control.diagnosis.search import Bench
 from dryfric_control.estimation.windows import cut
 
 T = 1e-3 * np.arange(2000)

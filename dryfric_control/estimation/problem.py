@@ -245,7 +245,9 @@ class Problem:
             if options.rounds is None:
                 found.append(_Together(w, model, scale).search(starts))
             else:
-                found.append(w.evaluate(model.axis, active, scale, starts, options.rounds))
+                found.append(
+                    w.evaluate(model.axis, active, scale, starts, options.rounds, shift=model.shift)
+                )
         return found
 
     def loss(self, z: FloatArray, at: Sequence[Evaluation]) -> float:
@@ -297,7 +299,8 @@ class Problem:
             for j, both in enumerate(ends):
                 if base is None:
                     [(model, step)] = both
-                    out = positions(model.axis, w.arrays, self.active[i], one.starts)
+                    windowed = w.arrays(model.shift)
+                    out = positions(model.axis, windowed, self.active[i], one.starts)
                     slopes[j] = (out - w.record.x - one.errors) / step
                 else:
                     sides = [
@@ -307,7 +310,7 @@ class Problem:
                     ]
                     chord = options.sides == 3 and sides
                     slopes[j] = np.mean(sides, axis=0) if chord else _slope(w, sides)
-            g, h, b = normal_terms(w.arrays, self.active[i], one, slopes, self.scales[i])
+            g, h, b = normal_terms(w.arrays(), self.active[i], one, slopes, self.scales[i])
             weight = w.weights(one.costs)
             gradients.append(g * weight[:, None])
             normals.append(h * weight[:, None, None])
@@ -643,7 +646,7 @@ class _Together(NamedTuple):
                 moved[row] += _START_SLOPE * size
                 change = self._at(moved, seen, active)[0] - errors
                 by[chosen] = (change / w.spread(_START_SLOPE * size))[chosen]
-            steps = normal_terms(w.arrays, active, at, none, self.scale)[2][:, :, 0].T
+            steps = normal_terms(w.arrays(), active, at, none, self.scale)[2][:, :, 0].T
             # Near a break-away a slope may mislead: shorten the step, or stay.
             searching = active.copy()
             active[:] = False

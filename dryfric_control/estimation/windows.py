@@ -112,13 +112,13 @@ class Windows:
         reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
         return above(reach, _MOVING * self.floor, NEAR * self.record.range)
 
-    @cached_property
-    def arrays(self) -> Windowed:
-        """The same as arrays for compiled functions."""
+    def arrays(self, shift: float = 0.0) -> Windowed:
+        """The same as arrays for compiled functions, the input acting later by a shift."""
         record = self.record
         return Windowed(
-            record.u, record.x, float(record.t[0]), record.dt, self.hold == "first", self.edges,
-            self.x0, self.v0, self.x0_error, self.v0_error, self.rest,
+            shifted(record.u, shift / record.dt), record.x, float(record.t[0]), record.dt,
+            self.hold == "first", self.edges, self.x0, self.v0, self.x0_error, self.v0_error,
+            self.rest,
         )  # fmt: skip
 
     def run(
@@ -161,8 +161,8 @@ class Windows:
         >>> round(float(near[249] - windows.run(axis)[249]), 6)
         0.000249
         """
-        u = shifted(self.record.u, shift / self.record.dt)
-        return positions(axis, self.arrays._replace(u=u, x0=self.x0 + dx, v0=self.v0 + dv), active)
+        windowed = self.arrays(shift)._replace(x0=self.x0 + dx, v0=self.v0 + dv)
+        return positions(axis, windowed, active)
 
     def evaluate(
         self,
@@ -172,6 +172,7 @@ class Windows:
         starts: FloatArray | None = None,
         rounds: int = _ROUNDS,
         thorough: bool = False,
+        shift: float = 0.0,
     ) -> Evaluation:
         """Errors of an axis over windows, each from its most likely start state.
 
@@ -189,13 +190,15 @@ class Windows:
         thorough : bool, optional
             Whether windows that end far above the scale are searched again, from
             other speeds.
+        shift : float, optional
+            Time by which the input acts later than recorded [s].
         """
         n, offsets = int(self.edges[-1]), _OFFSETS if thorough else _OFFSETS[:0]
         starts = no_corrections(len(self)) if starts is None else starts.copy()
         at = Evaluation(np.zeros(n), np.zeros(n), np.zeros(n), starts, np.zeros(len(self)))
         scale = self.floor if scale is None else scale
         search = Search(active, linked(axis), uniform(axis), scale, rounds, offsets)
-        project(axis.arrays(self.record.dt), self.arrays, search, at)
+        project(axis.arrays(self.record.dt), self.arrays(shift), search, at)
         return at
 
     def loss(self, costs: FloatArray, active: BoolArray) -> float:

@@ -20,7 +20,11 @@ from diagnosis_cases import believed, record
 from truth import make_case, make_null
 
 import dryfric_control as dfc
+from dryfric_control.estimation.parameters import choose
+from dryfric_control.estimation.problem import CANDIDATE, Problem, minimise, narrowing, through
+from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
+from dryfric_control.identification.fit import typical
 
 STORED = Path(__file__).with_name("one_engine.json")
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
@@ -124,6 +128,26 @@ def test_a_diagnosis_says_what_it_did(name, stored):
     assert found["verdict"] == stored[name]["verdict"]
     assert found["causes"] == stored[name]["causes"]
     same_end(found, stored[name], 0.7)
+
+
+def test_both_schedules_end_at_the_same_place():
+    # A known shift, which both must find: 0.3 samples late.
+    late = made(BASE)
+    u = np.interp(late.t, late.t + 3e-4, late.u)
+    x = 1e-6 * np.round(1e6 * BASE.simulate(u, dt=1e-3).y[0])
+    windows = cut(dfc.Record(late.t, late.u, x))
+    free = ("mass", "viscous", "coulomb", "input_shift")
+    axis, parameters = choose(BASE.replace(mass=2.2, coulomb=7.0), free, typical([windows.record]))
+    problem = Problem(axis, parameters, [windows])
+    z = minimise(problem, problem.start)
+    errors = 1.0 / np.sqrt(np.diag(problem.terms(z, problem.evaluate(z))[1].sum(axis=0)))
+    quick = Problem(axis, parameters, [windows])
+    every = np.ones(len(windows), bool)
+    scales = narrowing(quick, quick.start, every)
+    found = through(quick, quick.start, every, scales, CANDIDATE._replace(iterations=25, rounds=2))
+    # The quick one stops where the loss falls by 0.1 + 1e-4 of itself: 0.7 standard errors.
+    assert np.all(np.abs(found.z - z) < 0.7 * errors)
+    assert problem.values(z)["input_shift"] == pytest.approx(3e-4, rel=0.02)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from dryfric_control.diagnosis.search import Bench
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.noise_floor import noise_floor
@@ -52,12 +51,12 @@ def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
     """The record was blamed: "the encoder wraps around", "x has values that are not finite"."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     u = 20.0 * np.sin(6.0 * T)
-    bench = Bench(cut(dfc.Record(T, u, axis.simulate(u, dt=1e-3).y[0])))
-    active = np.ones(len(bench.windows), bool)
+    bench = cut(dfc.Record(T, u, axis.simulate(u, dt=1e-3).y[0]))
+    active = np.ones(len(bench), bool)
     at = bench.evaluate(axis, active)
-    far, run = axis.replace(name="far"), type(bench.windows).run
+    far, run = axis.replace(name="far"), type(bench).run
     monkeypatch.setattr(
-        type(bench.windows),
+        type(bench),
         "run",
         lambda self, one, *a, **k: path if one is far else run(self, one, *a, **k),
     )

@@ -37,33 +37,36 @@ from dryfric_control.ties import SQUARES, ranked
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# What one more cause costs, in the units of the prior of base parameters: as
-# much as one of them being off by some seven times its usual spread.
+# All of these are set by `benchmarks/diagnosis.py`: by what it names right on exact and
+# off, and where they say so by one of its effects or by its run times.
+
+# Cost of one more cause, in the units of the prior of base parameters: as much
+# as one of them being off by some seven times its usual spread (clean, pair).
 CAUSE_COST = BASE_COST * 4.0
 # Runners kept after the first round: no more than this, and none whose loss is
-# this many times the best.
+# this many times the best (run times).
 _KEPT, _NEAR = 6, 3.0
 # A second guess is followed if its loss is within this factor of the first's.
 _CLOSE = 1.1
-# Mean score of a fit that leaves next to nothing; 0.22 is the floor.
+# Mean score below which a fit has all but reached the floor, 0.22.
 _SETTLED = 0.4
-# Points of the random search where the loss is rugged.
+# Points of the random search where the loss is rugged (dwell_time, stribeck).
 _TRIES = 120
 # Steps of a first fit; where the base alone reaches the floor, only what a fit
 # asks of it decides, which takes a fit to its end.
 _TURNS = {False: 2, True: 6}
-# Fall of the loss, in units of chi^2, that is next to none.
+# Fall of the loss, in units of chi^2, that is worth no further fit (clean).
 _LOWER = 2.0
 # Search coordinates closer than this lead to the same end.
 _SAME = 2e-3
-# Of many first guesses, so many are left after single runs.
+# Of many first guesses, so many are left after single runs (run times).
 _MANY = 4
-# A drive later than this is no drive for a position loop [s].
+# A drive later than this is no drive for a position loop [s] (input_delay, actuator_lag).
 _LATE, _LATEST = ("input_delay.delay", "actuator_lag.time_constant"), 0.1
-# Parts of the mass that may be a load; one next to nothing is no load but a contact.
+# Parts of the mass that may be a load; below, it is a contact (backlash, compliance).
 _SHARES = (0.05, 0.95)
-# Of what must not vanish, a hundredth of the guess is as good as nothing, and a hundred
-# times it beyond all guesses.
+# Parts of a guess between which a parameter is searched that must not vanish
+# (presliding, backlash).
 _VANISHING = (0.01, 100.0)
 # Steps of the last descent of a fit, and rounds of its search of start states.
 _LAST_TURNS, _LAST_ROUNDS = 10, 2

@@ -18,6 +18,7 @@ from dryfric_control.ties import above, ranked
 
 FloatArray = NDArray[np.float64]
 
+# Set by `benchmarks/diagnosis.py --effects cogging time_periodic` and its run times.
 # Points of the search grid for a period within one width of the main lobe.
 _FINE = 4
 # Periods: the shortest over the smoothing's own reach, the most of them.

@@ -22,6 +22,9 @@ from dryfric_control.ties import NEAR, above, samples
 
 FloatArray = NDArray[np.float64]
 
+# All of these are set by `benchmarks/diagnosis.py`, by the records on which an experiment
+# is proposed, and bound by tests/diagnosis/test_next_experiment.py.
+
 # Length of the free runs [s], and samples below which no run is judged.
 _WINDOW, _FEWEST = 0.25, 20
 # Closed-loop bandwidth times the sampling time, and the largest [rad/s].
@@ -35,8 +38,10 @@ _STEP, _REACH = 1e-4, 0.5
 # An effect that is refitted to less than this part of itself, or to as much
 # more, is no longer the rival that it was; where it acts is open.
 _STRENGTH, _PLACES = 0.7, ("phase", "rest", "centre")
-# The scale of the errors falls to the quantum in these steps, twice each.
-_NARROWINGS = 4
+# The scale of the errors falls to the quantum in so many steps, each taken so often;
+# parts of a step that are tried, and what keeps the normal matrix regular, over its mean.
+_NARROWINGS, _EACH = 4, 2
+_PARTS, _RIDGE = (1.0, 0.4, 0.1), 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +307,7 @@ class Refit:
         least = loss(e, self.quantum)
         found = squares(e)[0]
         widest = max(float(np.sqrt(found.mean())), self.quantum)
-        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), 2):
+        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH):
             slopes = []
             for i in range(z.size):
                 step = np.zeros(z.size)
@@ -319,11 +324,11 @@ class Refit:
                 np.repeat(1.0 / (scale**2 + old), self.positions.shape[1]),
             ))  # fmt: skip
             normal = (j * weight) @ j.T
-            normal += 1e-9 * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
+            normal += _RIDGE * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
             step = -np.linalg.solve(normal, (j * weight) @ e)
             step *= min(1.0, _REACH / max(float(np.abs(step).max()), 1e-300))
             here = loss(e, float(scale))
-            for part in (1.0, 0.4, 0.1):
+            for part in _PARTS:
                 target = np.clip(z + part * step, first - reach, first + reach)
                 there = errors(target)
                 if there is not None and loss(there, float(scale)) < here:

@@ -8,9 +8,9 @@ from dryfric_control.diagnosis import (
     Cause,
     Diagnosis,
     diagnose,
+    diagnose_batch,
     next_experiment,
 )
-from dryfric_control.diagnosis.batch import diagnose_batch
 from dryfric_control.identification import (
     Fit,
     FitWarning,

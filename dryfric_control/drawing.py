@@ -8,9 +8,13 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.text import typeset
+
+#: Grey of measured dots and lines.
+MEASURED = "0.6"
 #: Light band behind the time at rest.
 STUCK_COLOUR = "0.9"
-#: Dashes that tell lines apart in grey.
+#: Dashes that distinguish lines in grey.
 DASHES = ("-", "--", "-.", ":", (0, (7, 2, 1, 2, 1, 2)))
 
 #: Time before which estimates are left out of the scale [s]: the start is off by
@@ -83,7 +87,7 @@ def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
 
 
 def control_plot(axes: NDArray[Any]) -> PanelPlot:
-    """What was drawn, as python-control returns it.
+    """What was drawn, as python-control returns it, its labels typeset.
 
     Parameters
     ----------
@@ -98,6 +102,8 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
     lines = np.empty((axes.size, 1), dtype=object)
     for i, one in enumerate(axes):
         lines[i, 0] = list(one.lines)
+        for label in (one.xaxis.label, one.yaxis.label):
+            label.set_text(typeset(label.get_text()))
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)
 
 
@@ -130,17 +136,7 @@ def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "
 
 
 def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
-    """Fit the scale to what comes after the start.
-
-    Parameters
-    ----------
-    ax : Axes
-        Axes with the signals.
-    t : ndarray, shape (n,)
-        Time [s].
-    *signals : ndarray, shape (n,)
-        What is drawn.
-    """
+    """Fit the scale to what comes after the start."""
     late = t >= _START
     if late.any():
         low = min(float(one[late].min()) for one in signals)
@@ -150,13 +146,7 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
 
 
 def legend_above(ax: Any) -> None:
-    """Put the legend above the axes, where it hides no data.
-
-    Parameters
-    ----------
-    ax : Axes
-        Axes whose labelled artists are listed.
-    """
+    """Put the legend above the axes, where it hides no data."""
     ax.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
@@ -169,15 +159,7 @@ def legend_above(ax: Any) -> None:
 
 
 def title_above(ax: Any, title: str) -> None:
-    """Put a title at the left, above the legend if both do not fit in one line.
-
-    Parameters
-    ----------
-    ax : Axes
-        Axes with its legend, if any.
-    title : str
-        The title.
-    """
+    """Put a title at the left, above the legend if both do not fit in one line."""
     legend = ax.get_legend()
     needed = _LETTER * len(title)
     for text in legend.get_texts() if legend is not None else ():

@@ -1,10 +1,17 @@
-"""Words for the user: lines that fit a page, the word that was meant."""
+"""Words for the user: results as text, HTML and plain data, the word that was meant."""
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import html
+import math
+import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 #: Longest line [characters].
 WIDTH = 100
@@ -74,3 +81,122 @@ def length_text(value: float, unit: str) -> str:
     if abs(value) < 1e-13:  # round-off: no prefix makes it readable
         return f"{value:.0e} {unit}" if value else f"0 {unit}"
     return f"{value / 1e-9:.3g} n{unit}"
+
+
+def typeset(text: str) -> str:
+    """Plain text with the signs that print has for it.
+
+    Examples
+    --------
+    >>> from dryfric_control.text import typeset
+    >>> typeset("14 -> 15.0 +- 0.1 N s/m, 3 um, 2 kg m^2")
+    '14 \u2192 15.0 \xb1 0.1 N\xb7s/m, 3 \xb5m, 2 kg\xb7m\xb2'
+    """
+    text = re.sub(r"\b(N m|N|kg) (?=[ms]\b)", lambda m: m[0].replace(" ", "\xb7"), text)
+    text = re.sub(r"(?<=[\d\[]) ?u(m|rad)\b", lambda m: m[0].replace("u", "\xb5"), text)
+    for plain, sign in (("+-", "\xb1"), ("->", "\u2192"), ("^2", "\xb2"), ("^3", "\xb3")):
+        text = text.replace(plain, sign)
+    return text
+
+
+def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
+    """Rows as columns of text, or as a table in HTML.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+        Cells, the headings first.
+    as_html : bool, optional
+        Whether to write HTML, escaped and typeset.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from dryfric_control.text import table
+    >>> print(table([("name", "value"), ("mass", "2 kg")]))
+    name  value
+    mass  2 kg
+    """
+    if not as_html:
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    cells = [[html.escape(typeset(cell)) for cell in row] for row in rows]
+    head = "".join(f'<th scope="col">{cell}</th>' for cell in cells[0])
+    body = "".join("<tr><td>" + "</td><td>".join(row) + "</td></tr>" for row in cells[1:])
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def plain_data(value: Any) -> Any:
+    """A value as JSON has it: lists for arrays, None for what is not finite.
+
+    Parameters
+    ----------
+    value : object
+        Number, text, array, sequence, mapping, or an object with `to_dict`.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dryfric_control.text import plain_data
+    >>> plain_data({"x": np.arange(2), "error": np.inf, "ends": (0.5, 1.0)})
+    {'x': [0, 1], 'error': None, 'ends': [0.5, 1.0]}
+    """
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain_data(value.tolist())
+    if isinstance(value, Mapping):
+        return {key: plain_data(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_data(one) for one in value]
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    return value
+
+
+class Result:
+    """A result that shows itself: as text, as HTML in a notebook, as plain data.
+
+    A class says once, in `_shown`, what there is to see: lines of text, and
+    tables as sequences of rows, the headings first.
+    """
+
+    def _shown(self) -> Iterable[str | Sequence[Sequence[str]]]:
+        raise NotImplementedError
+
+    def summary(self) -> str:
+        """What there is to see, in plain lines."""
+        return "\n".join(
+            # What is left of a line that was too long stands under its own indent.
+            wrapped([one], len(one) - len(one.lstrip()) + 4) if isinstance(one, str) else table(one)
+            for one in self._shown()
+        )
+
+    def __repr__(self) -> str:
+        return Result.summary(self)
+
+    def _repr_html_(self) -> str:
+        return "".join(
+            f"<p>{html.escape(typeset(one))}</p>" if isinstance(one, str) else table(one, True)
+            for one in self._shown()
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, ready for JSON."""
+        return fields_of(self)
+
+
+def fields_of(result: Any) -> dict[str, Any]:
+    """Public fields of a dataclass as plain data."""
+    return {
+        one.name: plain_data(getattr(result, one.name))
+        for one in dataclasses.fields(result)
+        if not one.name.startswith("_")
+    }

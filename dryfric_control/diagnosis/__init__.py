@@ -1,9 +1,10 @@
 """From data to cause: what the simulation gets wrong, and why."""
 
-from dryfric_control.diagnosis.diagnose import diagnose
+from dryfric_control.diagnosis.diagnose import diagnose, diagnose_batch
 from dryfric_control.diagnosis.evidence import Evidence, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
-from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis, Gain, Unexplained
+from dryfric_control.diagnosis.report.diagnosis import Diagnosis
+from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.store.axis_file import read_axis, write_axis
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Gain",
     "Unexplained",
     "diagnose",
+    "diagnose_batch",
     "evidence",
     "next_experiment",
     "read_axis",

@@ -26,7 +26,7 @@ _LONGEST_LAG = 0.5
 # Bins of position, speed and time in which a residual is looked for.
 _BINS = 40
 # A place is named if chance puts that many bad windows there less often than
-# this: over all the ranges tried, of randomly strewn bad windows about 1 in 100.
+# this: over all the ranges tried, of randomly spread bad windows about 1 in 100.
 _SURE = 1e-4
 # It must also hold this share of bad windows, this many times the share elsewhere.
 _SHARE, _TIMES = 0.3, 3.0
@@ -404,7 +404,7 @@ def where(
         words = _clearest(places, judged, judged & (scores > np.median(scores[judged])))
     if words:
         return words
-    return (f"strewn over the record: {bad.sum()} of {judged.sum()} windows, tied to no place",)
+    return (f"spread over the record, no clear location: {bad.sum()} of {judged.sum()} windows",)
 
 
 def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:

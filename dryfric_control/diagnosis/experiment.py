@@ -1,8 +1,7 @@
-"""Which experiment to do next, so that causes that look alike part."""
+"""Which experiment to do next, to separate causes that look alike."""
 
 from __future__ import annotations
 
-import html
 import os
 import textwrap
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
-from dryfric_control.text import wrapped
+from dryfric_control.text import Result, fields_of
 from dryfric_control.ties import above, ranked
 
 if TYPE_CHECKING:
@@ -27,15 +26,15 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses part,
+# Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses differ,
 # the largest left out (one mistimed break-away is no evidence): a window in
 # thirty off by five quanta, or all of them by a third of one.
-_PARTED = 0.1
+_SEPARATE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """The experiment that best parts causes that look alike.
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment(Result):
+    """The experiment that best separates causes that look alike.
 
     Made by `next_experiment`.
 
@@ -43,7 +42,7 @@ class Experiment:
     ----------
     name : str
         Short name of the excitation; "change_of_bench" if none of the set
-        parts the causes.
+        separates the causes.
     title : str
         What it is called.
     description : str
@@ -54,11 +53,11 @@ class Experiment:
     force : ndarray, shape (n,), or None
         Force added to the loop's drive [N], if any.
     separates : tuple of str
-        Alternatives that this experiment parts from the named cause.
+        Alternatives that this experiment separates from the named cause.
     score : dict of str to float
         For every alternative: what is left of the windowed error between the
         two after the best refit, RMS in encoder quanta; 0 if nothing of the
-        set parts them.
+        set separates them.
     tried : dict of str to float
         The same before any refit, smallest over the alternatives, for every
         excitation that keeps the limits.
@@ -103,34 +102,24 @@ class Experiment:
     drives: dict[str, FloatArray]
     units: tuple[str, str]
 
+    def _shown(self) -> list[str]:
+        return [self.summary()]
+
     def summary(self) -> str:
-        """What to do and what it tells, in a sentence or two."""
+        """What to do and what it separates, in a sentence or two."""
         text = f"{self.title}: {self.description}"
         if self.separates:
-            told = ", ".join(f"{slug} ({self.score[slug]:.3g} quanta)" for slug in self.separates)
-            text += f" It parts {self.cause} from {told}."
+            shown = ", ".join(f"{slug} ({self.score[slug]:.3g} quanta)" for slug in self.separates)
+            text += f" It separates {self.cause} from {shown}."
         left = [slug for slug in self.score if slug not in self.separates]
         if left and self.separates:
             text += f" It leaves {', '.join(left)} open."
         return text
 
-    def __repr__(self) -> str:
-        return wrapped([self.summary()], indent=0)
-
     def to_dict(self) -> dict[str, Any]:
         """Words and numbers, ready for JSON."""
-        return {
-            "name": self.name,
-            "title": self.title,
-            "description": self.description,
-            "cause": self.cause,
-            "separates": list(self.separates),
-            "score": dict(self.score),
-            "tried": dict(self.tried),
-            "t": self.t.tolist(),
-            "reference": self.reference.tolist(),
-            "force": None if self.force is None else self.force.tolist(),
-        }
+        left = ("positions", "drives", "units")
+        return {name: value for name, value in fields_of(self).items() if name not in left}
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write time, reference and force to a file for the bench.
@@ -202,9 +191,6 @@ class Experiment:
             one.margins(x=0.0)
         return control_plot(axes)
 
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.summary())}</p>"
-
 
 def next_experiment(
     axis: FrictionAxis,
@@ -214,7 +200,7 @@ def next_experiment(
     names: Sequence[str] | None = None,
     limits: Limits | None = None,
 ) -> Experiment | None:
-    """Experiment that best parts a cause from its alternatives.
+    """Experiment that best separates a cause from its alternatives.
 
     Parameters
     ----------
@@ -253,7 +239,7 @@ def next_experiment(
     every window's error first: another start state could explain it.
 
     Experiments that need a known mass or force come into play only if no
-    other parts the causes.  If these do not either, the causes are equal on
+    other separates the causes.  If these do not either, the causes are equal on
     this bench, and the answer is in words.
 
     The answer is as good as the hypotheses: if none of them is true, the
@@ -310,12 +296,12 @@ def next_experiment(
             worth = _worth(parts)
             if best is None or above(worth, best[0]):
                 best = (worth, stages[k], parts, scores)
-        if best is not None and min(best[2]) > _PARTED:
+        if best is not None and min(best[2]) > _SEPARATE:
             break
-    if best is None or max(best[2]) <= _PARTED:
+    if best is None or max(best[2]) <= _SEPARATE:
         return _change_of_bench(names, tried, axis.units)
     _, chosen, parts, scores = best
-    parted = [part > _PARTED for part in parts]
+    separate = [part > _SEPARATE for part in parts]
     return Experiment(
         name=chosen.excitation.name,
         title=chosen.excitation.title,
@@ -323,8 +309,8 @@ def next_experiment(
         t=stage.t,
         reference=chosen.reference,
         force=chosen.force if np.any(chosen.force) else None,
-        separates=tuple(n for n, is_ in zip(names[1:], parted, strict=True) if is_),
-        score={n: s if is_ else 0.0 for n, s, is_ in zip(names[1:], scores, parted, strict=True)},
+        separates=tuple(n for n, is_ in zip(names[1:], separate, strict=True) if is_),
+        score={n: s if is_ else 0.0 for n, s, is_ in zip(names[1:], scores, separate, strict=True)},
         tried=tried,
         cause=names[0],
         positions={n: trial.x for n, trial in zip(names, chosen.trials, strict=True)},
@@ -361,7 +347,7 @@ def _after_refit(
     for rival, first in enumerate(raw, start=1):
         worst = first
         for truth, other in ((0, rival), (rival, 0)):
-            if worst[0] <= _PARTED:
+            if worst[0] <= _SEPARATE:
                 break
             squares = refits[other].best(one, stage, one.trials[truth])
             worst = min(worst, _measure(squares, quantum))
@@ -373,14 +359,14 @@ def _after_refit(
 def _change_of_bench(
     names: Sequence[str], tried: dict[str, float], units: tuple[str, str]
 ) -> Experiment:
-    """The answer where no motion within the limits parts the causes."""
+    """The answer where no motion within the limits separates the causes."""
     own = [
         f"{REGISTRY[slug].title}: {REGISTRY[slug].experiment}" for slug in names if slug in REGISTRY
     ]
     changes = [e.title for e in EXCITATIONS if e.change is not None and e.name in tried]
     nor = f", nor does {' or '.join(changes)}" if changes else ""
     why = (
-        f"No motion within these limits parts {names[0]} from {', '.join(names[1:])}{nor}: the "
+        f"No motion within these limits separates {names[0]} from {', '.join(names[1:])}{nor}: the "
         "same record comes out either way."
         if tried
         else "No experiment of the set keeps the limits of travel, drive and speed: widen them."

@@ -90,22 +90,9 @@ def noise_floor(
 ) -> Floor:
     """Replay axes through the record's own encoder and score the model on that.
 
-    Parameters
-    ----------
-    bench : Windows
-    model : FrictionAxis
-        Axis whose errors are scored.
-    truths : list of FrictionAxis
-        Axes that make the replays: the model within what is known of it.
-    at : Evaluation
-        Start states of the model on the record.
-    active : ndarray of bool, shape (nwindows,)
-    seed : int
-
-    Returns
-    -------
-    Floor
-        Without the replays that diverge; of zeros if all do.
+    `truths` make the replays: the model within what is known of it.  `at` holds the
+    start states of the model on the record.
+    Replays that diverge are left out; all zeros if all do.
     """
     rng = np.random.default_rng(seed)
     w, record = bench, bench.record

@@ -70,16 +70,7 @@ class Selection:
 
 
 class Selector:
-    """Forward selection of causes on one record, with a backward pass.
-
-    Parameters
-    ----------
-    race : Race
-    axis : FrictionAxis
-        As believed.
-    tell : callable
-        Called with a word on what is being done.
-    """
+    """Forward selection of causes on one record, with a backward pass."""
 
     def __init__(self, race: Race, axis: FrictionAxis, tell: Callable[[str], None]) -> None:
         self.race, self.axis, self.tell = race, axis, tell

@@ -374,7 +374,7 @@ def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
     found = diagnose(believed(case).replace(effects=(half,)), record(case), jobs=1)
     assert causes(found) == ["spring"], str(found)
     assert found.causes[0].parameters["stiffness"] == pytest.approx(true["stiffness"], rel=0.05)
-    assert "lready in the believed axis" in found.causes[0].explanation
+    assert "lready in the nominal axis" in found.causes[0].explanation
     assert len(found.extended.effects) == 1
 
 

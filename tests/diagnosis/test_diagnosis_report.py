@@ -24,12 +24,14 @@ from dryfric_control.diagnosis.evidence import (
     since_reversal,
     where,
 )
-from dryfric_control.diagnosis.report import candidate_bars, figures, wording
-from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis, Gain, Unexplained
-from dryfric_control.diagnosis.report.page import html_page, html_summary, write_report
+from dryfric_control.diagnosis.report import figures, findings, wording
+from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
+from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.estimation.windows import cut
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.store.axis_file import axis_text, read_axis, write_axis
+from dryfric_control.text import typeset
 
 DT, QUANTUM = 1e-3, 4e-6
 NAME = '<script>alert("1")</script> & co'
@@ -47,7 +49,7 @@ class Crawl:
     """Stands for an experiment: what the report asks of one."""
 
     def summary(self):
-        return "crawl & stop, it parts <spring> from gravity"
+        return "crawl & stop, it separates <spring> from gravity"
 
     def to_dict(self):
         return {"name": "crawl"}
@@ -322,7 +324,7 @@ def test_where_says_nothing_of_noise(wander):
     claims = 0
     for _ in range(100):
         words = where(rng.random(len(wander)), 0.85, wander)
-        claims += not words[0].startswith("strewn over the record")
+        claims += not words[0].startswith("spread over the record")
     assert claims <= 5
 
 
@@ -341,7 +343,7 @@ def test_where_survives_a_record_full_of_bad_windows(wander):
     late = wander.start_times >= 14.0
     words = where(np.where(late, 9.0, 3.0) + 0.01 * np.cos(np.arange(len(wander))), 1.0, wander)
     assert words[0].startswith("after t = 14")
-    assert where(np.full(len(wander), 3.0), 1.0, wander)[0].startswith("strewn")
+    assert where(np.full(len(wander), 3.0), 1.0, wander)[0].startswith("spread")
 
 
 # ----------------------------------------------------------------- figures
@@ -367,7 +369,7 @@ def test_page_draws_every_panel_with_units(found):
         assert np.isfinite([*ax.get_xlim(), low, high]).all()
         assert re.search(r"\[.+\]", ax.get_xlabel())
     ylabels = [ax.get_ylabel() for ax in axes]
-    assert ylabels[:3] == ["position [m]", "RMS error [m]", "force missing [N]"]
+    assert ylabels[:3] == ["position [m]", "RMS error [m]", "force residual [N]"]
     plot.figure.savefig(io.BytesIO())
     words = " ".join(text.get_text() for ax in plot.figure.axes for text in ax.texts)
     assert "partly explained: spring, bias force" in words
@@ -394,7 +396,7 @@ def test_nothing_in_the_page_overlaps(found):
 
 def test_errors_are_those_of_the_windows(found, shown):
     plot = found.plot()
-    line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "as believed")
+    line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "nominal")
     # Motionless windows are drawn at a tenth of the floor.
     np.testing.assert_allclose(
         line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
@@ -421,7 +423,7 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
     assert labels == ["1. Coulomb asymmetry", "spring", "Stribeck peak"]
     told = [text.get_text() for text in ax.texts]
-    assert " helps beside the others only" in told
+    assert " useful only in combination" in told
     assert any(text.startswith("no bar: alone no better") for text in told)
     assert ax.get_xlim()[0] == 1.0
 
@@ -430,7 +432,7 @@ def test_no_bar_at_all_is_told_in_a_sentence(found):
     d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
     ax = d.plot().axes.ravel()[-2]
     assert not ax.patches and not ax.axison
-    sentence = candidate_bars.NO_BAR
+    sentence = figures.NO_BAR
     assert " ".join(ax.texts[0].get_text().split()) == sentence
     page = html_page(d)
     assert sentence in words_of(page)
@@ -476,13 +478,13 @@ def test_scale_of_the_force_holds_what_lies_off_the_dots(found, shown):
     """A push that is missing all the time: the dots alone leave zero out."""
     pushed = replace(shown, residual=shown.residual + 8.0)
     ax = matplotlib.pyplot.figure().subplots()
-    figures.draw_residual(pushed, evidence(found.extended, found.record), "speed", ax)
+    figures.draw_residual(pushed, evidence(found.extended, found.record), "velocity", ax)
     low, high = ax.get_ylim()
     line = next(li for li in ax.lines if li.get_label() == "with the causes").get_ydata()
     assert low < 0.0 and low < np.min(line) and np.max(line) < high
     assert high > np.quantile(pushed.residual, 0.99)
     alone = matplotlib.pyplot.figure().subplots()
-    figures.draw_residual(pushed, None, "speed", alone)
+    figures.draw_residual(pushed, None, "velocity", alone)
     assert alone.get_ylim()[0] < 0.0
 
 
@@ -527,7 +529,7 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
     ]  # fmt: skip
     assert found.small_corrections == ()
     assert "Stribeck" not in figures.headline(uneven) and "inertia" not in figures.headline(uneven)
-    heading = "small corrections of believed numbers"
+    heading = "small corrections of nominal values"
     for text in (uneven.summary(), words_of(html_page(uneven)), words_of(html_summary(uneven))):
         text = re.sub(r"\s+", " ", text).replace("\u2192", "->").replace("\u00b1", "+-")
         causes, _, small = text.partition(heading if heading in text else heading.capitalize())
@@ -544,7 +546,7 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
     assert told["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
     assert told["causes"][0]["believed"] == {}
     only = replace(uneven, causes=uneven.small_corrections)
-    assert figures.headline(only) == "explained: small corrections of believed numbers"
+    assert figures.headline(only) == "explained: small corrections of nominal values"
     Page(html_page(only))
 
 
@@ -553,7 +555,7 @@ def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
     near = cause("spring", {"stiffness": 12.1, "rest": 2e-4}, {"stiffness": 0.1, "rest": 1e-5})
     far = replace(near, parameters={"stiffness": 12.1, "rest": 0.1})
     d = replace(found, axis=believed, causes=(near,))
-    assert wording.is_small(d, near) and not wording.is_small(d, far)
+    assert d.is_small(near) and not d.is_small(far)
     assert "rest 0.0001 -> (2.00 +- 0.10)e-04 m (+0.0001 m)" in " ".join(d.summary().split())
 
 
@@ -592,13 +594,16 @@ def test_which_way_is_harder_is_told_in_newtons(uneven):
         for way, name in ((1, "forwards"), (-1, "backwards")):
             places = ", ".join(f"{law_level(p, way):.3g} N at x = {p:.3g} m" for p in x)
             assert f"{name}: {places}" in text
-        assert "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5" in text
+        assert (
+            "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5"
+            in text.replace("\xb7", " ")
+        )
         assert "centre = 0.15 m" in text and "q = x - centre" in text
         # Two causes act on the level: it is told once.
         assert text.count("Coulomb level found") == 1
     for i, p in enumerate(x):
         assert f"Coulomb level backwards at x = {p:.3g} m 6 N {law_level(p, -1):.4g} N" in page, i
-    assert "viscous friction backwards 14 N s/m 11.5 N s/m -18 %" in page
+    assert "viscous friction backwards 14 N\xb7s/m 11.5 N\xb7s/m -18 %" in page
     assert "Coulomb + , Coulomb -" not in page and "the effects listed under them add to it" in page
 
 
@@ -608,7 +613,7 @@ def test_asymmetry_alone_is_told_in_two_numbers(uneven):
         extended=uneven.axis.replace(effects=(dfc.effects.CoulombAsymmetry(force=-1.0),)),
     )  # fmt: skip
     assert "forwards 5 N, backwards 7 N" in d.summary()
-    assert "Coulomb level believed (x grows forwards): 6 N, both ways" in d.summary()
+    assert "Coulomb level nominal (x grows forwards): 6 N, both ways" in d.summary()
 
 
 def test_levels_are_drawn_where_they_vary(uneven, found):
@@ -618,11 +623,11 @@ def test_levels_are_drawn_where_they_vary(uneven, found):
     for way, name in ((1, "forwards"), (-1, "backwards")):
         line = lines[f"with the causes, {name}"]
         np.testing.assert_allclose(line.get_ydata(), law_level(line.get_xdata(), way))
-        np.testing.assert_allclose(lines[f"as believed, {name}"].get_ydata(), 6.0)
+        np.testing.assert_allclose(lines[f"nominal, {name}"].get_ydata(), 6.0)
     assert {line.get_marker() for line in ax.lines} == {">", "<"}
     assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
     assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
-    alt = "Coulomb level over position; as believed: 6 N, both ways"
+    alt = "Coulomb level over position; nominal: 6 N, both ways"
     assert alt in html_page(uneven)
     assert "Coulomb level over position" not in html_page(found)
 
@@ -643,7 +648,7 @@ def test_levels_are_drawn_where_they_vary(uneven, found):
     ],
 )
 def test_errors_have_two_digits(value, error, text):
-    assert wording.with_error(value, error) == text
+    assert findings.with_error(value, error) == text
 
 
 def test_page_says_once_what_an_error_covers(found, uneven):
@@ -677,10 +682,10 @@ def test_words_are_those_of_a_user(found, uneven):
             for insider in ("held-out", "looks the same", "log(1", "log score", "told wrongly"):
                 assert insider not in text, insider
     page = words_of(html_page(found))
-    assert "no other cause does as well" in page
+    assert "alternatives" in page and "none" in page
     # A gain of 1.5 (1.2 to 1.8) is an error exp(0.75) times smaller.
-    assert "2.12 times smaller (1.82 to 2.46)" in page
-    assert "motion or rest seen otherwise *" in page and "the verdict does not rest on it" in page
+    assert "2.12 (1.82 to 2.46)" in page
+    assert "stick/slip mismatch *" in page and "the verdict does not rest on it" in page
 
 
 # -------------------------------------------------------------------- HTML
@@ -738,13 +743,13 @@ def test_page_tells_everything(found):
         "rest = 0.1 m (undetermined)",
         "gravity on a rotary axis",
         "between x = 0.12 and 0.15 m",
-        "parts <spring> from gravity",
+        "separates <spring> from gravity",
         "hardly determined",
         found.causes[0].explanation,
         found.causes[1].experiment,
-        "750 times smaller (90 %: 500 to 900)",
+        "error reduction (factor) 750 (90 %: 500 to 900)",
         "1.2 \u00b5m",
-        found.extended.describe(),
+        typeset(found.extended.describe()),
         axis_text(found.extended),
     ):
         assert part in words, part
@@ -953,7 +958,7 @@ def test_report_is_written_whole_or_not_at_all(found, tmp_path, monkeypatch):
     def fail(d):
         raise ValueError("no page today")
 
-    monkeypatch.setattr("dryfric_control.diagnosis.report.page.html_page", fail)
+    monkeypatch.setattr("dryfric_control.diagnosis.report.diagnosis.html_page", fail)
     with pytest.raises(ValueError, match="no page today"):
         write_report(found, tmp_path / "out")
     assert not (tmp_path / "out").exists()

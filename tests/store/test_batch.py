@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
@@ -17,6 +18,9 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.store.batch import fingerprint
+
+# The package holds a function of the same name.
+module = importlib.import_module("dryfric_control.diagnosis.diagnose")
 
 RUNS, DURATION = 6, 2.0
 CASES = {"a": 4.0, "b": 9.0, "c": 16.0}
@@ -374,9 +378,7 @@ def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch):
     assert len(lines(store)) == 3
 
     asked = []
-    monkeypatch.setattr(
-        "dryfric_control.diagnosis.batch._found", lambda *given: asked.append(given)
-    )
+    monkeypatch.setattr(module, "_found", lambda *given: asked.append(given))
     assert dfc.diagnose_batch(axis, records, store=store, progress=False) == both
     assert asked == []
     # The same name over other data is another case.
@@ -392,7 +394,7 @@ def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch):
 
 def test_records_in_a_list_are_numbered(bench, monkeypatch):
     axis, records = bench
-    monkeypatch.setattr("dryfric_control.diagnosis.batch._found", lambda *given: given[-1].t[-1])
+    monkeypatch.setattr(module, "_found", lambda *given: given[-1].t[-1])
     found = dfc.diagnose_batch(axis, [*records.values()], progress=False)
     assert found == {i: record.t[-1] for i, record in enumerate(records.values())}
 

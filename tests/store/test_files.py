@@ -21,8 +21,8 @@ from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
-from dryfric_control.diagnosis.report import page as report
-from dryfric_control.diagnosis.report.diagnosis import Gain, Unexplained
+from dryfric_control.diagnosis.report import diagnosis as report
+from dryfric_control.diagnosis.report.findings import Gain, Unexplained
 from dryfric_control.store import files
 
 AXIS = dfc.FrictionAxis(

@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
-from dryfric_control.diagnosis.report.candidate_bars import FOUND, draw_candidates
-from dryfric_control.diagnosis.report.diagnosis import summary_lines
-from dryfric_control.diagnosis.report.wording import WAYS, level_table
+from dryfric_control.diagnosis.report.findings import Findings, title_of
+from dryfric_control.diagnosis.report.wording import (
+    WAYS,
+    headline,
+    level_table,
+    summary_lines,
+    times_smaller,
+)
 from dryfric_control.drawing import axes_of, control_plot, legend_above
-
-if TYPE_CHECKING:
-    from dryfric_control.diagnosis.report.diagnosis import Diagnosis
+from dryfric_control.text import typeset
 
 FloatArray = NDArray[np.float64]
 
 GREY = "0.65"
-#: Believed axis and axis with the causes: told apart by colour, dash and marker.
+#: Colour of what was found.
+FOUND = "#0072B2"
+#: Nominal axis and axis with the causes differ in colour, dash and marker.
 BEFORE = {"color": "#D55E00", "linestyle": "--"}
 AFTER = {"color": FOUND, "linestyle": "-"}
 #: What a window was used for, with the grey behind it.
 ROLES = ((1, "judge", "0.92"), (2, "measure", "0.80"))
 #: What the force residual is drawn against.
-AGAINST = ("speed", "position", "time", "reversal")
+AGAINST = ("velocity", "position", "time", "reversal")
 PANELS = 4 + len(AGAINST)
 
 # Free runs shown in the close-up of the position.
@@ -44,81 +48,41 @@ _MARKS = {1: ">", -1: "<"}
 _MEDIAN = "median"
 # Points of the lines of the Coulomb level.
 _LEVEL_POINTS = 49
+# Bars of candidates: error reduction that is worth a bar, and the range of the
+# scale, at least.
+_WORTH, _LEAST_TIMES = 1.05, 1.5
+# Marks on that scale, as many as there is room for.
+_FINE = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0)
+_COARSE = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
+_MOST_TICKS = 6
+#: Where no candidate earns a bar.
+NO_BAR = (
+    "No candidate alone reduces the error by more than other values for mass, viscous friction "
+    "and Coulomb level do."
+)
 
 
-def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> ct.ControlPlot:
-    """Draw a diagnosis on one page.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-    ax : sequence of eight Axes, optional
-        Where to draw the position, the errors of the free runs, the force
-        residual against speed, position, time and time since reversal, the
-        candidates and the autocorrelation; a new figure with the verdict in
-        words when left out.
-
-    Returns
-    -------
-    control.ControlPlot
-
-    Raises
-    ------
-    ValueError
-        If another number of axes is given.
-    """
-    before, after = sides(diagnosis)
-    axes = _page(diagnosis) if ax is None else axes_of(ax, PANELS)
-    draw_position(diagnosis, before, after, axes[0])
-    draw_errors(diagnosis, before, after, axes[1])
+def plot_diagnosis(d: Findings, ax: Any = None) -> ct.ControlPlot:
+    """Draw a diagnosis on one page, or in eight given axes; see `Diagnosis.plot`."""
+    before, after = sides(d)
+    axes = _page(d) if ax is None else axes_of(ax, PANELS)
+    draw_position(d, before, after, axes[0])
+    draw_errors(d, before, after, axes[1])
     for i, by in enumerate(AGAINST):
         draw_residual(before, after, by, axes[2 + i], legend=i == 0)
-    draw_candidates(diagnosis, axes[-2])
+    draw_candidates(d, axes[-2])
     draw_autocorrelation(before, after, axes[-1])
     return control_plot(axes)
 
 
-def sides(diagnosis: Diagnosis) -> tuple[Evidence, Evidence | None]:
-    """Evidence for the axis as believed, and with the causes if there are any."""
-    d = diagnosis
+def sides(d: Findings) -> tuple[Evidence, Evidence | None]:
+    """Evidence for the nominal axis, and with the causes if there are any."""
     before = evidence(d.axis, d.record, d.window)
     same = d.extended.effective() == d.axis.effective()
     return before, None if same else evidence(d.extended, d.record, d.window)
 
 
-def headline(diagnosis: Diagnosis, most: int | None = None) -> str:
-    """Verdict with the names of the causes, in one line.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-    most : int, optional
-        Names given at most; what is left out is counted.
-
-    Returns
-    -------
-    str
-    """
-    names = [cause.title or cause.effect for cause in diagnosis.main_causes]
-    if not names:
-        small = ": small corrections of believed numbers" if diagnosis.causes else ""
-        return f"{diagnosis.verdict}{small}"
-    shown = ", ".join(names[:most])
-    if most is not None and len(names) > most:
-        shown += f" and {len(names) - most} more"
-    return f"{diagnosis.verdict}: {shown}"
-
-
-def typeset(text: str) -> str:
-    """Plain text with the signs that print has for it."""
-    text = text.replace("+-", "\N{PLUS-MINUS SIGN}")
-    text = text.replace("->", "\N{RIGHTWARDS ARROW}")
-    return re.sub(r"(?<=\d) um\b", " \N{MICRO SIGN}m", text)
-
-
-def _page(diagnosis: Diagnosis) -> NDArray[Any]:
+def _page(d: Findings) -> NDArray[Any]:
     import matplotlib.pyplot as plt
 
     # The first line is the verdict, which the headline says.
@@ -130,15 +94,15 @@ def _page(diagnosis: Diagnosis) -> NDArray[Any]:
                 subsequent_indent=(10 if line.startswith(" ") else 5) * " ",
             )
         )
-        for line in summary_lines(diagnosis)[1:]
+        for line in summary_lines(d)[1:]
     ]
     text = "\n".join(lines)
     rows = min(text.count("\n") + 1, 14)
     if text.count("\n") + 1 > rows:
         text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
-    name = f"{diagnosis.record.name}: " if diagnosis.record.name else ""
+    name = f"{d.record.name}: " if d.record.name else ""
     heading = textwrap.wrap(
-        name + headline(diagnosis, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
+        name + headline(d, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
     )
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows
@@ -173,16 +137,8 @@ def _runs(shown: Evidence, first: int, last: int) -> tuple[FloatArray, FloatArra
     )
 
 
-def draw_position(diagnosis: Diagnosis, before: Evidence, after: Evidence | None, ax: Any) -> None:
-    """Measured position and free runs around the largest error.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    before, after : Evidence
-        Of the axis as believed, and with the causes (None if there are none).
-    ax : Axes
-    """
+def draw_position(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
+    """Measured position and free runs around the largest error."""
     windows, record = before.windows, before.record
     # A typical large error: the very worst may be a single mistimed break-away.
     order = np.argsort(before.error_by_window)
@@ -191,28 +147,19 @@ def draw_position(diagnosis: Diagnosis, before: Evidence, after: Evidence | None
     last = min(first + _SHOWN, len(windows))
     part = slice(windows.edges[first], windows.edges[last])
     ax.plot(record.t[part], record.x[part], ".", color=GREY, ms=5, label="measured")
-    name = "free runs" if after is None else "free runs as believed"
+    name = "free runs" if after is None else "free runs, nominal"
     ax.plot(*_runs(before, first, last), **BEFORE, lw=1.6, label=name)
     if after is not None:
-        ax.plot(*_runs(after, first, last), **AFTER, lw=1.2, label="free runs with the causes")
+        ax.plot(*_runs(after, first, last), **AFTER, lw=1.2, label="free runs, with the causes")
     ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"position [{diagnosis.axis.units[0]}]")
+    ax.set_ylabel(f"position [{d.axis.units[0]}]")
     ax.set_title("close-up", loc="left", fontsize="medium")
     ax.margins(x=0.01)
     legend_above(ax)
 
 
-def draw_errors(diagnosis: Diagnosis, before: Evidence, after: Evidence | None, ax: Any) -> None:
-    """RMS error of every free run, the noise floor, and what it was used for.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    before, after : Evidence
-        Of the axis as believed, and with the causes (None if there are none).
-    ax : Axes
-    """
-    d = diagnosis
+def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
+    """RMS error of every free run, the noise floor, and what it was used for."""
     windows = before.windows
     middle = windows.start_times + 0.5 * windows.samples * windows.record.dt
     least = 0.1 * (d.gain.floor if d.gain.floor > 0.0 else float(before.error_by_window.max()))
@@ -222,10 +169,10 @@ def draw_errors(diagnosis: Diagnosis, before: Evidence, after: Evidence | None, 
         for i in np.flatnonzero(d.roles == role):
             ax.axvspan(ends[i], ends[i + 1], color=shade, lw=0, zorder=0, label=label)
             label = None
-    # A motionless window has next to no error: it is drawn at the lower edge.
+    # A motionless window has hardly any error: it is drawn at the lower edge.
     ax.semilogy(
         middle, np.maximum(before.error_by_window, least), **BEFORE, marker="o", mfc="white",
-        ms=3.5, lw=0.9, label="as believed",
+        ms=3.5, lw=0.9, label="nominal",
     )  # fmt: skip
     if after is not None:
         ax.semilogy(
@@ -244,30 +191,14 @@ def draw_errors(diagnosis: Diagnosis, before: Evidence, after: Evidence | None, 
 def draw_residual(
     before: Evidence, after: Evidence | None, by: str, ax: Any, legend: bool = True
 ) -> None:
-    """Force residual against speed, position, time or time since reversal.
-
-    Parameters
-    ----------
-    before, after : Evidence
-        Of the axis as believed, and with the causes (None if there are none).
-    by : {"speed", "position", "time", "reversal"}
-        What to draw it against.
-    ax : Axes
-    legend : bool, optional
-        Whether to draw legend and label of the force.
-
-    Raises
-    ------
-    ValueError
-        If `by` is none of these.
-    """
+    """Force residual against one of `AGAINST`; ValueError for anything else."""
     if by not in AGAINST:
         raise ValueError(f"by must be one of {AGAINST}, got {by!r}")
     length, force = before.axis.units
 
     def place(shown: Evidence) -> FloatArray:
         return {
-            "speed": shown.v,
+            "velocity": shown.v,
             "position": shown.x,
             "time": shown.t,
             "reversal": shown.since_reversal,
@@ -275,7 +206,7 @@ def draw_residual(
 
     ax.plot(
         place(before), before.residual, ".", color=GREY, ms=1.5, rasterized=True,
-        label="force missing in the believed axis" if after is not None else "force missing",
+        label="force residual, nominal model",
     )  # fmt: skip
     ax.axhline(0.0, color="k", lw=0.6)
     bins: FloatArray | int = _BINS
@@ -296,14 +227,14 @@ def draw_residual(
         ax.set_xscale("log")
     _fit_force(before, ax)
     names = {
-        "speed": f"speed [{length}/s]",
+        "velocity": f"velocity [{length}/s]",
         "position": f"position [{length}]\n(marks: > forwards, < backwards)",
         "time": "Time [s]",
         "reversal": "since reversal [s]",
     }
     ax.set_xlabel(names[by])
     if legend:
-        ax.set_ylabel(f"force missing [{force}]")
+        ax.set_ylabel(f"force residual [{force}]")
         # It runs on over the neighbours: room above is kept by an empty title.
         ax.set_title(" ", fontsize="medium")
         ax.legend(
@@ -352,17 +283,11 @@ def _reversal_bins(since: FloatArray) -> FloatArray | int:
     return np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
 
 
-def draw_levels(diagnosis: Diagnosis, ax: Any) -> None:
-    """Coulomb level over the range of the record, as believed and with the causes.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    ax : Axes
-    """
-    length, force = diagnosis.axis.units
-    table = level_table(diagnosis, _LEVEL_POINTS)
-    sides = (("believed", BEFORE, "as believed"), ("found", AFTER, "with the causes"))
+def draw_levels(d: Findings, ax: Any) -> None:
+    """Coulomb level over the range of the record, nominal and with the causes."""
+    length, force = d.axis.units
+    table = level_table(d, _LEVEL_POINTS)
+    sides = (("believed", BEFORE, "nominal"), ("found", AFTER, "with the causes"))
     for side, style, name in sides:
         for way, word in WAYS:
             # Marks of the two ways stand side by side where their lines coincide.
@@ -379,24 +304,94 @@ def draw_levels(diagnosis: Diagnosis, ax: Any) -> None:
 
 
 def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> None:
-    """Autocorrelation of the force residual and the band of white noise.
-
-    Parameters
-    ----------
-    before, after : Evidence
-        Of the axis as believed, and with the causes (None if there are none).
-    ax : Axes
-    """
+    """Autocorrelation of the force residual and the band of white noise."""
     last = before if after is None else after
     ax.fill_between(
         last.lags, -last.white, last.white, color="0.85", lw=0, label="95 % of white noise"
     )
     ax.axhline(0.0, color="k", lw=0.6)
-    ax.plot(before.lags, before.autocorrelation, **BEFORE, lw=1.4, label="as believed")
+    ax.plot(before.lags, before.autocorrelation, **BEFORE, lw=1.4, label="nominal")
     if after is not None:
         ax.plot(after.lags, after.autocorrelation, **AFTER, lw=1.2, label="with the causes")
     ax.set_ylim(-1.05, 1.05)
     ax.set_xlabel("lag [s]")
     ax.set_ylabel("autocorrelation [1]")
     ax.margins(x=0.0)
+    legend_above(ax)
+
+
+def falls(d: Findings) -> dict[str, float]:
+    """Error reduction (factor) of every candidate alone, by id, the largest first.
+
+    Against the axis with its base parameters fitted, or where that was not tried
+    the worst candidate; below one for a candidate that does worse.
+    """
+    table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
+    reference = d.scores.get("", max(table.values(), default=0.0))
+    order = sorted(table, key=table.__getitem__)
+    return {slug: times_smaller(reference - table[slug]) for slug in order}
+
+
+def any_bar(d: Findings) -> bool:
+    """Whether a candidate alone does visibly better than other base parameters."""
+    return max(falls(d).values(), default=0.0) >= _WORTH
+
+
+def draw_candidates(d: Findings, ax: Any) -> None:
+    """Error reduction (factor) of every candidate as the only cause."""
+    times = falls(d)
+    ax.set_xlabel("error reduction with this cause alone (factor) [1]")
+    if not any_bar(d):
+        words = "\n".join(textwrap.wrap(NO_BAR, 44)) if times else "no candidate had to be tried"
+        ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
+        ax.set_axis_off()
+        return
+    rank = {cause.effect: i for i, cause in enumerate(d.main_causes, start=1)}
+    small = {cause.effect for cause in d.small_corrections}
+    rivals = {slug for cause in d.causes for slug in cause.alternatives} - set(rank) - small
+    labelled: set[str] = set()
+    for row, (slug, value) in enumerate(times.items()):
+        if slug in rank:
+            what, style = "named a cause", {"color": FOUND}
+        elif slug in small:
+            what, style = "small correction", {"color": "#009E73", "hatch": "..."}
+        elif slug in rivals:
+            what, style = "alternative", {"color": "#56B4E9", "hatch": "///"}
+        else:
+            what, style = "other candidate", {"color": "0.8"}
+        if value < _WORTH:
+            # Alone it does no better than other base parameters: no bar to the left,
+            # which would read as if it did harm beside the others.
+            if slug in rank or slug in small:
+                ax.text(1.0, row, " useful only in combination", fontsize=7, va="center")
+            continue
+        # An underscore keeps a second one of a kind out of the legend.
+        label = f"_{what}" if what in labelled else what
+        labelled.add(what)
+        ax.barh(
+            row, value - 1.0, left=1.0, height=0.75, edgecolor="white", lw=0.5, label=label, **style
+        )
+    ax.set_yticks(
+        range(len(times)),
+        [f"{rank[slug]}. {title_of(slug)}" if slug in rank else title_of(slug) for slug in times],
+        fontsize=min(8.0, 180.0 / len(times)),
+        parse_math=False,
+    )
+    for tick, slug in zip(ax.get_yticklabels(), times, strict=True):
+        tick.set_weight("bold" if slug in rank else "normal")
+    ax.axvline(1.0, color="k", lw=0.8)
+    ax.set_ylim(len(times) - 0.4, -0.6)
+    # Bars that are next to nothing shall look it.
+    most = max(1.05 * max(times.values()), _LEAST_TIMES)
+    ax.set_xscale("log")
+    ax.set_xlim(1.0, most)
+    marks = [mark for mark in (_FINE if most < 4.0 else _COARSE) if mark <= most]
+    marks = marks[:: -(-len(marks) // _MOST_TICKS)]
+    ax.set_xticks(marks, [f"{mark:g}" for mark in marks])
+    ax.set_xticks([], minor=True)
+    if min(times.values()) < _WORTH:
+        ax.text(
+            0.98, 0.02, "no bar: alone no better than other\nvalues of the base parameters",
+            ha="right", va="bottom", fontsize=7, transform=ax.transAxes,
+        )  # fmt: skip
     legend_above(ax)

@@ -1,188 +1,28 @@
-"""What a cause means in the axis: believed and found numbers, levels in newtons."""
+"""Findings in words: levels in newtons, what a cause comes to, the summary."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.diagnosis.candidates import BASE, effect_of, holds
-from dryfric_control.estimation.parameters import values_of
+from dryfric_control.diagnosis.candidates import effect_of
+from dryfric_control.diagnosis.report.findings import SMALL, Cause, Findings, cause_text, plain
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import PositionDependence
 from dryfric_control.model.effects.effect import REGISTRY
-
-if TYPE_CHECKING:
-    from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis
-    from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.text import length_text
 
 FloatArray = NDArray[np.float64]
 
-#: Relative change of a believed number up to which it is a correction and no
-#: finding: datasheets round, and friction changes by as much with the weather.
-SMALL = 0.05
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
 
-# Parameters that are places or angles: a change of theirs has no percentage.
-_PLACES, _ANGLES = ("rest", "centre"), ("phase",)
-
-
-def title_of(slug: str) -> str:
-    """Name of an effect in words, the slug itself if it has none."""
-    effect = REGISTRY.get(slug)
-    return effect.title or slug if effect else slug
-
-
-def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
-    """Values that an axis already had for the parameters of a cause.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis as believed.
-    cause : Cause
-        What was found.
-
-    Returns
-    -------
-    dict of str to float
-        Empty for a cause that is new to the axis.
-    """
-    axis = axis.effective()
-    if cause.effect in BASE:
-        names = {name: name for name in cause.parameters}
-    elif holds(axis, cause.effect):
-        names = {name: f"{cause.effect}.{name}" for name in cause.parameters}
-    else:
-        return {}
-    values = values_of(axis, list(names.values()))
-    return dict(zip(names, map(float, values), strict=True))
-
-
-def is_small(diagnosis: Diagnosis, cause: Cause) -> bool:
-    """Whether a cause only corrects believed numbers by a few per cent.
-
-    Places count beside the range of the record, angles beside 1 rad.
-    """
-    believed = believed_values(diagnosis.axis, cause)
-    if not believed:
-        return False
-    changes = []
-    for name, before in believed.items():
-        scale = abs(before)
-        if name in _PLACES:
-            scale = diagnosis.record.range
-        elif name in _ANGLES:
-            scale = 1.0
-        changes.append(abs(cause.parameters[name] - before) - SMALL * scale)
-    return max(changes) <= 0.0
-
-
-def with_error(value: float, error: float, unit: str = "1") -> str:
-    """A value and its standard error, which is given two digits.
-
-    Parameters
-    ----------
-    value, error : float
-        Value and standard error; an error that is not finite leaves it open.
-    unit : str, optional
-        Unit, "1" for a ratio.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> with_error(-1.010704, 3.78e-5, "N")
-    '-1.010704 +- 0.000038 N'
-    >>> with_error(1234.5, 160.0), with_error(2.1e-5, 3e-7, "m")
-    ('1230 +- 160', '(2.100 +- 0.030)e-05 m')
-    """
-    unit = "" if unit == "1" else f" {unit}"
-    if not math.isfinite(error):
-        return f"{value:.3g}{unit} (undetermined)"
-    if error <= 0.0:
-        return f"{value:.5g}{unit}"
-    last = int(f"{error:.1e}".split("e")[1]) - 1
-    size = max(abs(value), error)
-    if 1e-3 <= size < 1e6:
-        digits = max(-last, 0)
-        return f"{round(value, -last):.{digits}f} +- {round(error, -last):.{digits}f}{unit}"
-    power = int(f"{size:.15e}".split("e")[1])
-    digits, scale = max(power - last, 0), 10.0**power
-    return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
-
-
-def change_text(name: str, before: float, after: float, unit: str = "1") -> str:
-    """How far a believed number is off, in words; nothing where zero was believed.
-
-    Examples
-    --------
-    >>> change_text("mass", 2.8, 2.87), change_text("rest", 0.1, 0.12, "m")
-    ('+2.5 %', '+0.02 m')
-    """
-    if name in _PLACES + _ANGLES:
-        return f"{after - before:+.2g} {unit}"
-    if before == 0.0:
-        return ""
-    ratio = after / before
-    return f"{100.0 * (ratio - 1.0):+.2g} %" if abs(ratio) < 3.0 else f"{ratio:.3g} times"
-
-
-def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]:
-    """Parameters of a cause, one text each, beside what was believed of them.
-
-    Parameters
-    ----------
-    cause : Cause
-        What was found.
-    axis : FrictionAxis, optional
-        The axis as believed.
-
-    Returns
-    -------
-    list of str
-    """
-    believed = {} if axis is None else believed_values(axis, cause)
-    texts = []
-    for name, value in cause.parameters.items():
-        unit = cause.units[name]
-        found = with_error(value, cause.standard_errors[name], unit)
-        if name not in believed:
-            texts.append(f"{name} = {found}")
-            continue
-        change = change_text(name, believed[name], value, unit)
-        text = f"{name} {believed[name]:.5g} -> {found}"
-        texts.append(f"{text} ({change})" if change else text)
-    return texts
-
-
-def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
-    """Cause, parameters and alternatives in one line."""
-    name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"
-    text = f"{name}: {', '.join(parameter_texts(cause, axis))}"
-    if cause.alternatives:
-        others = ", ".join(map(title_of, cause.alternatives))
-        text += f"; this record cannot tell it from {others}"
-    return text
-
-
-def plain(value: float) -> str:
-    """A ratio with three digits and, up to a million, no exponent.
-
-    Examples
-    --------
-    >>> plain(3884.2), plain(0.12345)
-    ('3880', '0.123')
-    """
-    return f"{float(f'{value:.3g}'):g}"
-
 
 def times_smaller(gain: float) -> float:
-    """Ratio of typical errors that a fall of the mean log score stands for.
+    """Error reduction (factor) that a fall of the mean log score is.
 
     Notes
     -----
@@ -248,30 +88,13 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
     return float(-direction * alone.mass * rate)
 
 
-def visited(diagnosis: Diagnosis, points: int = 3) -> FloatArray:
-    """Positions over the range that the record visited, from end to end."""
-    x = diagnosis.record.x
-    return np.linspace(float(x.min()), float(x.max()), points)
+def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
+    """Coulomb levels at `points` positions over the range of the record.
 
-
-def level_table(diagnosis: Diagnosis, points: int = 3) -> dict[str, Any]:
-    """Coulomb levels as believed and as found over the range of the record.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-    points : int, optional
-        Number of positions.
-
-    Returns
-    -------
-    dict
-        "x", and for "believed" and "found" the levels "forwards" and
-        "backwards", lists of `points` numbers.
+    Lists "x" and, of each side "believed" and "found", "forwards" and "backwards".
     """
-    x = visited(diagnosis, points)
-    sides = {"believed": diagnosis.axis, "found": diagnosis.extended}
+    x = np.linspace(float(d.record.x.min()), float(d.record.x.max()), points)
+    sides = {"believed": d.axis, "found": d.extended}
     table: dict[str, Any] = {"x": x.tolist()}
     for side, axis in sides.items():
         table[side] = {way: levels(axis, x, s).tolist() for s, way in WAYS}
@@ -299,38 +122,25 @@ def level_moves(table: dict[str, Any]) -> bool:
 def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
     """Levels of one side of a table in words."""
     length, force = units
-    told = []
+    ways = []
     for _, way in WAYS:
         values = [f"{value:.3g} {force}" for value in table[side][way]]
         if len(set(values)) > 1:
             values = [
                 f"{v} at x = {x:.3g} {length}" for v, x in zip(values, table["x"], strict=True)
             ]
-        told.append(", ".join(dict.fromkeys(values)))
-    if told[0] == told[1]:
-        return f"{told[0]}, both ways"
-    mark = ": " if "," in "".join(told) else " "
+        ways.append(", ".join(dict.fromkeys(values)))
+    if ways[0] == ways[1]:
+        return f"{ways[0]}, both ways"
+    mark = ": " if "," in "".join(ways) else " "
     return (";" if mark == ": " else ",").join(
-        f" {way}{mark}{words}" for (_, way), words in zip(WAYS, told, strict=True)
+        f" {way}{mark}{words}" for (_, way), words in zip(WAYS, ways, strict=True)
     )[1:]
 
 
-def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
-    """What a cause comes to in the axis: numbers in its units, a line each.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-    cause : Cause
-        One of its causes.
-
-    Returns
-    -------
-    list of str
-        Nothing for a cause whose parameters say it themselves.
-    """
-    d, lines = diagnosis, []
+def meaning(d: Findings, cause: Cause) -> list[str]:
+    """What a cause comes to in the axis, a line each; none where its parameters say it."""
+    lines = []
     if cause.effect == "viscous_asymmetry":
         length, force = d.axis.units
         sides = []
@@ -339,7 +149,7 @@ def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
             sides.append(
                 f"{one}, both ways" if one == other else f"forwards {one}, backwards {other}"
             )
-        lines.append(f"viscous friction (x grows forwards): {sides[0]}; believed: {sides[1]}")
+        lines.append(f"viscous friction (x grows forwards): {sides[0]}; nominal: {sides[1]}")
     if cause.effect == "position_dependence":
         effect = effect_of(d.extended, cause.effect)
         if isinstance(effect, PositionDependence):
@@ -347,15 +157,15 @@ def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
                 "level = Coulomb level of the axis * (1 + slope q + curvature q^2) with "
                 f"q = x - centre, centre = {effect.centre:.4g} {d.axis.units[0]}"
             )
-    # The level is that of all causes: it is told once.
+    # The level is that of all causes: it stands once.
     first = next((one.effect for one in d.main_causes if acts_on_level(one)), None)
     if cause.effect == first:
         table = level_table(d)
         drifts = any(e.slug == "drift" for e in d.extended.effects)
         when = ", at the start" if drifts else ""
-        for side in ("found", "believed"):
+        for side, name in (("found", "found"), ("believed", "nominal")):
             words = level_text(table, side, d.axis.units)
-            lines.append(f"Coulomb level {side} (x grows forwards{when}): {words}")
+            lines.append(f"Coulomb level {name} (x grows forwards{when}): {words}")
     return lines
 
 
@@ -365,3 +175,49 @@ def acts_on_level(cause: Cause) -> bool:
     if effect is None or effect.action != "friction":
         return False
     return cause.effect == "coulomb_asymmetry" or effect.depends_on_place
+
+
+def summary_lines(d: Findings) -> list[str]:
+    """Lines of a diagnosis' summary, as long as they are."""
+    g, unit = d.gain, d.axis.units[0]
+    lines = [f"verdict: {d.verdict}"]
+    for i, cause in enumerate(d.main_causes, start=1):
+        lines.append(f"{i}. {cause_text(cause, d.axis)}")
+        lines += [f"    {line}" for line in meaning(d, cause)]
+    small = d.small_corrections
+    if small:
+        lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")
+    for cause in small:
+        lines.append(f"    {cause_text(cause, d.axis)}")
+    errors = (
+        "error of free runs on unseen data, each from its most likely start: "
+        f"{length_text(g.before, unit)} RMS"
+    )
+    if d.causes:
+        errors += (
+            f" before, {length_text(g.after, unit)} after; "
+            f"error reduction (factor) {plain(g.ratio)} "
+            f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])})"
+        )
+    lines.append(f"{errors}; noise floor {length_text(g.floor, unit)}")
+    if d.unexplained.significant:
+        lines.append(
+            f"unexplained: {100.0 * d.unexplained.fraction:.3g} % of the structured error; "
+            + "; ".join(d.unexplained.where)
+        )
+    lines += [f"warning: {message}" for message in d.messages]
+    if d.next_experiment is not None:
+        lines.append(f"next experiment: {d.next_experiment.summary()}")
+    return lines
+
+
+def headline(d: Findings, most: int | None = None) -> str:
+    """Verdict with the names of at most so many causes, the rest counted, in one line."""
+    names = [cause.title or cause.effect for cause in d.main_causes]
+    if not names:
+        small = ": small corrections of nominal values" if d.causes else ""
+        return f"{d.verdict}{small}"
+    shown = ", ".join(names[:most])
+    if most is not None and len(names) > most:
+        shown += f" and {len(names) - most} more"
+    return f"{d.verdict}: {shown}"

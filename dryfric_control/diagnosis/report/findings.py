@@ -1,0 +1,286 @@
+"""What a diagnosis found, as plain data, and its numbers as text."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import BASE, holds
+from dryfric_control.estimation.parameters import values_of
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.records.record import Record
+from dryfric_control.text import Result, fields_of
+
+if TYPE_CHECKING:
+    from dryfric_control.diagnosis.experiment import Experiment
+
+VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained")
+#: Relative change of a nominal value up to which it is a correction and no
+#: finding: datasheets round, and friction changes by as much with the weather.
+SMALL = 0.05
+
+# Parameters that are places or angles: a change of theirs has no percentage.
+_PLACES, _ANGLES = ("rest", "centre"), ("phase",)
+
+
+@dataclass(frozen=True, repr=False)
+class Cause(Result):
+    """One physical cause of what the simulation gets wrong.
+
+    Attributes
+    ----------
+    effect : str
+        Slug of the effect; "inertia", "viscous", "coulomb" for a wrong base
+        parameter.
+    title : str
+        Its name in words.
+    parameters : dict of str to float
+        Fitted values.
+    standard_errors : dict of str to float
+        Standard errors from blocks of the record, infinite for what it leaves
+        open.
+    units : dict of str to str
+        Units of the parameters.
+    held_out_gain : float
+        Fall of the mean log score log(1 + (error/noise)^2 / 4) of free runs that
+        the fit did not see, when this cause joins the others.
+    interval : tuple of float
+        90 % block-bootstrap interval of `held_out_gain`.
+    alternatives : tuple of str
+        Effects that explain this record as well in its place.
+    explanation : str
+        What it is physically.
+    experiment : str
+        What would expose it alone.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> cause = dfc.Cause(
+    ...     effect="bias_force", title="bias force", parameters={"force": 2.0},
+    ...     standard_errors={"force": 0.1}, units={"force": "N"}, held_out_gain=1.5,
+    ...     interval=(1.2, 1.8), alternatives=("spring",),
+    ...     explanation=dfc.effects.BiasForce.explanation,
+    ...     experiment=dfc.effects.BiasForce.experiment,
+    ... )
+    >>> print(cause.summary())
+    bias force (bias_force): force = 2.00 +- 0.10 N; alternatives: spring
+    """
+
+    effect: str
+    title: str
+    parameters: dict[str, float]
+    standard_errors: dict[str, float]
+    units: dict[str, str]
+    held_out_gain: float
+    interval: tuple[float, float]
+    alternatives: tuple[str, ...]
+    explanation: str
+    experiment: str
+
+    def _shown(self) -> list[str]:
+        return [cause_text(self)]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Error of free runs on data that neither selection nor fit has seen.
+
+    Attributes
+    ----------
+    before, after : float
+        RMS error of position of the nominal and of the extended axis.
+    floor : float
+        The same for the extended axis run on a record that it made itself,
+        read by the same encoder.
+    interval : tuple of float
+        90 % block-bootstrap interval of `ratio`.
+    unit : str
+        Unit of the errors.
+    """
+
+    before: float
+    after: float
+    floor: float
+    interval: tuple[float, float]
+    unit: str
+
+    @property
+    def ratio(self) -> float:
+        """How many times smaller the error became, before/after."""
+        return self.before / self.after
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, ready for JSON."""
+        return fields_of(self) | {"ratio": self.ratio}
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Structure that is left when the found causes are in the model.
+
+    Attributes
+    ----------
+    fraction : float
+        Part of the structured error (above the noise floor) that is left.
+    significant : bool
+        Whether what is left is more than the noise floor makes.
+    where : tuple of str
+        Where it lives: position, speed, time, time since reversal, in words.
+    """
+
+    fraction: float
+    significant: bool
+    where: tuple[str, ...]
+
+    def __float__(self) -> float:
+        return self.fraction
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, ready for JSON."""
+        return fields_of(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Findings:
+    """What a diagnosis found, without words and figures; see `Diagnosis`."""
+
+    axis: FrictionAxis
+    record: Record
+    verdict: str
+    causes: tuple[Cause, ...]
+    extended: FrictionAxis
+    gain: Gain
+    unexplained: Unexplained
+    next_experiment: Experiment | None
+    messages: tuple[str, ...]
+    scores: dict[str, float]
+    window: float
+    roles: NDArray[np.int64]
+    hold: str = "zero"
+
+    @property
+    def small_corrections(self) -> tuple[Cause, ...]:
+        """Causes that only move nominal values by a few per cent."""
+        return tuple(cause for cause in self.causes if self.is_small(cause))
+
+    @property
+    def main_causes(self) -> tuple[Cause, ...]:
+        """Causes that are more than small corrections, in the order found."""
+        return tuple(cause for cause in self.causes if not self.is_small(cause))
+
+    def is_small(self, cause: Cause) -> bool:
+        """Whether a cause only corrects nominal values by a few per cent.
+
+        Places count beside the range of the record, angles beside 1 rad.
+        """
+        nominal = believed_values(self.axis, cause)
+        scales = {name: abs(before) for name, before in nominal.items()}
+        scales |= {name: self.record.range for name in _PLACES if name in nominal}
+        scales |= {name: 1.0 for name in _ANGLES if name in nominal}
+        return bool(nominal) and all(
+            abs(cause.parameters[name] - before) <= SMALL * scales[name]
+            for name, before in nominal.items()
+        )
+
+
+def title_of(slug: str) -> str:
+    """Name of an effect in words, the slug itself if it has none."""
+    effect = REGISTRY.get(slug)
+    return effect.title or slug if effect else slug
+
+
+def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
+    """Nominal values of a cause's parameters; empty for a cause that is new to the axis."""
+    axis = axis.effective()
+    if cause.effect in BASE:
+        names = {name: name for name in cause.parameters}
+    elif holds(axis, cause.effect):
+        names = {name: f"{cause.effect}.{name}" for name in cause.parameters}
+    else:
+        return {}
+    values = values_of(axis, list(names.values()))
+    return dict(zip(names, map(float, values), strict=True))
+
+
+def with_error(value: float, error: float, unit: str = "1") -> str:
+    """A value and its standard error with two digits; an infinite one leaves it open.
+
+    Examples
+    --------
+    >>> with_error(-1.010704, 3.78e-5, "N")
+    '-1.010704 +- 0.000038 N'
+    >>> with_error(1234.5, 160.0), with_error(2.1e-5, 3e-7, "m")
+    ('1230 +- 160', '(2.100 +- 0.030)e-05 m')
+    """
+    unit = "" if unit == "1" else f" {unit}"
+    if not math.isfinite(error):
+        return f"{value:.3g}{unit} (undetermined)"
+    if error <= 0.0:
+        return f"{value:.5g}{unit}"
+    last = int(f"{error:.1e}".split("e")[1]) - 1
+    size = max(abs(value), error)
+    if 1e-3 <= size < 1e6:
+        digits = max(-last, 0)
+        return f"{round(value, -last):.{digits}f} +- {round(error, -last):.{digits}f}{unit}"
+    power = int(f"{size:.15e}".split("e")[1])
+    digits, scale = max(power - last, 0), 10.0**power
+    return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
+
+
+def change_text(name: str, before: float, after: float, unit: str = "1") -> str:
+    """Change of a nominal value in words; nothing where it was zero.
+
+    Examples
+    --------
+    >>> change_text("mass", 2.8, 2.87), change_text("rest", 0.1, 0.12, "m")
+    ('+2.5 %', '+0.02 m')
+    """
+    if name in _PLACES + _ANGLES:
+        return f"{after - before:+.2g} {unit}"
+    if before == 0.0:
+        return ""
+    ratio = after / before
+    return f"{100.0 * (ratio - 1.0):+.2g} %" if abs(ratio) < 3.0 else f"{ratio:.3g} times"
+
+
+def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]:
+    """Parameters of a cause, one text each, beside their nominal values in an axis."""
+    nominal = {} if axis is None else believed_values(axis, cause)
+    texts = []
+    for name, value in cause.parameters.items():
+        unit = cause.units[name]
+        found = with_error(value, cause.standard_errors[name], unit)
+        if name not in nominal:
+            texts.append(f"{name} = {found}")
+            continue
+        change = change_text(name, nominal[name], value, unit)
+        text = f"{name} {nominal[name]:.5g} -> {found}"
+        texts.append(f"{text} ({change})" if change else text)
+    return texts
+
+
+def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
+    """Cause, parameters and alternatives in one line."""
+    name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"
+    text = f"{name}: {', '.join(parameter_texts(cause, axis))}"
+    if cause.alternatives:
+        others = ", ".join(map(title_of, cause.alternatives))
+        text += f"; alternatives: {others}"
+    return text
+
+
+def plain(value: float) -> str:
+    """A ratio with three digits and, up to a million, no exponent.
+
+    Examples
+    --------
+    >>> plain(3884.2), plain(0.12345)
+    ('3880', '0.123')
+    """
+    return f"{float(f'{value:.3g}'):g}"

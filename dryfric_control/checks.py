@@ -10,26 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def finite(name: str, value: object, *, unit: str = "") -> float:
-    """Finite float, or an error that names the argument.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument as the user knows it.
-    value : object
-        What the user gave.
-    unit : str
-        Unit, for the message.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        If `value` is not a finite real number.
-    """
+    """Finite float, or an error that names the argument."""
     try:
         if isinstance(value, (str, bytes)):
             raise TypeError

@@ -48,18 +48,7 @@ _EMPS_KP, _EMPS_KV, _EMPS_GAIN, _EMPS_VOLTS = 160.18, 243.45, 35.15, 10.0
 
 
 def emps_controller(dt: float) -> PositionController:
-    """Controller that ran while the EMPS record was taken.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling time [s].
-
-    Returns
-    -------
-    PositionController
-        With forces in newtons, as `read_record` gives them.
-    """
+    """Controller that ran while the EMPS record was taken."""
     return PositionController(
         kp=_EMPS_GAIN * _EMPS_KP * _EMPS_KV,
         ki=0.0,
@@ -71,17 +60,7 @@ def emps_controller(dt: float) -> PositionController:
 
 
 def stick_slip(axis: FrictionAxis | None = None) -> ct.ControlPlot:
-    """Classic stick-slip: a mass pulled by a spring whose end moves slowly.
-
-    Parameters
-    ----------
-    axis : FrictionAxis, optional
-        Axis with a spring; its end moves at 0.1 m/s.
-
-    Returns
-    -------
-    control.ControlPlot
-    """
+    """Classic stick-slip: a mass pulled by a spring whose end moves slowly."""
     spring = Spring(stiffness=2.0)
     axis = axis or FrictionAxis(
         mass=1.0,
@@ -97,22 +76,7 @@ def stick_slip(axis: FrictionAxis | None = None) -> ct.ControlPlot:
 
 
 def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController]:
-    """Record of a made axis, for a machine without measured data.
-
-    Parameters
-    ----------
-    seed : int, optional
-        Seed of the reference and of the measurement noise.
-
-    Returns
-    -------
-    believed : FrictionAxis
-        What its owner believes: every parameter is off.
-    record : Record
-        20 s at 1 kHz in closed loop, encoder of 2 um.
-    controller : PositionController
-        The controller that ran.
-    """
+    """Nominal axis (every parameter is off), simulated record of 20 s, its controller."""
     rng = np.random.default_rng(seed)
     true = FrictionAxis(
         mass=12.0,
@@ -136,24 +100,7 @@ def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController
 def fit_and_replay(
     axis: FrictionAxis, record: Record, controller: PositionController | None
 ) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
-    """Fit the first part of a record, replay the rest.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis as believed.
-    record : Record
-        The record.
-    controller : PositionController or None
-        The controller of the record, to replay its closed loop.
-
-    Returns
-    -------
-    fitted : Fit
-    summary : dict
-        Parameters, standard errors and held-out errors.
-    figures : dict of str to control.ControlPlot
-    """
+    """Fit the first part of a record, replay the rest: the fit, its figures in numbers, plots."""
     training, held_out = record.split(TRAINING)
     fitted = fit(axis, training, free=_FREE)
     before, after = replay(axis, held_out), replay(fitted.axis, held_out)
@@ -182,13 +129,7 @@ def fit_and_replay(
 
 
 def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
-    """The paper's section 3 on a made bench: Figures 4, 5 and 6.
-
-    Returns
-    -------
-    summary : dict
-    figures : dict of str to control.ControlPlot
-    """
+    """The paper's section 3 on a made bench: Figures 4, 5 and 6."""
     axis = presets.clutch_actuator()
     ramp = slow_ramp_experiment(axis, quantum=presets.QUANTUM)
     levels = identify_coulomb(ramp.record)
@@ -206,13 +147,7 @@ def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
 
 
 def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
-    """The paper's section 5, the observer in closed loop: Figures 7 to 11.
-
-    Returns
-    -------
-    summary : dict
-    figures : dict of str to control.ControlPlot
-    """
+    """The paper's section 5, the observer in closed loop: Figures 7 to 11."""
     loop = presets.clutch_experiment()
     summary = {"design": loop.design.certificate.to_dict(), "loop": loop.to_dict()}
     figures = {
@@ -303,15 +238,7 @@ def run(
 
 
 def save(figure: ct.ControlPlot, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all, and close it.
-
-    Parameters
-    ----------
-    figure : control.ControlPlot
-        What to write.
-    path : Path
-        Where to.
-    """
+    """Write a figure as PNG, whole or not at all, and close it."""
     import matplotlib.pyplot as plt
 
     with replacing(path) as temporary:

@@ -17,7 +17,6 @@ from dryfric_control import presets
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
 from dryfric_control.diagnosis.report import figures as diagnosis_figures
-from dryfric_control.identification.figures import plot_coulomb
 from dryfric_control.text import WIDTH, wrapped
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
@@ -44,7 +43,7 @@ def plots():
         "replay": (found.training[0].plot, 2),
         "replayed loop": (dfc.replay_loop(AXIS, record, CONTROLLER).plot, 3),
         "slow ramp": (ramp.plot, 2),
-        "levels": (lambda **k: plot_coulomb(levels, **({"ax": None} | k)), 1),
+        "levels": (levels.plot, 1),
         "estimate": (run.estimate.plot, 3),
         "observed loop": (run.plot, 4),
         **{
@@ -180,8 +179,8 @@ def test_axis_shows_as_a_table():
         effects=(dfc.effects.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>"
     )
     page = axis._repr_html_()
-    assert page.count("<tr>") == 10 and "&lt;x&gt;" in page
-    for words in ("2 kg", "15 N s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):
+    assert page.count("<tr>") == 11 and "&lt;x&gt;" in page
+    for words in ("2 kg", "15 N\xb7s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):
         assert words in page
 
 

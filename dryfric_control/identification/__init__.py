@@ -4,8 +4,12 @@ from dryfric_control.identification.coulomb import CoulombIdentification, identi
 from dryfric_control.identification.fit import Fit, FitWarning, fit
 from dryfric_control.identification.replay import LoopReplay, Replay, replay, replay_loop
 from dryfric_control.identification.slow_ramp import SlowRamp, slow_ramp_experiment
-from dryfric_control.identification.stick_slip import Ripple, ripple
-from dryfric_control.identification.stribeck import StribeckIdentification, identify_stribeck
+from dryfric_control.identification.stribeck import (
+    Ripple,
+    StribeckIdentification,
+    identify_stribeck,
+    ripple,
+)
 
 __all__ = [
     "CoulombIdentification",

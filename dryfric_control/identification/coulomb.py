@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import html
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control as ct
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import instance
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.estimation.uncertainty import half_width
 from dryfric_control.identification.crawl import Pieces, average
 from dryfric_control.identification.fit import FitWarning
@@ -25,9 +27,7 @@ from dryfric_control.identification.levels import (
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
-
-if TYPE_CHECKING:
-    import control as ct
+from dryfric_control.text import Result
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ _VARIES = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CoulombIdentification(CoulombMap):
+class CoulombIdentification(Result, CoulombMap):
     """Coulomb levels found in a record, with confidence bands.
 
     Made by `identify_coulomb`.  It is a `CoulombMap`, so an axis takes it as
@@ -133,54 +133,24 @@ class CoulombIdentification(CoulombMap):
         """
         return axis.replace(coulomb=self.coulomb, travel=self.travel)
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        rows = []
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        length, force = self.units
+        rows: list[tuple[str, ...]] = [("direction", "degree", "level", "std. error")]
         places = np.linspace(*self.travel, 101)
-        for i, (s, name) in enumerate(((1, "+"), (-1, "-"))):
+        for s, name, degree in ((1, "+", self.degrees[0]), (-1, "-", self.degrees[1])):
             level = self(places, s)
-            error = self.standard_error(places, s)
-            rows.append(
-                (
-                    name,
-                    str(self.degrees[i]),
-                    f"{level.min():.4g} to {level.max():.4g} {self.units[1]}",
-                    f"{float(np.mean(error)):.2g}",
-                )
-            )
-        return rows
-
-    def summary(self) -> str:
-        """Table of the levels."""
-        rows = [("direction", "degree", "level", "std. error"), *self._rows()]
-        widths = [max(len(r[i]) for r in rows) for i in range(4)]
-        lines = [
-            "  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in rows
-        ]
+            error = float(np.mean(self.standard_error(places, s)))
+            ends = f"{level.min():.4g} to {level.max():.4g} {force}"
+            rows.append((name, str(degree), ends, f"{error:.2g}"))
+        yield rows
         if self.viscous is not None:
-            lines.append(
-                f"found along the way: viscous {self.viscous:.4g} {self.units[1]} "
-                f"s/{self.units[0]}, mass {self.mass:.4g}"
+            yield (
+                f"found along the way: viscous {self.viscous:.4g} {force} s/{length}, "
+                f"mass {self.mass:.4g}"
             )
-        return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        head = "".join(f"<th>{h}</th>" for h in ("direction", "degree", "level", "std. error"))
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>"
-            for row in self._rows()
-        )
-        return f"<table><tr>{head}</tr>{body}</table>"
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers of the result, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Numbers of the result, ready for JSON."""
         places = np.linspace(*self.travel, 21)
         return {
             "plus": list(self.plus),
@@ -208,9 +178,28 @@ class CoulombIdentification(CoulombMap):
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_coulomb
-
-        return plot_coulomb(self, ax, title)
+        axes = axes_of(ax, 1, figsize=(7.0, 4.2))
+        length, force = self.units
+        pieces = self.pieces
+        axes[0].plot(
+            pieces.x, pieces.u, ".", color=MEASURED, ms=4, label="measured, per piece of motion"
+        )
+        places = np.linspace(*self.travel, 300)
+        for s in (1, -1):
+            low, high = self.band(places, s)
+            axes[0].fill_between(
+                places, s * low, s * high, color="C0", alpha=0.25, lw=0,
+                label="90 % band" if s == 1 else None,
+            )  # fmt: skip
+            axes[0].plot(
+                places, s * self(places, s), "-", color="C0", lw=1.5,
+                label="Coulomb level" if s == 1 else None,
+            )  # fmt: skip
+        axes[0].set_xlabel(f"position [{length}]")
+        axes[0].set_ylabel(f"drive force [{force}]")
+        legend_above(axes[0])
+        title_above(axes[0], "Coulomb level over the travel" if title is None else title)
+        return control_plot(axes)
 
 
 def identify_coulomb(

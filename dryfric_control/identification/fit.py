@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import html
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control as ct
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dryfric_control.checks import finite, instance, positive, whole
-from dryfric_control.estimation.force_residual import force_start
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.parameters import Parameter, Scales, choose
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
@@ -31,17 +32,16 @@ from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-from dryfric_control.text import wrapped
+from dryfric_control.text import Result, plain_data
 from dryfric_control.ties import SQUARES, ranked
-
-if TYPE_CHECKING:
-    import control as ct
 
 FloatArray = NDArray[np.float64]
 
 #: Parameters whose cost has several valleys: several starts by default.
 _RUGGED = ("stribeck.excess", "stribeck.speed", "stick_speed")
 _STARTS = 6
+# Part of the encoder quantum below which an error is none.
+_NOTHING = 1e-2
 
 
 class FitWarning(UserWarning):
@@ -67,8 +67,8 @@ class FitWarning(UserWarning):
     """
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Result):
     """Axis fitted to records, and how sure its parameters are.
 
     Made by `fit`.
@@ -184,58 +184,26 @@ class Fit:
         shift = self.parameters.get("input_shift", 0.0)
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
-        return [
-            (
-                name,
-                f"{value:.6g} {self.units[name]}".removesuffix(" 1"),
-                f"{self.standard_errors[name]:.2g}",
-                f"{ends[name][0]:.6g} to {ends[name][1]:.6g}",
-            )
-            for name, value in self.parameters.items()
-        ]
-
-    def summary(self) -> str:
-        """Parameters, errors of the free runs, what to beware of."""
-        rows = [("parameter", "value", "std. error", "90 % interval"), *self._rows()]
-        widths = [max(len(row[i]) for row in rows) for i in range(4)]
-        lines = [
-            "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
-        ]
-        lines += [run.summary() for run in self.training]
-        lines += [f"beware: {message}" for message in self.messages]
-        return wrapped(lines)
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        head = "".join(
-            f"<th>{h}</th>" for h in ("parameter", "value", "standard error", "90 % interval")
-        )
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>"
-            for row in self._rows()
-        )
-        notes = "".join(f"<p>{html.escape(m)}</p>" for m in self.messages)
-        runs = "".join(f"<p>{html.escape(r.summary())}</p>" for r in self.training)
-        return f"<table><tr>{head}</tr>{body}</table>{runs}{notes}"
+        rows: list[tuple[str, ...]] = [("parameter", "value", "std. error", "90 % interval")]
+        for name, value in self.parameters.items():
+            number = f"{value:.6g} {self.units[name]}".removesuffix(" 1")
+            low, high = ends[name]
+            error = f"{self.standard_errors[name]:.2g}"
+            rows.append((name, number, error, f"{low:.6g} to {high:.6g}"))
+        yield rows
+        for run in self.training:
+            yield from run._shown()
+        yield from (f"warning: {message}" for message in self.messages)
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers of the fit, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Numbers of the fit, ready for JSON."""
         return {
             "parameters": dict(self.parameters),
-            "standard_errors": {
-                k: (v if np.isfinite(v) else None) for k, v in self.standard_errors.items()
-            },
+            "standard_errors": plain_data(self.standard_errors),
             "units": dict(self.units),
-            "intervals_90": {k: list(v) for k, v in self.interval(0.9).items()},
+            "intervals_90": plain_data(self.interval(0.9)),
             "correlation": self.correlation.tolist(),
             "messages": list(self.messages),
             "training": [run.to_dict() for run in self.training],
@@ -255,9 +223,36 @@ class Fit:
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_fit
-
-        return plot_fit(self.axis, self.training, ax, title)
+        axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
+        axis = self.axis
+        length, force = axis.units
+        top, bottom = axes
+        bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
+        fastest = 0.0
+        for i, run in enumerate(self.training):
+            slide = Sliding(run.windows.record, 3000)
+            friction = -slide.force_residual(bare)
+            fastest = max(fastest, float(np.max(np.abs(slide.v), initial=0.0)))
+            top.plot(
+                slide.v, friction, ".", color=MEASURED, ms=2,
+                label="measured, net of inertia and effects" if i == 0 else None,
+            )  # fmt: skip
+        middle = float(np.mean([np.mean(run.windows.record.x) for run in self.training]))
+        for s in (1, -1):
+            v = np.linspace(0.0, fastest, 400)
+            level = axis.coulomb([middle], s)[0] * np.ones_like(v)
+            if axis.stribeck is not None:
+                level = level * axis.stribeck.factor(v, axis.stick_speed)
+            top.plot(
+                s * v, s * (level + axis.viscous * v), "k-", lw=1.5,
+                label="fitted" if s == 1 else None,
+            )  # fmt: skip
+        top.set_xlabel(f"velocity [{length}/s]")
+        top.set_ylabel(f"friction [{force}]")
+        legend_above(top)
+        title_above(top, f"{axis.name}: fit" if title is None else title)
+        _draw_errors(bottom, self.training, length)
+        return control_plot(axes)
 
 
 def fit(
@@ -364,6 +359,24 @@ def fit(
     for r in records:
         warn_if_implausible(axis, r)
     return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
+
+
+def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
+    """RMS error of every free run over time, and the encoder quantum."""
+    for i, run in enumerate(runs):
+        label = run.windows.record.name if len(runs) > 1 else "error of each free run"
+        ax.semilogy(
+            run.windows.start_times, run.rms_by_window, "o-", ms=3, lw=0.8, color=f"C{i}",
+            label=label,
+        )  # fmt: skip
+    ax.axhline(runs[0].quantum, color="k", lw=0.8, ls=":", label="encoder quantum")
+    least = min(float(run.rms_by_window.min()) for run in runs)
+    if least < _NOTHING * runs[0].quantum:
+        # Windows at rest, which every model holds, must not squeeze the others together.
+        ax.set_ylim(bottom=_NOTHING * runs[0].quantum)
+    ax.set_xlabel("Time [s]")
+    ax.set_ylabel(f"RMS error [{unit}]")
+    legend_above(ax)
 
 
 def fit_windows(

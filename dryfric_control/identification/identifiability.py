@@ -37,25 +37,8 @@ def cannot_tell(
 ) -> tuple[str, ...]:
     """Messages on what the records leave open, each with its cause.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The fitted axis.
-    records : sequence of Record
-        The records.
-    parameters : sequence of Parameter
-        The free parameters.
-    values, errors : ndarray, shape (nparameters,)
-        Estimates and standard errors.
-    correlation : ndarray, shape (nparameters, nparameters)
-    away : ndarray, shape (ndirections, nparameters)
-        Directions without effect, in search coordinates.
-    slopes : ndarray, shape (nparameters,)
-        Change of the values with the search coordinates.
-
-    Returns
-    -------
-    tuple of str
+    `away`, shape (ndirections, nparameters): directions without effect, in search
+    coordinates; `slopes`, shape (nparameters,): change of the values with these.
     """
     names = [p.name for p in parameters]
     messages = []

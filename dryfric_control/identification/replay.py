@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, instance
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
-from dryfric_control.text import length_text
-
-if TYPE_CHECKING:
-    import control as ct
+from dryfric_control.text import Result, length_text
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Replay:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Result):
     """Errors of windowed free runs over a record.
 
     Made by `replay`.
@@ -70,31 +69,22 @@ class Replay:
         """Mean over the windows of log(1 + (RMS error/quantum)^2)."""
         return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
 
-    def summary(self) -> str:
-        """Errors in one line."""
+    def _shown(self) -> list[str]:
         record = self.windows.record
         unit = self.axis.units[0]
         size = float(self.windows.samples[0] * record.dt)
         name = f"{record.name}: " if record.name else ""
-        return (
+        return [
             f"{name}free runs of {size:.3g} s, started from the smoothed record "
             f"({len(self.windows)} windows from "
             f"{record.t[0]:.4g} s to {record.t[-1]:.4g} s): RMS error "
             f"{length_text(self.rms, unit)} ({self.rms / self.quantum:.3g} quanta), median "
             f"{length_text(self.median, unit)}, worst "
             f"{length_text(float(self.rms_by_window.max()), unit)}"
-        )
-
-    def __repr__(self) -> str:
-        return self.summary()
+        ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers of the replay, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Numbers of the replay, ready for JSON."""
         return {
             "rms": self.rms,
             "median": self.median,
@@ -119,9 +109,27 @@ class Replay:
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_replay
-
-        return plot_replay(self, ax, title)
+        axes = axes_of(ax, 2)
+        record, windows = self.windows.record, self.windows
+        length = self.axis.units[0]
+        axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
+        # A gap at each restart, so that a run is not joined to the next.
+        ends = windows.edges[1:-1]
+        axes[0].plot(
+            np.insert(record.t, ends, np.nan), np.insert(self.positions, ends, np.nan), "k-", lw=1,
+            label="free runs",
+        )  # fmt: skip
+        axes[0].set_ylabel(f"position [{length}]")
+        legend_above(axes[0])
+        title_above(axes[0], f"{self.axis.name}: free runs" if title is None else title)
+        axes[1].plot(
+            np.insert(record.t, ends, np.nan), np.insert(self.errors, ends, np.nan), "-",
+            color="C3", lw=0.8, label="simulated - measured",
+        )  # fmt: skip
+        axes[1].set_ylabel(f"error [{length}]")
+        legend_above(axes[1])
+        axes[1].set_xlabel("Time [s]")
+        return control_plot(axes)
 
 
 def replay(
@@ -183,8 +191,8 @@ def replay(
     return Replay(axis, windows, positions, rms, float(quantum))
 
 
-@dataclass(frozen=True, eq=False)
-class LoopReplay:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopReplay(Result):
     """Whole closed loop replayed from its reference.
 
     Made by `replay_loop`.
@@ -216,26 +224,17 @@ class LoopReplay:
         """RMS error of the drive force relative to its RMS."""
         return self.force_rms / float(np.sqrt(np.mean(self.record.u**2)))
 
-    def summary(self) -> str:
-        """Errors in one line."""
+    def _shown(self) -> list[str]:
         worst = float(np.max(np.abs(self.response.y[0] - self.record.x)))
-        return (
+        return [
             f"closed loop over {self.record.duration:.4g} s: position RMS error "
             f"{length_text(self.position_rms, self.units[0])}, worst "
             f"{length_text(worst, self.units[0])}; drive force RMS error "
             f"{self.force_rms:.3g} {self.units[1]} ({100 * self.relative_force:.2f} %)"
-        )
-
-    def __repr__(self) -> str:
-        return self.summary()
+        ]
 
     def to_dict(self) -> dict[str, float]:
-        """Numbers of the replay, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Numbers of the replay, ready for JSON."""
         return {
             "position_rms": self.position_rms,
             "force_rms": self.force_rms,
@@ -256,9 +255,22 @@ class LoopReplay:
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_loop
-
-        return plot_loop(self, ax, title)
+        axes = axes_of(ax, 3)
+        length, force = self.units
+        t, y = self.record.t, self.response.y
+        axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
+        axes[0].plot(t, y[0], "k-", lw=1, label="model")
+        axes[0].set_ylabel(f"position [{length}]")
+        axes[1].plot(t, y[0] - self.record.x, "-", color="C3", lw=0.8, label="simulated - measured")
+        axes[1].set_ylabel(f"error [{length}]")
+        axes[2].plot(t, self.record.u, ".", color=MEASURED, ms=4, label="measured")
+        axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
+        axes[2].set_ylabel(f"drive force [{force}]")
+        for one in axes:
+            legend_above(one)
+        title_above(axes[0], str(self.response.title) if title is None else title)
+        axes[2].set_xlabel("Time [s]")
+        return control_plot(axes)
 
 
 def replay_loop(axis: FrictionAxis, record: Record, controller: PositionController) -> LoopReplay:

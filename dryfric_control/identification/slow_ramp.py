@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, instance, positive
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -19,9 +21,7 @@ from dryfric_control.records.readers.sources import MAX_ROWS
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import MIN_SAMPLES
 from dryfric_control.store.files import replacing
-
-if TYPE_CHECKING:
-    import control as ct
+from dryfric_control.text import Result
 
 FloatArray = NDArray[np.float64]
 
@@ -30,8 +30,8 @@ FloatArray = NDArray[np.float64]
 _CLEAR, _STEADY = 2.0, 16
 
 
-@dataclass(frozen=True, eq=False)
-class SlowRamp:
+@dataclass(frozen=True, eq=False, repr=False)
+class SlowRamp(Result):
     """A slow-ramp experiment and what the model did in it.
 
     Made by `slow_ramp_experiment`.
@@ -73,27 +73,18 @@ class SlowRamp:
             for t, r in zip(self.record.t, self.reference, strict=True):
                 file.write(f"{t:.9g},{r:.9g}\n")
 
-    def summary(self) -> str:
-        """The experiment in one line."""
+    def _shown(self) -> list[str]:
         low, high = float(self.reference.min()), float(self.reference.max())
         speed = float(np.max(np.abs(np.diff(self.reference)))) / self.record.dt
         length = self.axis.units[0]
-        return (
+        return [
             f"slow ramp over {low:.4g} to {high:.4g} {length} and back in "
             f"{self.record.duration:.4g} s, {speed:.3g} {length}/s; "
             f"{len(self.response.events)} switches"
-        )
-
-    def __repr__(self) -> str:
-        return self.summary()
+        ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers of the experiment, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Numbers of the experiment, ready for JSON."""
         return {
             "dt": self.record.dt,
             "duration": self.record.duration,
@@ -119,9 +110,18 @@ class SlowRamp:
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_slow_ramp
-
-        return plot_slow_ramp(self, ax, title)
+        axes = axes_of(ax, 2)
+        length, force = self.axis.units
+        record = self.record
+        axes[0].plot(record.t, record.x, "-", color=MEASURED, lw=2.5, label="position")
+        axes[0].plot(record.t, self.reference, "--", color="C0", lw=1, label="reference")
+        axes[0].set_ylabel(f"position [{length}]")
+        legend_above(axes[0])
+        title_above(axes[0], (record.name or "slow ramp") if title is None else title)
+        axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
+        axes[1].set_ylabel(f"drive force [{force}]")
+        axes[1].set_xlabel("Time [s]")
+        return control_plot(axes)
 
 
 def slow_ramp_experiment(
@@ -214,10 +214,14 @@ def slow_ramp_experiment(
     reference = np.interp(t, [0.0, 0.5 * duration, duration], [low, high, low])
     response = simulate_loop(axis, controller, reference, quantum=quantum, x0=low)
     record = Record(
-        t, response.y[4], response.y[5], reference,
-        units={"x": axis.units[0], "u": axis.units[1]}, name=f"slow ramp of {axis.name}",
+        t,
+        response.y[4],
+        response.y[5],
+        reference,
+        units={"x": axis.units[0], "u": axis.units[1]},
+        name=f"slow ramp of {axis.name}",
         quantum=quantum,
-    )  # fmt: skip
+    )
     ramp = SlowRamp(axis, controller, record, response)
     speed = 2.0 * (high - low) / duration
     peak, unit = axis.effective().stribeck, f"{axis.units[0]}/s"

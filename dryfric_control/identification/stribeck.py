@@ -1,12 +1,13 @@
-"""Stribeck peak and stick speed from stick-slip ripple."""
+"""Stick phases and stick-slip ripple of a record; Stribeck peak and stick speed from them."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control as ct
 import joblib
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -14,21 +15,20 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dryfric_control.checks import instance, whole
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Scales, choose
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
 from dryfric_control.identification.replay import LoopReplay, replay_loop
-from dryfric_control.identification.stick_slip import Ripple, Sticks, ripple, stick_phases
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController
 from dryfric_control.records.record import Record
+from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above, ranked
-
-if TYPE_CHECKING:
-    import control as ct
 
 FloatArray = NDArray[np.float64]
 
@@ -41,10 +41,58 @@ _SOME, _GONE = 8, 0.03
 _SPEEDS = np.geomspace(0.01, 1.0, 21)
 # Sliding samples that the regression reads.
 _ENOUGH = 5000
+# Shorter halts do not differ from a reading that lags.
+_SHORTEST = 10
+# A move shorter than this part of the long slips is part of one stick phase:
+# noise, or the creep at its beginning.
+_SLIP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class StribeckIdentification:
+class Sticks:
+    """Stick phases that end in motion.
+
+    Attributes
+    ----------
+    begin, end : ndarray of int, shape (n,)
+        First sample at rest, and first sample in motion after it.
+    direction : ndarray of int, shape (n,)
+        Direction of that motion.
+    """
+
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    direction: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Size of stick-slip ripple, medians over the slips.
+
+    Attributes
+    ----------
+    amplitude : float
+        Rise of the drive force's magnitude from its lowest to break-away.
+    period : float
+        Time from one break-away to the next [s].
+    slip : float
+        Way of one slip.
+    count : int
+        Number of slips.
+    """
+
+    amplitude: float
+    period: float
+    slip: float
+    count: int
+
+    def to_dict(self) -> dict[str, float]:
+        """The numbers by name."""
+        return fields_of(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StribeckIdentification(Result):
     """Stribeck peak found in a record, and how well its ripple comes back.
 
     Made by `identify_stribeck`.
@@ -77,33 +125,19 @@ class StribeckIdentification:
         assert self.axis.stribeck is not None
         return self.axis.stribeck
 
-    def summary(self) -> str:
-        """Parameters, and the ripple measured and replayed."""
-        lines = [self.fit.summary()]
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        yield from self.fit._shown()
+        length, force = self.axis.units
         for name, one in (("measured", self.measured), ("replayed", self.replayed)):
             if one is not None:
-                lines.append(
-                    f"ripple {name}: amplitude {one.amplitude:.4g} {self.axis.units[1]}, period "
-                    f"{one.period:.4g} s, slip {one.slip:.4g} {self.axis.units[0]}, "
-                    f"{one.count} slips"
+                yield (
+                    f"ripple {name}: amplitude {one.amplitude:.4g} {force}, period "
+                    f"{one.period:.4g} s, slip {one.slip:.4g} {length}, {one.count} slips"
                 )
-        return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers of the result, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
-        return {
-            "fit": self.fit.to_dict(),
-            "measured": self.measured.to_dict() if self.measured else None,
-            "replayed": self.replayed.to_dict() if self.replayed else None,
-        }
+        """Numbers of the result, ready for JSON."""
+        return {name: plain_data(getattr(self, name)) for name in ("fit", "measured", "replayed")}
 
     def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
         """Draw drive force over position, measured and replayed (paper, Fig. 6).
@@ -119,9 +153,95 @@ class StribeckIdentification:
         -------
         control.ControlPlot
         """
-        from dryfric_control.identification.figures import plot_stribeck
+        axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
+        length, force = self.axis.units
+        record = self.fit.training[0].windows.record
+        some = slice(None, None, max(1, len(record) // 20_000))
+        axes[0].plot(record.x[some], record.u[some], ".", color=MEASURED, ms=2, label="measured")
+        axes[1].plot(record.t[some], record.u[some], ".", color=MEASURED, ms=2)
+        if self.loop is not None:
+            y = self.loop.response.y
+            axes[0].plot(y[0][some], y[4][some], "k-", lw=0.8, label="model in the same loop")
+            axes[1].plot(record.t[some], y[4][some], "k-", lw=0.8)
+        places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
+        for s in (1, -1):
+            axes[0].plot(
+                places, s * self.axis.coulomb(places, s), "--", color="C2", lw=1,
+                label="Coulomb level" if s == 1 else None,
+            )  # fmt: skip
+            axes[0].plot(
+                places, s * self.axis.breakaway(places, s), ":", color="C3", lw=1,
+                label="breakaway level" if s == 1 else None,
+            )  # fmt: skip
+        axes[0].set_xlabel(f"position [{length}]")
+        axes[1].set_xlabel("Time [s]")
+        for one in axes:
+            one.set_ylabel(f"drive force [{force}]")
+        legend_above(axes[0])
+        title_above(axes[0], f"{self.axis.name}: stick-slip" if title is None else title)
+        if self.measured is not None:
+            # A dozen periods: the whole record would hide the ripple.
+            middle = float(record.t[len(record) // 4])
+            reach = 6.0 * self.measured.period
+            shown = (record.t > middle - reach) & (record.t < middle + reach)
+            axes[1].set_xlim(record.t[shown][0], record.t[shown][-1])
+            low, high = record.u[shown].min(), record.u[shown].max()
+            axes[1].set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
+        return control_plot(axes)
 
-        return plot_stribeck(self, ax, title)
+
+def stick_phases(record: Record) -> Sticks:
+    """Stick phases of a record, found from the readings."""
+    moving = directions(record)
+    rest = np.flatnonzero(np.diff((moving == 0).astype(np.int8), prepend=0, append=0))
+    begin, end = rest[::2], rest[1::2]
+    keep = (end - begin >= _SHORTEST) & (end < len(record))
+    begin, end = begin[keep], end[keep]
+    if end.size > 1:
+        ways = np.abs(record.x[begin[1:]] - record.x[end[:-1]])
+        real = ~above(_SLIP * np.quantile(ways, 0.9), ways, NEAR * record.range)
+        begin, end = begin[np.r_[True, real]], end[np.r_[real, True]]
+    return Sticks(begin, end, moving[end].astype(np.int64))
+
+
+def ripple(record: Record) -> Ripple | None:
+    """Amplitude and period of a record's stick-slip ripple.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    Ripple or None
+        None if fewer than three slips follow each other in one direction.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> from dryfric_control.identification import ripple, slow_ramp_experiment
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
+    ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
+    >>> ripple(slow_ramp_experiment(axis, duration=20.0, quantum=1e-6).record).count > 3
+    True
+    """
+    sticks = stick_phases(record)
+    rows = []
+    for i in range(sticks.end.size - 1):
+        a, b = int(sticks.end[i]), int(sticks.end[i + 1])
+        after = int(sticks.end[i + 2]) if i + 2 < sticks.end.size else len(record)
+        if sticks.direction[i] != sticks.direction[i + 1]:
+            continue
+        # From trough to trough: noise may show a breakaway too early.
+        force = sticks.direction[i] * record.u
+        trough = a + int(force[a:b].argmin())
+        following = b + int(force[b:after].argmin())
+        slip = abs(record.x[sticks.begin[i + 1]] - record.x[a])
+        rows.append((force[trough:following].max() - force[trough], (b - a) * record.dt, slip))
+    if len(rows) < 3:
+        return None
+    amplitude, period, slip = np.median(rows, axis=0)
+    return Ripple(float(amplitude), float(period), float(slip), len(rows))
 
 
 def identify_stribeck(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import html
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -18,6 +17,7 @@ from dryfric_control.model.effects import Backlash, Compliance, Effect, Preslidi
 from dryfric_control.model.effects.effect import law_address
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.text import table
 
 #: Inner states that an effect brings into the kernel.
 INNER = {
@@ -565,10 +565,7 @@ class FrictionAxis:
             rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))
         rows.append(("switching", self.switching))
         rows += [("effect", effect.describe()) for effect in self.effects]
-        body = "".join(
-            f"<tr><td>{name}</td><td>{html.escape(value)}</td></tr>" for name, value in rows
-        )
-        return f"<table><caption>{html.escape(self.name)}</caption>{body}</table>"
+        return table([(self.name, ""), *rows], as_html=True)
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -671,21 +668,7 @@ class AxisStepper:
 
 
 def check_pace(axis: FrictionAxis, dt: float) -> None:
-    """Refuse an axis whose speed changes too fast to be followed.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-    dt : float
-        Sampling time [s].
-
-    Raises
-    ------
-    ValueError
-        If viscous friction or the Stribeck peak acts within so small a part of
-        a sample that following it would take for ever: a wrong unit.
-    """
+    """Refuse an axis whose velocity changes too fast to be followed: a wrong unit."""
     axis = axis.effective()
     rate = axis.viscous / axis.mass
     if rate * dt > MOST_VISCOUS:
@@ -711,18 +694,7 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
 
 
 def check_finite(outputs: NDArray[np.float64]) -> None:
-    """Refuse to return a motion that has left the range of numbers.
-
-    Parameters
-    ----------
-    outputs : ndarray, shape (4 or more, n)
-        Rows x, v, F, mode first.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite; the message names the first sample.
-    """
+    """Refuse to return a motion that has left the range of numbers."""
     # What is not finite once stays so: the last sample tells.
     if not np.isfinite(outputs[:3, -1]).all():
         first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))

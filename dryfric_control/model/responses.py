@@ -34,7 +34,7 @@ class Events:
 
     Notes
     -----
-    A break-away at t = 0 is no entry here: the first input decides the mode that
+    A breakaway at t = 0 is no entry here: the first input decides the mode that
     the run starts in, `mode[0]`.
 
     Examples
@@ -52,17 +52,7 @@ class Events:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64]) -> Events:
-        """Switches from rows of time, mode before, mode after.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (n, 3)
-            Time [s], mode before, mode after.
-
-        Returns
-        -------
-        Events
-        """
+        """Switches from rows of time, mode before, mode after."""
         return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
 
     def __len__(self) -> int:
@@ -98,7 +88,44 @@ class Events:
         return "\n".join(rows)
 
 
-class SimulationResponse(ct.TimeResponseData):
+class Response(ct.TimeResponseData):
+    """A `control.TimeResponseData` that takes its arrays without a copy.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Time [s].
+    outputs, states, inputs : ndarray, shape (nsignals, n)
+        Signals at the samples.
+    units : tuple of str
+        Units of position and force.
+    **labels
+        For `control.TimeResponseData`: labels of the signals, title.
+    """
+
+    def __init__(
+        self,
+        time: NDArray[Any],
+        outputs: NDArray[np.float64],
+        states: NDArray[np.float64],
+        inputs: NDArray[np.float64],
+        units: tuple[str, str],
+        **labels: Any,
+    ) -> None:
+        # The base class copies what it is given; a long record must not exist
+        # twice, so it is built on one sample and the arrays are put in after.
+        first = (array[..., :1] for array in (time, outputs, states, inputs))
+        super().__init__(*first, issiso=False, **labels)
+        self.t, self.y, self.x, self.u = time, outputs, states, inputs
+        self.units = units
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
+        return self.y[self.output_labels.index("mode")].astype(np.int64)
+
+
+class SimulationResponse(Response):
     """Time response of an axis, with its located switches.
 
     A `control.TimeResponseData` with outputs x, v, F and mode, states x and v,
@@ -140,28 +167,14 @@ class SimulationResponse(ct.TimeResponseData):
         units: tuple[str, str] = ("m", "N"),
         **labels: Any,
     ) -> None:
-        # The base class copies what it is given; a long record must not exist
-        # twice, so it is built on one sample and the arrays are put in after.
+        labels = {"output_labels": ["x", "v", "F", "mode"], "input_labels": ["u"]} | labels
         super().__init__(
-            time[:1],
-            outputs[:, :1],
-            outputs[:2, :1],
-            inputs[:, :1],
-            state_labels=["x", "v"],
-            issiso=False,
-            **({"output_labels": ["x", "v", "F", "mode"], "input_labels": ["u"]} | labels),
+            time, outputs, outputs[:2], inputs, units, state_labels=["x", "v"], **labels
         )
-        self.t, self.y, self.x, self.u = time, outputs, outputs[:2], inputs
         self.events = events
-        self.units = units
-
-    @property
-    def mode(self) -> NDArray[np.int64]:
-        """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
-        return self.y[3].astype(np.int64)
 
     def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw position, speed and force over time, rest as a light band.
+        """Draw position, velocity and force over time, rest as a light band.
 
         Parameters
         ----------
@@ -184,7 +197,7 @@ class SimulationResponse(ct.TimeResponseData):
         >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
         >>> drawn = axis.simulate([3.0] * 200, dt=1e-3).plot()
         >>> [str(one.get_ylabel()) for one in drawn.axes.ravel()]
-        ['position [m]', 'speed [m/s]', 'force [N]']
+        ['position [m]', 'velocity [m/s]', 'force [N]']
         """
         axes = axes_of(ax, 3)
         length, force = self.units
@@ -196,7 +209,7 @@ class SimulationResponse(ct.TimeResponseData):
         drive = self.y[labels.index("u")] if "u" in labels else self.u[0]
         axes[2].plot(self.t, drive, color="0.55", linewidth=1.0, label="drive u")
         axes[2].plot(self.t, self.y[2], "k", linewidth=1.0, label="friction F")
-        names = (f"position [{length}]", f"speed [{length}/s]", f"force [{force}]")
+        names = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
         for one, name in zip(axes, names, strict=True):
             shade_stuck(one, self.t, self.y[3])
             one.set_ylabel(name)

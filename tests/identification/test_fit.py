@@ -358,7 +358,7 @@ def test_results_show_themselves():
     assert "mass" in found.summary() and "<table>" in found._repr_html_()
     json.dumps(found.to_dict())
     plot = found.plot()
-    assert plot.axes.ravel()[0].get_xlabel() == "speed [m/s]"
+    assert plot.axes.ravel()[0].get_xlabel() == "velocity [m/s]"
     assert len(plot.lines.ravel()[0]) >= 3
     axes = found.training[0].plot().axes.ravel()
     assert axes[-1].get_xlabel() == "Time [s]"

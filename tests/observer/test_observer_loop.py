@@ -30,6 +30,7 @@ from dryfric_control.observer.figures import (
     draw_speed,
 )
 from dryfric_control.observer.monte_carlo import MonteCarlo, SwitchedEstimator
+from dryfric_control.text import typeset
 
 matplotlib.use("Agg")
 
@@ -293,7 +294,7 @@ def test_figures_of_the_paper(run):
     ]
     for plot, labels in drawn:
         assert isinstance(plot, ct.ControlPlot)
-        assert [one.get_ylabel() for one in plot.axes.ravel()] == labels
+        assert [one.get_ylabel() for one in plot.axes.ravel()] == list(map(typeset, labels))
         matplotlib.pyplot.close(plot.figure)
     error = draw_position(run).axes.ravel()[1].lines[0].get_ydata()
     np.testing.assert_array_equal(error, run.estimate.y[0] - run.plant.y[0])

@@ -1,6 +1,8 @@
-"""Lines of the package, room by room: all, and code without docstrings and comments.
+"""Lines of the package, room by room: all, and those that hold code.
 
-    python benchmarks/lines.py [folder]
+Docstrings, comments and lines of brackets alone are no code.
+
+python benchmarks/lines.py [folder]
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ PACKAGE = Path(__file__).parents[1] / "dryfric_control"
 #: Tokens that are no code.
 SILENT = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
-    tokenize.ENCODING, tokenize.ENDMARKER,
+    tokenize.ENCODING, tokenize.ENDMARKER, tokenize.OP,
 }  # fmt: skip
 
 
 def code_lines(source: str) -> int:
-    """Lines that hold code: no blank ones, no comments, no docstrings.
+    """Lines that hold a name, a number or a text of the code.
 
     Examples
     --------

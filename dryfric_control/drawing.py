@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from typing import Any
 
 import control as ct
@@ -105,6 +107,55 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
         for label in (one.xaxis.label, one.yaxis.label):
             label.set_text(typeset(label.get_text()))
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)
+
+
+_NUMBERS = {1: "Axes", 2: "sequence of two Axes", 3: "sequence of three Axes"}
+_ARGUMENTS = """
+
+Parameters
+----------
+ax : {what}, optional
+    Where to draw.  Default: a new figure.
+title : str, optional
+    Title.  Default: one that names the result.
+
+Returns
+-------
+control.ControlPlot
+"""
+
+
+def panels(rows: int, **options: Any) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
+    """Make the `plot` of a result out of a method that draws in given axes.
+
+    The method takes the axes, shape (rows,), and returns its title.
+
+    Parameters
+    ----------
+    rows : int
+        Number of panels, one above the other.
+    **options
+        For `matplotlib.pyplot.subplots`, where a figure is made.
+
+    Returns
+    -------
+    callable
+        Decorator; the method becomes plot(ax=None, title=None).
+    """
+
+    def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
+        def plot(self: Any, ax: Any = None, title: str | None = None) -> PanelPlot:
+            axes = axes_of(ax, rows, **options)
+            own = draw(self, axes)
+            title_above(axes[0], own if title is None else title)
+            return control_plot(axes)
+
+        # Not functools.wraps, whose signature would be that of `draw`.
+        plot.__module__, plot.__qualname__ = draw.__module__, draw.__qualname__
+        plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(what=_NUMBERS[rows])
+        return plot
+
+    return made
 
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:

@@ -6,23 +6,20 @@ import os
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
-from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result, fields_of
 from dryfric_control.ties import above, ranked
-
-if TYPE_CHECKING:
-    import control as ct
 
 FloatArray = NDArray[np.float64]
 
@@ -148,32 +145,18 @@ class Experiment(Result):
                 header=",".join(columns), comments="",
             )  # fmt: skip
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw the reference and what each hypothesis predicts.
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw.  Default: a new figure.
-        title : str, optional
-            Title.  Default: the title of the experiment.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 2)
+    @panels(2)
+    def plot(self, axes: Any) -> str:
+        """Draw the reference and what each hypothesis predicts."""
         length, force = self.units
-        title = self.title if title is None else title
         if not self.t.size:
-            title_above(axes[0], title)
             for one in axes:
                 one.set_axis_off()
             axes[0].text(
                 0.0, 0.9, textwrap.fill(self.description, 90), transform=axes[0].transAxes,
                 va="top", fontsize="small",
             )  # fmt: skip
-            return control_plot(axes)
+            return self.title
         axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
         for i, name in enumerate(self.positions):
             style = {"color": f"C{i}", "linestyle": DASHES[i % len(DASHES)], "linewidth": 1.2}
@@ -186,10 +169,9 @@ class Experiment(Result):
         axes[1].set_ylabel(f"drive force [{force}]")
         axes[1].set_xlabel("Time [s]")
         legend_above(axes[0])
-        title_above(axes[0], title)
         for one in axes:
             one.margins(x=0.0)
-        return control_plot(axes)
+        return self.title
 
 
 def next_experiment(

@@ -7,23 +7,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import instance
-from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.uncertainty import half_width
-from dryfric_control.identification.crawl import Pieces, average
-from dryfric_control.identification.fit import FitWarning
-from dryfric_control.identification.levels import (
+from dryfric_control.identification.crawl import (
     HIGHEST,
+    Pieces,
+    average,
     blocks_of,
-    choose,
+    choose_degree,
     inner,
-    solve,
+    level_of,
 )
+from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
@@ -164,21 +164,9 @@ class CoulombIdentification(Result, CoulombMap):
             "standard_error_minus": self.standard_error(places, -1).tolist(),
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw the measured forces and the levels (paper, Fig. 5).
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: what is drawn.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 1, figsize=(7.0, 4.2))
+    @panels(1, figsize=(7.0, 4.2))
+    def plot(self, axes: Any) -> str:
+        """Draw the measured forces and the levels (paper, Fig. 5)."""
         length, force = self.units
         pieces = self.pieces
         axes[0].plot(
@@ -198,8 +186,7 @@ class CoulombIdentification(Result, CoulombMap):
         axes[0].set_xlabel(f"position [{length}]")
         axes[0].set_ylabel(f"drive force [{force}]")
         legend_above(axes[0])
-        title_above(axes[0], "Coulomb level over the travel" if title is None else title)
-        return control_plot(axes)
+        return "Coulomb level over the travel"
 
 
 def identify_coulomb(
@@ -303,7 +290,9 @@ def identify_coulomb(
         own = pieces.direction == s
         blocks[s] = blocks_of(pieces.only(own))
         if degree is None:
-            held_out[s], degrees[s] = choose(pieces.only(own), s * force[own], travel, blocks[s])
+            held_out[s], degrees[s] = choose_degree(
+                pieces.only(own), s * force[own], travel, blocks[s]
+            )
         elif degree > int(blocks[s].max()) - 2:
             raise ValueError(
                 f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
@@ -398,7 +387,7 @@ def _levels(
     for s in (1, -1):
         own = pieces.direction == s
         part = pieces.only(own)
-        full = solve(part, s * force[own], travel, degrees[s])
+        full = level_of(part, s * force[own], travel, degrees[s])
         count = int(blocks[s].max()) + 1
         moved = np.empty((count, degrees[s] + 1))
         for g in range(count):

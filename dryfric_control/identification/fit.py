@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import control as ct
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dryfric_control.checks import finite, instance, positive, whole
-from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.parameters import Parameter, Scales, choose
 from dryfric_control.estimation.plausibility import warn_if_implausible
@@ -209,21 +208,9 @@ class Fit(Result):
             "training": [run.to_dict() for run in self.training],
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw friction over speed, and the free runs' errors over time.
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: name of the axis.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
+    @panels(2, sharex=False, figsize=(7.0, 6.0))
+    def plot(self, axes: Any) -> str:
+        """Draw friction over velocity, and the free runs' errors over time."""
         axis = self.axis
         length, force = axis.units
         top, bottom = axes
@@ -250,9 +237,8 @@ class Fit(Result):
         top.set_xlabel(f"velocity [{length}/s]")
         top.set_ylabel(f"friction [{force}]")
         legend_above(top)
-        title_above(top, f"{axis.name}: fit" if title is None else title)
         _draw_errors(bottom, self.training, length)
-        return control_plot(axes)
+        return f"{axis.name}: fit"
 
 
 def fit(

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, instance
-from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -95,21 +94,9 @@ class Replay(Result):
             "rms_by_window": self.rms_by_window.tolist(),
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw measured position and free runs, and their errors.
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: name of the axis.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 2)
+    @panels(2)
+    def plot(self, axes: Any) -> str:
+        """Draw measured position and free runs, and their errors."""
         record, windows = self.windows.record, self.windows
         length = self.axis.units[0]
         axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
@@ -121,7 +108,6 @@ class Replay(Result):
         )  # fmt: skip
         axes[0].set_ylabel(f"position [{length}]")
         legend_above(axes[0])
-        title_above(axes[0], f"{self.axis.name}: free runs" if title is None else title)
         axes[1].plot(
             np.insert(record.t, ends, np.nan), np.insert(self.errors, ends, np.nan), "-",
             color="C3", lw=0.8, label="simulated - measured",
@@ -129,7 +115,7 @@ class Replay(Result):
         axes[1].set_ylabel(f"error [{length}]")
         legend_above(axes[1])
         axes[1].set_xlabel("Time [s]")
-        return control_plot(axes)
+        return f"{self.axis.name}: free runs"
 
 
 def replay(
@@ -241,21 +227,9 @@ class LoopReplay(Result):
             "relative_force": self.relative_force,
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw position, its error and drive force, measured and replayed.
-
-        Parameters
-        ----------
-        ax : sequence of three Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: name of the axis.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 3)
+    @panels(3)
+    def plot(self, axes: Any) -> str:
+        """Draw position, its error and drive force, measured and replayed."""
         length, force = self.units
         t, y = self.record.t, self.response.y
         axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
@@ -268,9 +242,8 @@ class LoopReplay(Result):
         axes[2].set_ylabel(f"drive force [{force}]")
         for one in axes:
             legend_above(one)
-        title_above(axes[0], str(self.response.title) if title is None else title)
         axes[2].set_xlabel("Time [s]")
-        return control_plot(axes)
+        return str(self.response.title)
 
 
 def replay_loop(axis: FrictionAxis, record: Record, controller: PositionController) -> LoopReplay:

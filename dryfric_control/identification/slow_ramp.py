@@ -7,12 +7,11 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, instance, positive
-from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -96,32 +95,19 @@ class SlowRamp(Result):
             "kd": self.controller.kd,
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw reference and position, and the drive force (paper, Fig. 4).
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: name of the experiment.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 2)
+    @panels(2)
+    def plot(self, axes: Any) -> str:
+        """Draw reference and position, and the drive force (paper, Fig. 4)."""
         length, force = self.axis.units
         record = self.record
         axes[0].plot(record.t, record.x, "-", color=MEASURED, lw=2.5, label="position")
         axes[0].plot(record.t, self.reference, "--", color="C0", lw=1, label="reference")
         axes[0].set_ylabel(f"position [{length}]")
         legend_above(axes[0])
-        title_above(axes[0], (record.name or "slow ramp") if title is None else title)
         axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
         axes[1].set_ylabel(f"drive force [{force}]")
         axes[1].set_xlabel("Time [s]")
-        return control_plot(axes)
+        return record.name or "slow ramp"
 
 
 def slow_ramp_experiment(

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import control as ct
 import joblib
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dryfric_control.checks import instance, whole
-from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Scales, choose
@@ -139,21 +138,9 @@ class StribeckIdentification(Result):
         """Numbers of the result, ready for JSON."""
         return {name: plain_data(getattr(self, name)) for name in ("fit", "measured", "replayed")}
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw drive force over position, measured and replayed (paper, Fig. 6).
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: name of the axis.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 2, sharex=False, figsize=(7.0, 6.0))
+    @panels(2, sharex=False, figsize=(7.0, 6.0))
+    def plot(self, axes: Any) -> str:
+        """Draw drive force over position, measured and replayed (paper, Fig. 6)."""
         length, force = self.axis.units
         record = self.fit.training[0].windows.record
         some = slice(None, None, max(1, len(record) // 20_000))
@@ -178,7 +165,6 @@ class StribeckIdentification(Result):
         for one in axes:
             one.set_ylabel(f"drive force [{force}]")
         legend_above(axes[0])
-        title_above(axes[0], f"{self.axis.name}: stick-slip" if title is None else title)
         if self.measured is not None:
             # A dozen periods: the whole record would hide the ripple.
             middle = float(record.t[len(record) // 4])
@@ -187,7 +173,7 @@ class StribeckIdentification(Result):
             axes[1].set_xlim(record.t[shown][0], record.t[shown][-1])
             low, high = record.u[shown].min(), record.u[shown].max()
             axes[1].set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
-        return control_plot(axes)
+        return f"{self.axis.name}: stick-slip"
 
 
 def stick_phases(record: Record) -> Sticks:

@@ -10,13 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.drawing import (
-    axes_of,
-    control_plot,
-    legend_above,
-    shade_stuck,
-    title_above,
-)
+from dryfric_control.drawing import legend_above, panels, shade_stuck
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
@@ -154,6 +148,8 @@ class SimulationResponse(Response):
     >>> resp = axis.simulate([3.0] * 1001, dt=1e-3)
     >>> resp.output_labels, round(float(resp.outputs[1, -1]), 9)
     (['x', 'v', 'F', 'mode'], 1.0)
+    >>> [str(one.get_ylabel()) for one in resp.plot().axes.ravel()]
+    ['position [m]', 'velocity [m/s]', 'force [N]']
     """
 
     events: Events
@@ -173,33 +169,12 @@ class SimulationResponse(Response):
         )
         self.events = events
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    @panels(3)
+    def plot(self, axes: Any) -> str:
         """Draw position, velocity and force over time, rest as a light band.
 
-        Parameters
-        ----------
-        ax : sequence of three Axes, optional
-            Where to draw.  Default: a new figure.
-        title : str, optional
-            Title.  Default: the title of the response.
-
-        Returns
-        -------
-        control.ControlPlot
-
-        Notes
-        -----
         `control.time_response_plot` draws every signal in a panel of its own.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
-        >>> drawn = axis.simulate([3.0] * 200, dt=1e-3).plot()
-        >>> [str(one.get_ylabel()) for one in drawn.axes.ravel()]
-        ['position [m]', 'velocity [m/s]', 'force [N]']
         """
-        axes = axes_of(ax, 3)
         length, force = self.units
         labels = self.output_labels
         axes[0].plot(self.t, self.y[0], "k", label="x")
@@ -217,5 +192,4 @@ class SimulationResponse(Response):
         legend_above(axes[0])
         legend_above(axes[2])
         axes[-1].set_xlabel("Time [s]")
-        title_above(axes[0], self.title if title is None else title)
-        return control_plot(axes)
+        return str(self.title)

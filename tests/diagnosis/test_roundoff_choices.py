@@ -17,8 +17,7 @@ from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
-from dryfric_control.identification.stick_slip import stick_phases
-from dryfric_control.identification.stribeck import _break_aways, _coarse
+from dryfric_control.identification.stribeck import _break_aways, _coarse, stick_phases
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 

@@ -67,7 +67,7 @@ def diagnose(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as believed.
+        The nominal axis.
     record : Record
         The measured record: time, drive force, position.
     window : float, optional

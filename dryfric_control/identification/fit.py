@@ -259,7 +259,7 @@ def fit(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as believed: start of the search, and values of what is not
+        The nominal axis: start of the search, and values of what is not
         free.
     record : Record or sequence of Record
         Measured runs, all of the same axis.

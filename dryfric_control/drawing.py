@@ -53,26 +53,7 @@ class PanelPlot(ct.ControlPlot):
 
 
 def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
-    """Axes to draw in: the given ones, or those of a new figure.
-
-    Parameters
-    ----------
-    ax : Axes, sequence of Axes, or None
-        Axes given by the user; None makes a figure.
-    rows : int
-        Number of axes needed, one above the other.
-    **options
-        For `matplotlib.pyplot.subplots`.
-
-    Returns
-    -------
-    ndarray of Axes, shape (rows,)
-
-    Raises
-    ------
-    ValueError
-        If fewer or more axes are given than needed.
-    """
+    """Axes to draw in, shape (rows,): the given ones, or those of a new figure."""
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -89,18 +70,7 @@ def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
 
 
 def control_plot(axes: NDArray[Any]) -> PanelPlot:
-    """What was drawn, as python-control returns it, its labels typeset.
-
-    Parameters
-    ----------
-    axes : ndarray of Axes, shape (rows,)
-        The axes drawn in.
-
-    Returns
-    -------
-    PanelPlot
-        Lines and axes, both of shape (rows, 1), and figure.
-    """
+    """What was drawn, as python-control returns it, its labels typeset."""
     lines = np.empty((axes.size, 1), dtype=object)
     for i, one in enumerate(axes):
         lines[i, 0] = list(one.lines)
@@ -128,19 +98,8 @@ control.ControlPlot
 def panels(rows: int, **options: Any) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
     """Make the `plot` of a result out of a method that draws in given axes.
 
-    The method takes the axes, shape (rows,), and returns its title.
-
-    Parameters
-    ----------
-    rows : int
-        Number of panels, one above the other.
-    **options
-        For `matplotlib.pyplot.subplots`, where a figure is made.
-
-    Returns
-    -------
-    callable
-        Decorator; the method becomes plot(ax=None, title=None).
+    The method takes the axes, shape (rows,), and returns its title; `options` go to
+    `matplotlib.pyplot.subplots` where a figure is made.
     """
 
     def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
@@ -159,19 +118,7 @@ def panels(rows: int, **options: Any) -> Callable[[Callable[..., str]], Callable
 
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:
-    """Lay a light band behind the time at rest.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    time : array_like, shape (n,)
-        Time [s].
-    mode : array_like, shape (n,)
-        Mode, 0 while stuck.
-    label : str or None
-        Legend entry.
-    """
+    """Lay a light band behind the time at rest, mode 0."""
     ax.fill_between(
         np.asarray(time),
         0.0,

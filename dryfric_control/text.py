@@ -18,18 +18,7 @@ WIDTH = 100
 
 
 def wrapped(lines: Iterable[str], indent: int = 4) -> str:
-    """Lines of at most 100 characters, shorter ones as they are.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        The lines.
-    indent : int, optional
-        Blanks before what is left of a line that was too long.
-
-    Returns
-    -------
-    str
+    """Lines of at most 100 characters; what is left of a longer one is indented.
 
     Examples
     --------
@@ -50,17 +39,6 @@ def wrapped(lines: Iterable[str], indent: int = 4) -> str:
 
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """Question that names the nearest choice; nothing where none is near.
-
-    Parameters
-    ----------
-    word : str
-        What was asked for.
-    choices : iterable of str
-        What there is.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -100,18 +78,7 @@ def typeset(text: str) -> str:
 
 
 def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
-    """Rows as columns of text, or as a table in HTML.
-
-    Parameters
-    ----------
-    rows : sequence of sequence of str
-        Cells, the headings first.
-    as_html : bool, optional
-        Whether to write HTML, escaped and typeset.
-
-    Returns
-    -------
-    str
+    """Rows, the headings first, as columns of text, or escaped and typeset as HTML.
 
     Examples
     --------
@@ -131,15 +98,6 @@ def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
 
 def plain_data(value: Any) -> Any:
     """A value as JSON has it: lists for arrays, None for what is not finite.
-
-    Parameters
-    ----------
-    value : object
-        Number, text, array, sequence, mapping, or an object with `to_dict`.
-
-    Returns
-    -------
-    object
 
     Examples
     --------

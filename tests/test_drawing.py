@@ -17,7 +17,8 @@ from dryfric_control import presets
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
 from dryfric_control.diagnosis.report import figures as diagnosis_figures
-from dryfric_control.text import WIDTH, wrapped
+from dryfric_control.drawing import panels
+from dryfric_control.text import WIDTH, Result, plain_data, typeset, wrapped
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
 T = 1e-3 * np.arange(2000)
@@ -234,3 +235,64 @@ def test_fit_warns_where_it_was_called_and_says_how_runs_start():
     assert told and all(one.filename == __file__ for one in told)
     assert "started from the smoothed record" in found.training[0].summary()
     assert max(map(len, found.summary().splitlines())) <= WIDTH
+
+
+# ---------------------------------------------------------------- one convention
+
+
+class Shown(Result):
+    """A result as small as can be."""
+
+    def _shown(self):
+        yield [("name <1>", "value"), ("drag", "2 N s/m")]
+        yield "error 3 um +- 1 um & more"
+        yield "    " + "indented words " * 8
+
+    @panels(2, sharex=False)
+    def plot(self, axes):
+        """Draw nothing much."""
+        axes[1].set_xlabel("torque [N m]")
+        return "own title"
+
+
+def test_what_is_shown_is_said_once():
+    one = Shown()
+    lines = one.summary().splitlines()
+    assert lines[:3] == ["name <1>  value", "drag      2 N s/m", "error 3 um +- 1 um & more"]
+    # What is left of an indented line stands further in.
+    assert lines[3].startswith("    indented") and lines[4].startswith(8 * " " + "indented")
+    assert repr(one) == one.summary()
+    page = one._repr_html_()
+    assert '<th scope="col">name &lt;1&gt;</th>' in page and "<td>2 N\xb7s/m</td>" in page
+    assert "<p>error 3 \xb5m \xb1 1 \xb5m &amp; more</p>" in page
+
+
+def test_panels_make_a_plot_with_a_title():
+    drawn = Shown().plot()
+    assert drawn.axes.shape == (2, 1)
+    assert drawn.axes[0, 0].get_title(loc="left") == "own title"
+    assert drawn.axes[1, 0].get_xlabel() == "torque [N\xb7m]"
+    given = plt.figure().subplots(2)
+    again = Shown().plot(given, title="another")
+    assert again.axes[0, 0] is given[0] and given[0].get_title(loc="left") == "another"
+    with pytest.raises(ValueError, match="ax must hold 2 axes"):
+        Shown().plot(given[:1])
+
+
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("N m s^2/rad", "N\xb7m\xb7s\xb2/rad"),
+        ("kg m^2", "kg\xb7m\xb2"),
+        ("[um]", "[\xb5m]"),
+        ("8 N on the um scale", "8 N on the um scale"),
+        ("-3 um", "-3 \xb5m"),
+    ],
+)
+def test_units_are_typeset_and_words_are_not(text, printed):
+    assert typeset(text) == printed
+
+
+def test_plain_data_is_what_json_takes():
+    value = {"a": np.float64(np.nan), "b": (np.int64(2), np.array([1.0, np.inf])), "c": "text"}
+    assert plain_data(value) == {"a": None, "b": [2, [1.0, None]], "c": "text"}

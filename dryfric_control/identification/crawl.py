@@ -73,18 +73,7 @@ class Pieces(NamedTuple):
 
 
 def average(record: Record, piece: float = _PIECE) -> Pieces:
-    """Pieces of motion of a record, averaged over the way.
-
-    Parameters
-    ----------
-    record : Record
-    piece : float, optional
-        Longest piece, as a part of the range of positions.
-
-    Returns
-    -------
-    Pieces
-    """
+    """Pieces of motion, no longer than a part of the range, averaged over the way."""
     moving = directions(record).astype(int)
     x, v, noise = _smoothed(record, moving)
     # Not the raw readings: their noise is in the drive force too, through the
@@ -292,16 +281,10 @@ def highest_degree(blocks: NDArray[np.int64]) -> int:
 def choose_degree(
     pieces: Pieces, force: FloatArray, travel: tuple[float, float], blocks: NDArray[np.int64]
 ) -> tuple[FloatArray, int]:
-    """Held-out error of each degree, and the smallest as good as the best.
+    """Held-out RMS error of the force for each degree, and the degree to take.
 
-    "As good" is within one standard error of the difference, over the blocks, or
-    within what round-off makes of it.
-
-    Returns
-    -------
-    errors : ndarray, shape (ndegrees,)
-        RMS error of the force in held-out blocks.
-    degree : int
+    That is the smallest that is as good as the best: within one standard error of
+    the difference, over the blocks, or within round-off.
     """
     count = int(blocks.max()) + 1
     highest = highest_degree(blocks)

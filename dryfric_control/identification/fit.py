@@ -210,7 +210,7 @@ class Fit(Result):
 
     @panels(2, sharex=False, figsize=(7.0, 6.0))
     def plot(self, axes: Any) -> str:
-        """Draw friction over velocity, and the free runs' errors over time."""
+        """Draw friction over velocity, and errors of the free runs."""
         axis = self.axis
         length, force = axis.units
         top, bottom = axes

@@ -67,7 +67,22 @@ class CoulombMap:
 
     @classmethod
     def of(cls, coulomb: CoulombMap | float | Iterable[float]) -> CoulombMap:
-        """Map from a number, a pair (plus, minus), or a map itself."""
+        """Map from a number, a pair (plus, minus), or a map itself.
+
+        Parameters
+        ----------
+        coulomb : CoulombMap, float or pair
+            What to take as levels.
+
+        Returns
+        -------
+        CoulombMap
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+        """
         if isinstance(coulomb, CoulombMap):
             return coulomb
         if isinstance(coulomb, np.ndarray):

@@ -46,7 +46,17 @@ class Events:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64]) -> Events:
-        """Switches from rows of time, mode before, mode after."""
+        """Switches from rows of time, mode before, mode after.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n, 3)
+            Time [s], mode before, mode after.
+
+        Returns
+        -------
+        Events
+        """
         return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
 
     def __len__(self) -> int:
@@ -171,7 +181,7 @@ class SimulationResponse(Response):
 
     @panels(3)
     def plot(self, axes: Any) -> str:
-        """Draw position, velocity and force over time, rest as a light band.
+        """Draw position, velocity and force, rest as a light band.
 
         `control.time_response_plot` draws every signal in a panel of its own.
         """

@@ -24,7 +24,7 @@ from dryfric_control.text import Result
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Result, Findings):
-    """From data to cause: what is wrong, why, what a correction brings.
+    """What is wrong in a simulation, why, what a correction gains.
 
     Made by `diagnose`.
 
@@ -154,21 +154,9 @@ class Diagnosis(Result, Findings):
 
 
 def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Write report.html, report.png, diagnosis.json and extended.toml.
+    """Write report.html, report.png, diagnosis.json and extended.toml into a folder.
 
     Everything is made before the first file is written.
-
-    Parameters
-    ----------
-    d : Diagnosis
-        What was found.
-    folder : path-like
-        Where to; made if it is not there.
-
-    Returns
-    -------
-    tuple of Path
-        The files.
     """
     drawn = d.plot().figure
     buffer = io.BytesIO()

@@ -33,22 +33,10 @@ def times_smaller(gain: float) -> float:
 
 
 def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> FloatArray:
-    """Coulomb level with every effect that changes it, without Stribeck peak.
+    """Coulomb level at positions in one direction, with every effect that changes it.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-    x : array_like, shape (n,)
-        Positions.
-    direction : int
-        +1 or -1.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Friction of the axis as it begins to slide there at time zero, without
-        load.
+    Friction of the axis as it begins to slide there at time zero, without load and
+    Stribeck peak.
 
     Examples
     --------

@@ -407,11 +407,11 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
 
 
 def _messages(causes: list[Cause]) -> tuple[str, ...]:
-    told = []
+    messages = []
     for cause in causes:
         for name, error in cause.standard_errors.items():
             if not np.isfinite(error) or error > 0.3 * abs(cause.parameters[name]):
                 if name in ("phase", "rest", "centre"):
                     continue
-                told.append(f"{cause.effect}.{name} is hardly determined by this record")
-    return tuple(told)
+                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
+    return tuple(messages)

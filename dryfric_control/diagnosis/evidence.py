@@ -379,7 +379,7 @@ def where(
     Windows above `expected`, or if those are more than half of all and tied to
     no place the worse half, are counted inside and outside of every range of position, of speed
     and of time between quantiles, and in windows with a reversal, with a
-    break-away, at rest and by direction of motion.  A range is named if chance
+    breakaway, at rest and by direction of motion.  A range is named if chance
     would hardly put so many of them there (hypergeometric tail) and if they are
     several times as frequent there as elsewhere.
 

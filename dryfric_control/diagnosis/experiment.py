@@ -24,7 +24,7 @@ from dryfric_control.ties import above, ranked
 FloatArray = NDArray[np.float64]
 
 # Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses differ,
-# the largest left out (one mistimed break-away is no evidence): a window in
+# the largest left out (one mistimed breakaway is no evidence): a window in
 # thirty off by five quanta, or all of them by a third of one.
 _SEPARATE = 0.1
 
@@ -225,7 +225,7 @@ def next_experiment(
     this bench, and the answer is in words.
 
     The answer is as good as the hypotheses: if none of them is true, the
-    experiment may still tell something else.
+    experiment may still show something else.
 
     Examples
     --------
@@ -269,7 +269,7 @@ def next_experiment(
         for one, pairs in zip(stages, raw, strict=True):
             tried[one.excitation.name] = min(rms for _, rms in pairs)
         # A refit can only bring hypotheses closer, so the order by what they are
-        # without one tells when to stop.
+        # without one shows when to stop.
         upper = [_worth([part for part, _ in pairs]) for pairs in raw]
         for k in ranked(-np.array(upper)):
             if best is not None and not above(upper[k], best[0]):

@@ -57,7 +57,7 @@ class Floor:
         """Whether the scores of a record are what chance alone makes.
 
         Looks at the tail (single windows far beyond their replays: one in forty
-        may be, a break-away sits on the edge of a sample) and at the mean of
+        may be, a breakaway sits on the edge of a sample) and at the mean of
         the others.
         """
         out = self.outliers(scores, active)

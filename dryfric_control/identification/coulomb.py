@@ -33,9 +33,9 @@ FloatArray = NDArray[np.float64]
 
 # Longest piece, as a part of the travel, where speed must not be averaged away.
 _FINE = 1.0 / 160.0
-# Blocks of the way, or slips, from which a level over position can be told.
+# Blocks of the way, or slips, from which a level over position can be found.
 _ENOUGH = 8
-# Speed that varies more than this (relative) tells viscous friction and inertia.
+# Speed that varies more than this (relative) shows viscous friction and inertia.
 _VARIES = 0.1
 
 
@@ -233,7 +233,7 @@ def identify_coulomb(
     that of the Stribeck peak.
 
     A crawl in which every speed lies within the peak measures the raised
-    level.  Where it does not stick and slip, nothing in the record tells the
+    level.  Where it does not stick and slip, nothing in the record shows the
     difference, except that friction may fall with speed: then a warning says so.
 
     Examples

@@ -44,7 +44,7 @@ _NOTHING = 1e-2
 
 
 class FitWarning(UserWarning):
-    """A record that cannot tell what was asked of it.
+    """A record that does not determine what was asked for.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class Fit(Result):
     units : dict of str to str
         Units of the parameters.
     messages : tuple of str
-        What the record cannot tell, and why.
+        What the record does not determine, and why.
     training : tuple of Replay
         Windowed free runs over the records of the fit, one for each, from the
         smoothed state at the start of each window.
@@ -275,7 +275,7 @@ def fit(
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     starts : int, optional
-        Number of starting points.  Default: 2 (the believed values, and a
+        Number of starting points.  Default: 2 (the nominal values, and a
         regression of the drive force), 6 where Stribeck or stick parameters
         are free, whose cost has several valleys.
     block : float, optional
@@ -299,7 +299,7 @@ def fit(
     Warns
     -----
     FitWarning
-        When the record cannot tell a parameter, or two of them apart.
+        When the record does not determine a parameter, or does not separate two.
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -311,7 +311,7 @@ def fit(
     starts, which are projected out.  So the noise of a start does not bias
     the parameters, and no force error is integrated for longer than a window.
     Windows are weighted by the loss log(1 + (RMS/c)^2), c twice the median
-    RMS, against single mistimed break-aways.
+    RMS, against single mistimed breakaways.
 
     Where the axis lacks something that the record has, parameters take on
     what they can of it, and depend on `window`: compare two lengths.
@@ -431,7 +431,7 @@ def typical(records: Sequence[Record]) -> Scales:
 def _starting_points(
     problem: Problem, first: FloatArray, records: Sequence[Record], starts: int, seed: int
 ) -> list[FloatArray]:
-    """The believed values, the force regression, and points around them."""
+    """The nominal values, the force regression, and points around them."""
     points = [first]
     if starts > 1:
         points.append(_possible(problem, force_start(problem, first, records), first))
@@ -483,7 +483,7 @@ def _result(
     labels = block_labels(problem.windows, block)
     covariance, away = jackknife(gradients, normals, labels, _prior(problem.parameters))
     if away.size:
-        # What the record leaves open stays as near to the believed values as it can.
+        # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), problem.low, problem.high)
     model = problem.model_at(z)

@@ -21,7 +21,7 @@ _OPEN = 0.3
 # telling where either is uncertain by more than this part of its value.
 _TOGETHER, _NOTICED = 0.98, 0.02
 
-#: Pairs told in full.
+#: Pairs named in full.
 _PAIRS = 3
 
 
@@ -42,10 +42,10 @@ def cannot_tell(
     """
     names = [p.name for p in parameters]
     messages = []
-    told: set[str] = set()
+    named: set[str] = set()
     for row in away:
         parts = [(n, c * s) for n, c, s in zip(names, row, slopes, strict=True) if abs(c) > 1e-3]
-        told.update(n for n, _ in parts)
+        named.update(n for n, _ in parts)
         if len(parts) == 1:
             name = parts[0][0]
             messages.append(f"the record holds nothing on {name}: {_cause(axis, records, name)}")
@@ -53,24 +53,24 @@ def cannot_tell(
         unit = parts[0][1]
         change = ", ".join(f"{n} by {c / unit:+.3g}" for n, c in parts)
         messages.append(
-            f"{_listed(n for n, _ in parts)} cannot be told apart: changing {change} gives the "
-            f"same motion. The values given are those nearest to the believed ones; hold one of "
+            f"{_listed(n for n, _ in parts)} cannot be separated: changing {change} gives the "
+            f"same motion. The values given are those nearest to the nominal ones; hold one of "
             f"them{_reason({n for n, _ in parts})}"
         )
     for i, p in enumerate(parameters):
         size = abs(values[i])
-        if p.name in told or p.name.partition(".")[2] in ("phase", "rest"):
+        if p.name in named or p.name.partition(".")[2] in ("phase", "rest"):
             continue
         if values[i] == p.low and p.low == 0.0:
             # At its bound the estimate has no spread to speak of.
             messages.append(f"{p.name} ended at its lowest value: the record shows none of it")
-            told.add(p.name)
+            named.add(p.name)
         elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
             messages.append(
                 f"{p.name} is hardly determined (standard error {100 * errors[i] / size:.0f} % of "
                 f"its value): {_cause(axis, records, p.name)}"
             )
-            told.add(p.name)
+            named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)
     pairs = []
     for i in range(len(names)):
@@ -78,7 +78,7 @@ def cannot_tell(
             # Coefficients of a polynomial always trade; its value is what counts.
             polynomial = "[" in names[i] and "[" in names[j]
             close = abs(correlation[i, j]) > _TOGETHER and (loose[i] or loose[j])
-            if close and not polynomial and not ({names[i], names[j]} & told):
+            if close and not polynomial and not ({names[i], names[j]} & named):
                 pairs.append((i, j))
     pairs.sort(key=lambda pair: -abs(correlation[pair]))
     for i, j in pairs[:_PAIRS]:

@@ -38,7 +38,7 @@ class Replay(Result):
     rms_by_window : ndarray, shape (nwindows,)
         RMS error of position in each window.
     quantum : float
-        Encoder quantum, or what stands for it where the encoder shows none
+        Encoder quantum, or its equivalent where the encoder shows none
         (noise times sqrt(12)).
     """
 

@@ -71,9 +71,9 @@ class Ripple:
     Attributes
     ----------
     amplitude : float
-        Rise of the drive force's magnitude from its lowest to break-away.
+        Rise of the drive force's magnitude from its lowest to breakaway.
     period : float
-        Time from one break-away to the next [s].
+        Time from one breakaway to the next [s].
     slip : float
         Way of one slip.
     count : int
@@ -272,16 +272,16 @@ def identify_stribeck(
     Notes
     -----
     Free runs as in `fit`, but each window starts in the middle of a stick
-    phase and ends in the next: it holds one break-away, which tells the
-    excess, and one slip, which tells over what speed the excess dies.
+    phase and ends in the next: it holds one breakaway, which shows the
+    excess, and one slip, which shows over what speed the excess dies.
 
-    Their cost has several valleys.  So the forces of sliding and of break-away
+    Their cost has several valleys.  So the forces of sliding and of breakaway
     are regressed first, over a grid of vs, and refined by free runs of slips
     alone; the fit starts from the peak whose ripple comes closest, and where it
     ends with a worse one, that peak is kept.
 
-    A stick speed far below `vs` acts through v - Sigma alone and is told
-    badly; see ``fit.messages`` for what the record leaves open.
+    A stick speed far below `vs` acts through v - Sigma alone and is
+    found badly; see ``fit.messages`` for what the record leaves open.
 
     Examples
     --------
@@ -342,7 +342,7 @@ def identify_stribeck(
     best = closest(points)[0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)
-        # Which run comes closest may hang on one break-away: the forces have their say.
+        # Which run comes closest may depend on one breakaway: the forces count too.
         ends = [fit_windows(p, [windows], free, starts=1) for p in dict.fromkeys((best, coarse[0]))]
         nearest = closest([end.axis for end in ends])[0]
         found = next(end for end in ends if end.axis is nearest)
@@ -367,7 +367,7 @@ def _coarse(
 ) -> list[FrictionAxis]:
     """Peaks that explain the forces, the best first, each in a valley of its own.
 
-    Force of sliding samples: Fc(x) + sigma Fc0(x) g(v), of break-away:
+    Force of sliding samples: Fc(x) + sigma Fc0(x) g(v), of breakaway:
     Fc(x) + sigma Fc0(x), with the levels given as Fc0: for each vs a linear
     regression for the coefficients of Fc and for sigma.
     """
@@ -387,7 +387,7 @@ def _coarse(
     bases = _bases(axis, places, sides) if levels_free else np.empty((sides.size, 0))
     found = [] if axis.stribeck is None else [(-1.0, axis)]
     for vs in _SPEEDS * fastest:
-        # The stick speed as believed, and where the paper starts: at vs.
+        # The nominal stick speed, and where the paper starts: at vs.
         for stick in {axis.stick_speed, vs if "stick_speed" in free else axis.stick_speed}:
             g = np.exp(-((np.maximum(speed - stick, 0.0) / vs) ** 2))
             rows = np.column_stack([bases, level * g])
@@ -461,9 +461,9 @@ def _apart(a: FrictionAxis, b: FrictionAxis) -> bool:
 
 
 def _slips(record: Record, sticks: Sticks) -> list[Windows]:
-    """Some slips of each direction, from just after break-away to the next rest.
+    """Some slips of each direction, from just after breakaway to the next rest.
 
-    Without the break-away itself the free runs depend smoothly on the peak.
+    Without the breakaway itself the free runs depend smoothly on the peak.
     """
     at = _break_aways(record, sticks)
     spans = []

@@ -163,7 +163,7 @@ def test_bias_and_asymmetry_cannot_be_told_apart():
     case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
     assert case.actual["stribeck"] is None
     free = ("mass", "viscous", "coulomb_plus", "coulomb_minus", "bias_force")
-    with pytest.warns(FitWarning, match="cannot be told apart.*tilt the axis"):
+    with pytest.warns(FitWarning, match="cannot be separated.*tilt the axis"):
         found = fit(axis_of(case), record_of(case), free=free)
     assert np.isinf(found.standard_errors["bias_force.force"])
     assert np.isfinite(found.standard_errors["mass"])

@@ -140,7 +140,7 @@ def _runs(shown: Evidence, first: int, last: int) -> tuple[FloatArray, FloatArra
 def draw_position(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
     """Measured position and free runs around the largest error."""
     windows, record = before.windows, before.record
-    # A typical large error: the very worst may be a single mistimed break-away.
+    # A typical large error: the very worst may be a single mistimed breakaway.
     order = np.argsort(before.error_by_window)
     worst = int(order[round(0.95 * (order.size - 1))])
     first = max(0, min(worst - _SHOWN // 2, len(windows) - _SHOWN))

@@ -195,7 +195,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 f"{wording.level_text(table, 'believed', unit)}; with the causes: "
                 f"{wording.level_text(table, 'found', unit)}.",
                 "Coulomb level, without Stribeck peak and load, with every effect that changes it, "
-                "over the range that the record visited. Marks tell the direction: > forwards (x "
+                "over the range that the record visited. Marks show the direction: > forwards (x "
                 "grows), < backwards.",
             )
         )

@@ -143,6 +143,9 @@ _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
 # Bounds the work per sample.  Well-posed switching comes near it only where a sample holds
 # tens of thousands of oscillations; what comes after is left out, and counted as lost.
 MAX_SWITCHES = 100_000
+# Switches closer than this part of an interval are a load and a level that are equal but for
+# round-off; after so many of them in a row the mode stays for a while, longer each time.
+CLOSE, MOST_CLOSE = 1e-6, 64
 TOO_MANY = "one sample holds more than 100 000 switches: take a shorter dt, or check the units"
 #: Numbers that a list of switches has room for at the least, before each sample.
 ROOM = 3 * 400
@@ -618,6 +621,18 @@ def record(events, count, t, before, after, nth=0):
     count[LISTED] = k + 1
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def crowded(tau, last, h, close, pause):
+    """After a switch at tau, the one before at `last`: how many in a row lie close.
+
+    Returns that number, the length of the next pause, and when switching goes on.
+    """
+    close = close + 1 if tau - last < CLOSE * h else 0
+    if close < MOST_CLOSE:
+        return close, pause, tau
+    return 0, 2.0 * pause, tau + pause
+
+
 @internal(forceinline=True)
 def _varies(plant, drive):
     """Whether load or level can change while the axis is at rest."""
@@ -714,13 +729,17 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     longest = h
     switches = 0
     flips = 0
+    close, pause, resume, last = 0, CLOSE * h, 0.0, -h
     fresh = False  # k1 must be computed anew
     while tau < h:
+        # Until then the mode stays, see `crowded`.
+        bound = h if tau >= resume else min(resume, h)
+        may = bound == h and switches < MAX_SWITCHES
         if mode == 0:
-            d = h - tau
+            d = bound - tau
             s = 1.0
             found = False
-            if varies and switches < MAX_SWITCHES:
+            if varies and may:
                 found, d, s = _release(plant, drive, t0, tau, x, v, rest, d)
             x, v = _decay(plant, x, v, d)
             tau += d
@@ -729,6 +748,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 switches += 1
                 record(events, count, t0 + tau, 0, int(s), switches)
                 mode, rest, fresh, longest = int(s), 0.0, True, h
+                close, pause, resume = crowded(tau, last, h, close, pause)
+                last = tau
                 if s * v < 0.0:
                     v = 0.0
             continue
@@ -737,7 +758,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         if fresh:
             k1 = _acceleration(plant, drive, t0, tau, x, v, s)
             fresh = False
-        d = min(longest, h - tau, plant.numbers[SHORT_TIME])
+        d = min(longest, bound - tau, plant.numbers[SHORT_TIME])
         x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1))
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
@@ -781,7 +802,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             if not inside and (start <= 0.0 or end <= 0.0):
                 kind = _OUTER
                 d = _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
-            elif switches < MAX_SWITCHES:
+            elif may:
                 cut = d
                 if s * v1 <= 0.0 and (plant.integers[RULE] == FILIPPOV or flips == 0):
                     kind = _ZERO
@@ -825,6 +846,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             switches += 1
             record(events, count, t0 + tau, mode, after, switches)
             mode, rest = after, 0.0
+            close, pause, resume = crowded(tau, last, h, close, pause)
+            last = tau
 
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
 

@@ -13,6 +13,7 @@ from numba import cfunc, njit
 
 from dryfric_control.compiled.axis_step import (
     ADVANCE,
+    CLOSE,
     CONTACT,
     CONTACT_STIFFNESS,
     DAMPING,
@@ -25,6 +26,7 @@ from dryfric_control.compiled.axis_step import (
     LISTED,
     MAX_SWITCHES,
     MODE,
+    MOST_CLOSE,
     N_LEVEL,
     N_MINUS,
     N_NUMBERS,
@@ -56,6 +58,7 @@ from dryfric_control.compiled.axis_step import (
     band_excess,
     base_level,
     begin,
+    crowded,
     do,
     drive_force,
     further,
@@ -274,12 +277,15 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         or side.integers[N_LEVEL] + side.integers[N_PLUS] + side.integers[N_MINUS] > 2
     )
     tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
+    close, pause, resume, last = 0, CLOSE * h, 0.0, -h
     while tau < h:
         s = float(mode)
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
             fresh = False
-        d = min(longest, h - tau, side.numbers[SHORT_TIME])
+        # Until then the mode stays, see `crowded`.
+        bound = h if tau >= resume else min(resume, h)
+        d = min(longest, bound - tau, side.numbers[SHORT_TIME])
         x1, v1, y1, p1, m4, k4, error = _stride(
             side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d
         )
@@ -321,8 +327,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     continue
 
         after_rest = rest + d if mode == 0 else 0.0
-        over = switches < MAX_SWITCHES and _switched(
-            side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips
+        over = (
+            bound == h
+            and switches < MAX_SWITCHES
+            and _switched(side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips)
         )
         if not over:
             x, v, y, p, rest, fresh = x1, v1, y1, p1, after_rest, True
@@ -385,6 +393,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             switches += 1
             record(events, count, t0 + tau, mode, after, switches)
             mode, rest = after, 0.0
+            close, pause, resume = crowded(tau, last, h, close, pause)
+            last = tau
 
     if contact:
         z = y - anchor
@@ -517,14 +527,14 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
         if _push(plant, drive, t0, scratch, side) < 0.0:
             side = 0.0
     seen, friction, first = _seen_play(plant, drive, t0, memory, side)
-    begun = count[LISTED]
+    close = 0
     for turn in range(MAX_SWITCHES):
         if tau >= h:
             break
         # Whether they touch is looked at where a piece ends.
         d = min(h - tau, plant.numbers[SHORT_TIME])
         # Bounds the work, and the switches that are listed.
-        last_turn = turn == MAX_SWITCHES - 1 or count[LISTED] - begun > MAX_SWITCHES
+        last_turn = turn == MAX_SWITCHES - 1 or close >= MOST_CLOSE
         now, piece = t0 + tau, _later(drive, tau)
         known = count[LISTED]
         if side != 0.0:
@@ -598,6 +608,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
         memory[MODE], memory[REST] = scratch[MODE], scratch[REST]
         memory[DEFLECTION] = scratch[DEFLECTION]
         tau += d
+        close = close + 1 if d < CLOSE * h else 0
         if tau + SHORTEST * h >= h:
             tau = h
         if after != 0.0 and side == 0.0 and tau < h:

@@ -21,6 +21,7 @@ from dryfric_control.diagnosis.report.wording import (
 )
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.store.axis_file import axis_to_dict
 from dryfric_control.store.files import replacing
 from dryfric_control.text import wrapped
 
@@ -277,8 +278,8 @@ class Diagnosis:
             ],
             "small_corrections": [cause.effect for cause in self.small_corrections],
             "coulomb_level": level_table(self),
-            "axis": self.axis.describe(),
-            "extended": self.extended.describe(),
+            "axis": axis_to_dict(self.axis),
+            "extended": axis_to_dict(self.extended),
             "gain": self.gain.to_dict(),
             "unexplained": self.unexplained.to_dict(),
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),

@@ -15,7 +15,6 @@ import numpy as np
 from dryfric_control._version import __version__
 from dryfric_control.diagnosis.evidence import Evidence
 from dryfric_control.diagnosis.report import candidate_bars, figures, wording
-from dryfric_control.model.axis import mass_unit
 from dryfric_control.store.axis_file import axis_text
 from dryfric_control.store.files import replacing
 from dryfric_control.text import length_text
@@ -368,7 +367,7 @@ def _acting_table(d: Diagnosis) -> str:
     length, force = d.axis.units
     believed, found = d.axis.effective(), d.extended.effective()
     rows: list[tuple[str, float, float, str]] = [
-        ("mass", believed.mass, found.mass, mass_unit(d.axis.units))
+        ("mass", believed.mass, found.mass, d.axis.unit("kg"))
     ]
     for sign, way in wording.WAYS:
         before, after = (wording.viscous_coefficient(axis, sign) for axis in (believed, found))
@@ -396,7 +395,9 @@ def _acting_table(d: Diagnosis) -> str:
                 (
                     name,
                     *(f"{v:.4g}{'' if unit == '1' else ' ' + unit}" for v in (before, after)),
-                    wording.change_text("", before, after) if differ(before, after) else "none",
+                    wording.change_text("amount", before, after)
+                    if differ(before, after)
+                    else "none",
                 ),
             )
         )

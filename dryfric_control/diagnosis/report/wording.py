@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.diagnosis.candidates import BASE, effect_of, holds
+from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.estimation.parameters import values_of
-from dryfric_control.model.effects import PositionDependence
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import class_of, title_of
 
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.report.diagnosis import Cause, Diagnosis
@@ -24,15 +23,6 @@ FloatArray = NDArray[np.float64]
 SMALL = 0.05
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
-
-# Parameters that are places or angles: a change of theirs has no percentage.
-_PLACES, _ANGLES = ("rest", "centre"), ("phase",)
-
-
-def title_of(slug: str) -> str:
-    """Name of an effect in words, the slug itself if it has none."""
-    effect = REGISTRY.get(slug)
-    return effect.title or slug if effect else slug
 
 
 def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
@@ -61,6 +51,13 @@ def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
     return dict(zip(names, map(float, values), strict=True))
 
 
+def kind_of(effect: str, parameter: str) -> str:
+    """Kind of a parameter of a cause; an amount where the class does not know it."""
+    cls = class_of(effect)
+    known = cls.parameters() if cls else {}
+    return str(known.get(parameter, {"kind": "amount"})["kind"])
+
+
 def is_small(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether a cause only corrects believed numbers by a few per cent.
 
@@ -72,9 +69,10 @@ def is_small(diagnosis: Diagnosis, cause: Cause) -> bool:
     changes = []
     for name, before in believed.items():
         scale = abs(before)
-        if name in _PLACES:
+        kind = kind_of(cause.effect, name)
+        if kind == "place":
             scale = diagnosis.record.range
-        elif name in _ANGLES:
+        elif kind == "angle":
             scale = 1.0
         changes.append(abs(cause.parameters[name] - before) - SMALL * scale)
     return max(changes) <= 0.0
@@ -116,15 +114,15 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
 
 
-def change_text(name: str, before: float, after: float, unit: str = "1") -> str:
+def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:
     """How far a believed number is off, in words; nothing where zero was believed.
 
     Examples
     --------
-    >>> change_text("mass", 2.8, 2.87), change_text("rest", 0.1, 0.12, "m")
+    >>> change_text("amount", 2.8, 2.87), change_text("place", 0.1, 0.12, "m")
     ('+2.5 %', '+0.02 m')
     """
-    if name in _PLACES + _ANGLES:
+    if kind in ("place", "angle"):
         return f"{after - before:+.2g} {unit}"
     if before == 0.0:
         return ""
@@ -154,7 +152,7 @@ def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]
         if name not in believed:
             texts.append(f"{name} = {found}")
             continue
-        change = change_text(name, believed[name], value, unit)
+        change = change_text(kind_of(cause.effect, name), believed[name], value, unit)
         text = f"{name} {believed[name]:.5g} -> {found}"
         texts.append(f"{text} ({change})" if change else text)
     return texts
@@ -239,13 +237,7 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
     (12.0, 18.0)
     """
     acting = axis.effective()
-    alone = acting.replace(
-        coulomb=0.0,
-        stribeck=None,
-        effects=tuple(e for e in acting.effects if e.slug == "viscous_asymmetry"),
-    )
-    rate = alone.mode(direction).dynamics(0.0, [0.0, float(direction)], [0.0])[1]
-    return float(-direction * alone.mass * rate)
+    return acting.viscous + sum(effect.viscous_in(direction) for effect in acting.effects)
 
 
 def visited(diagnosis: Diagnosis, points: int = 3) -> FloatArray:
@@ -331,27 +323,23 @@ def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
         Nothing for a cause whose parameters say it themselves.
     """
     d, lines = diagnosis, []
-    if cause.effect == "viscous_asymmetry":
-        length, force = d.axis.units
+    effect = d.extended.named_effects().get(cause.effect)
+    if effect is not None and effect.viscous_in(1) != 0.0:
+        unit = d.axis.unit("N s/m")
         sides = []
         for axis in (d.extended, d.axis):
-            one, other = (f"{viscous_coefficient(axis, s):.4g} {force} s/{length}" for s, _ in WAYS)
+            one, other = (f"{viscous_coefficient(axis, s):.4g} {unit}" for s, _ in WAYS)
             sides.append(
                 f"{one}, both ways" if one == other else f"forwards {one}, backwards {other}"
             )
         lines.append(f"viscous friction (x grows forwards): {sides[0]}; believed: {sides[1]}")
-    if cause.effect == "position_dependence":
-        effect = effect_of(d.extended, cause.effect)
-        if isinstance(effect, PositionDependence):
-            lines.append(
-                "level = Coulomb level of the axis * (1 + slope q + curvature q^2) with "
-                f"q = x - centre, centre = {effect.centre:.4g} {d.axis.units[0]}"
-            )
+    if effect is not None and effect.meaning(d.axis.units):
+        lines.append(effect.meaning(d.axis.units))
     # The level is that of all causes: it is told once.
     first = next((one.effect for one in d.main_causes if acts_on_level(one)), None)
     if cause.effect == first:
         table = level_table(d)
-        drifts = any(e.slug == "drift" for e in d.extended.effects)
+        drifts = any(e.action == "friction" and e.depends_on_time for e in d.extended.effects)
         when = ", at the start" if drifts else ""
         for side in ("found", "believed"):
             words = level_text(table, side, d.axis.units)
@@ -361,7 +349,9 @@ def meaning(diagnosis: Diagnosis, cause: Cause) -> list[str]:
 
 def acts_on_level(cause: Cause) -> bool:
     """Whether a cause makes the Coulomb level depend on place or direction."""
-    effect = REGISTRY.get(cause.effect)
-    if effect is None or effect.action != "friction":
-        return False
-    return cause.effect == "coulomb_asymmetry" or effect.depends_on_place
+    effect = class_of(cause.effect)
+    return (
+        effect is not None
+        and effect.action == "friction"
+        and (effect.depends_on_direction or effect.depends_on_place)
+    )

@@ -21,10 +21,13 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 import dryfric_control as dfc
+from dryfric_control.compiled.axis_step import HIGH, LOW, SHORT_TIME, SHORT_WAY
 
 # A file of a few kilobytes is read in milliseconds.  A call that takes longer than this
 # hangs for the user, on a machine with other work too.
 SLOWEST = 20.0
+# Endless where an axis has no limits of travel, and no effect that varies fast.
+FREE = (LOW, HIGH, SHORT_WAY, SHORT_TIME)
 
 N = 60
 T = 1e-3 * np.arange(N)
@@ -200,7 +203,7 @@ def _axis_sound(axis: dfc.FrictionAxis) -> bool:
     numbers = axis.arrays(1e-3).numbers
     return (
         axis.mass > 0.0
-        and bool(np.isfinite(np.delete(numbers, [6, 7])).all())  # 6, 7: no limit of travel
+        and bool(np.isfinite(np.delete(numbers, FREE)).all())
         and len(axis.describe()) > 0
     )
 

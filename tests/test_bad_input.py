@@ -279,6 +279,7 @@ NOTHING_TO_SPOIL = {
     "CertificateError",
     "Diagnosis",
     "FitWarning",
+    "Inner",
     "RecordWarning",
 }
 

@@ -51,7 +51,7 @@ def own_methods(cls):
         if name.startswith("_") or (name == "law" and issubclass(cls, dfc.effects.Effect)):
             continue
         if isinstance(item, (classmethod, staticmethod)):
-            yield name, item.__func__
+            yield name, getattr(cls, name)  # with the text of the class it overrides
         elif inspect.isfunction(item):
             yield name, item
 

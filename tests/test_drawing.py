@@ -171,7 +171,7 @@ def test_median_over_position_follows_cogging():
 def test_mass_has_a_unit():
     turning = AXIS.replace(units=("rad", "N m"))
     counted = presets.clutch_actuator()
-    for axis, unit in ((AXIS, "2 kg,"), (turning, "2 kg m^2,"), (counted, "3e-07 N m s^2/inc,")):
+    for axis, unit in ((AXIS, "2 kg\n"), (turning, "2 kg m^2\n"), (counted, "3e-07 N m s^2/inc\n")):
         assert f"mass {unit}" in axis.describe()
 
 

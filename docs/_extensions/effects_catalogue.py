@@ -55,7 +55,8 @@ says what takes the place of what, and words are parameters. Units are those of 
 and newtons; a rotary axis has radians and newton metres.
 
 Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` or `compliance`,
-there is one at most.
+there is one at most; of the others there may be several. The second of a kind has the name
+`cogging_2`, as in `fit(..., free=("cogging_2.amplitude",))`; `axis.named_effects()` lists them.
 
 """
 

@@ -10,8 +10,7 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import BASE, with_effect
-from dryfric_control.diagnosis.first_guesses import guesses
+from dryfric_control.diagnosis.candidates import BASE, effect_class, guesses, with_effect
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.parameters import (
     Parameter,
@@ -31,7 +30,7 @@ from dryfric_control.estimation.problem import (
 )
 from dryfric_control.estimation.windows import ROBUST, Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import Effect
+from dryfric_control.model.effects.effect import KINDS
 from dryfric_control.ties import SQUARES, ranked
 
 FloatArray = NDArray[np.float64]
@@ -61,10 +60,6 @@ _LOWER = 2.0
 _SAME = 2e-3
 # Of many first guesses, so many are left after single runs (run times).
 _MANY = 4
-# A drive later than this is no drive for a position loop [s] (input_delay, actuator_lag).
-_LATE, _LATEST = ("input_delay.delay", "actuator_lag.time_constant"), 0.1
-# Parts of the mass that may be a load; below, it is a contact (backlash, compliance).
-_SHARES = (0.05, 0.95)
 # Parts of a guess between which a parameter is searched that must not vanish
 # (presliding, backlash).
 _VANISHING = (0.01, 100.0)
@@ -81,7 +76,7 @@ class Fitted:
     Attributes
     ----------
     slug : str
-        The effect added; empty for the axis itself with its base free.
+        Name of the effect added; empty for the axis itself with its base free.
     hypothesis : Problem
     z : ndarray
         Search coordinates.
@@ -229,10 +224,8 @@ class Race:
             self.bench.scores(at.costs),
         )  # fmt: skip
 
-    def among(
-        self, base: Fitted, free: Sequence[str], effects: Sequence[type[Effect]]
-    ) -> list[Fitted]:
-        """Every effect added to a fitted axis, best first by its loss.
+    def among(self, base: Fitted, free: Sequence[str], names: Sequence[str]) -> list[Fitted]:
+        """Every candidate added to a fitted axis, best first by its loss.
 
         Those that are far behind after a short fit are not fitted further.
         """
@@ -241,16 +234,16 @@ class Race:
         self._once(("views", base), lambda: self._views(base))
         # Elastic contacts and transmissions are slow to run: they are tried where
         # nothing simpler reaches the floor.
-        slow = [e for e in effects if e.action in ("contact", "transmission")]
+        slow = [n for n in names if effect_class(n).action in ("contact", "transmission")]
         settled = self._settled(base.loss, self.fit)
         at = self.bench.evaluate(base.axis, self.sieve, None, base.starts, 1)
         without = self.bench.loss(at.costs, self.sieve) + base.hypothesis.prior(base.z)[0]
         runners: list[Fitted] = []
         done: dict[int, Fitted] = {}
-        for group in ([e for e in effects if e not in slow], slow):
+        for group in ([n for n in names if n not in slow], slow):
             if any(self._settled(r.loss, self.fit) for r in done.values()):
                 break
-            tried = self._run(self._first, ((base, e, tuple(free), settled) for e in group))
+            tried = self._run(self._first, ((base, n, tuple(free), settled) for n in group))
             started = _sorted(r for runs in tried for r in runs)
             if settled:
                 # A fit that ends no lower than the one without has nothing to say.
@@ -296,15 +289,15 @@ class Race:
         n = self.bench.samples[active] * ROBUST**2
         return loss < _SETTLED * float(n.sum())
 
-    def _first(self, base, effect, free, settled):  # type: ignore[no-untyped-def]
+    def _first(self, base, name, free, settled):  # type: ignore[no-untyped-def]
         """Best of the first guesses after a first fit, of every origin as good."""
         options = []
         for number, (seen, known) in enumerate(self._answers["views", base]):
             some = []
-            for values, regressed in guesses(effect, seen):
+            for values, regressed in guesses(name, seen):
                 origin = known | regressed
                 try:
-                    start = with_effect(base.axis, effect, values)
+                    start = with_effect(base.axis, name, values)
                     h = self.hypothesis(start.axis, [*free, *start.free])
                     here = dict(zip(h.names, values_of(h.axis, h.names).tolist(), strict=True))
                     z = h.search(here | {n: v for n, v in origin.items() if n in h.names})
@@ -346,7 +339,7 @@ class Race:
             losses = [self.bench.loss(end.costs, self.sieve) for end in ends]
             at = ends[ranked(losses, SQUARES)[0]]
             loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
-            runs.append(Fitted(effect.slug, h, z, axis, loss, at.starts, np.empty(0)))
+            runs.append(Fitted(name, h, z, axis, loss, at.starts, np.empty(0)))
         # Fits that tie may differ in what they ask of the base parameters.
         runs = _sorted(runs)
         apart: list[Fitted] = []
@@ -384,10 +377,11 @@ def _bounds(parameters: Sequence[Parameter]) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest search coordinates of a candidate, within reason."""
     low, high = search_bounds(parameters)
     for i, p in enumerate(parameters):
-        if p.name in _LATE:
-            high[i] = p.search(_LATEST)
-        if p.name.endswith(".load_fraction"):
-            low[i], high[i] = p.search(_SHARES[0]), p.search(_SHARES[1])
+        least, most = KINDS[p.kind]
+        if least > p.low:
+            low[i] = p.search(least)
+        if most < p.high:
+            high[i] = p.search(most)
         if 0.0 < p.low < 1e-6 * p.scale and not p.logarithmic:
             low[i] = p.search(_VANISHING[0] * p.scale)
             high[i] = min(high[i], p.search(_VANISHING[1] * p.scale))

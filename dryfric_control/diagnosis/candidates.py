@@ -1,32 +1,25 @@
-"""Candidates of a diagnosis: what may be added to an axis, and where its fit starts."""
+"""Candidates of a diagnosis: what may be added to an axis, and where its fit starts.
+
+A candidate has the name that its effect has in the axis: the slug, and "cogging_2"
+for a second of a kind.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.friction import Stribeck
+from dryfric_control.model.effects.guesses import Guess, View
+from dryfric_control.model.effects.naming import class_of, named, put
 
 #: Base parameters by the slug of the cause that a wrong value is.
-BASE = {"inertia": "mass", "viscous": "viscous", "coulomb": "coulomb"}
+BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
 
 # Actions of which an axis holds one.
 _SINGLE = ("delay", "lag", "contact", "transmission")
-
-#: Parameters that a fit leaves where the guess put them.
-HELD = {"position_dependence": ("centre",)}
-
-#: Fewer assumptions first: the order in which equally good causes are named.
-#: A constant force is simpler than friction that knows directions; a spring is
-#: simpler than the sine of a position.
-PLAINNESS = (
-    "bias_force", "input_gain", "spring", "quadratic_drag", "input_delay", "actuator_lag",
-    "position_dependence", "drift", "stribeck", "load_dependence", "dead_zone", "saturation",
-    "cogging", "time_periodic", "gravity", "coulomb_asymmetry", "viscous_asymmetry",
-    "presliding", "dwell_time", "backlash", "compliance",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,58 +30,66 @@ class Start:
     free: tuple[str, ...]
 
 
-def catalogue(axis: FrictionAxis, found: tuple[str, ...] = ()) -> tuple[type[Effect], ...]:
-    """Effects that may be tried on an axis: all that is registered and not found yet.
+def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names of effects that may be tried on an axis: all registered and not found yet.
 
-    One that the axis already has may be there with the wrong numbers.
+    One that the axis already has may be there with the wrong numbers; of those that
+    repeat one more may be there.
     """
-    present = {e.slug for e in axis.effects}
+    present = named(axis)
     actions = {e.action for e in axis.effects}
-    return tuple(
-        effect
-        for slug, effect in REGISTRY.items()
-        if slug not in BASE
-        and slug not in found
-        and (slug in present or effect.action not in actions.intersection(_SINGLE))
-    )
+    names = []
+    for slug, effect in REGISTRY.items():
+        if slug in BASE:
+            continue
+        alike = [n for n in present if class_of(n) is effect]
+        if alike:
+            alike += [f"{slug}_{len(alike) + 1}"] if effect.repeats else []
+        elif effect.action not in actions.intersection(_SINGLE):
+            alike = [slug]
+        names += [n for n in alike if n not in found]
+    return tuple(names)
 
 
-def holds(axis: FrictionAxis, slug: str) -> bool:
-    """Whether an axis has an effect, a Stribeck peak as its own field."""
-    if slug == "stribeck":
-        return axis.stribeck is not None
-    return effect_of(axis, slug) is not None
+def effect_class(name: str) -> type[Effect]:
+    """Class of a candidate by its name."""
+    effect = class_of(name)
+    assert effect is not None, name
+    return effect
 
 
-def effect_of(axis: FrictionAxis, slug: str) -> Effect | None:
-    """The effect of an axis by its slug."""
-    return next((e for e in axis.effects if e.slug == slug), None)
+def holds(axis: FrictionAxis, name: str) -> bool:
+    """Whether an axis has an effect, as its own field or in its list."""
+    return name in named(axis)
 
 
-def other_numbers(axis: FrictionAxis, effect: type[Effect]) -> list[dict[str, float]]:
-    """First guesses of the parameters of an effect that an axis has already."""
-    if effect.slug == "stribeck":
-        now = {"excess": axis.stribeck.excess, "speed": axis.stribeck.speed}  # type: ignore[union-attr]
-    else:
-        mine = next(e for e in axis.effects if e.slug == effect.slug)
-        now = {name: float(getattr(mine, name)) for name in effect.parameters()}
+def guesses(name: str, view: View) -> Iterable[Guess]:
+    """First guesses for one candidate: its values, and base values beside it.
+
+    One that the axis has already starts from the numbers it has there.
+    """
+    mine = named(view.axis).get(name)
+    if mine is None:
+        return effect_class(name).guess(view)
+    now = asdict(mine)
     first = next(iter(now))
-    return [now, now | {first: 0.2 * now[first]}, now | {first: 2.0 * now[first]}]
+    factors = (1.0, 0.2, 2.0)
+    return [(now | {first: factor * now[first]}, {}) for factor in factors]
 
 
-def with_effect(axis: FrictionAxis, effect: type[Effect], values: dict[str, float]) -> Start:
-    """Axis with one effect more or another in its place, a Stribeck peak as its own field.
+def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Start:
+    """Axis with one effect more or another in its place.
 
     A guess outside the bounds of its parameter is moved to the nearer one.
     """
-    for name, meta in effect.parameters().items():
-        if name in values:
-            low, high = meta["bounds"]
-            values[name] = min(max(values[name], low), high)
-    if effect.slug == "stribeck":
-        free = ("stribeck.excess", "stribeck.speed")
-        return Start(axis.replace(stribeck=Stribeck(**values)), free)
-    held = HELD.get(effect.slug, ())
-    own = tuple(f"{effect.slug}.{p}" for p in values if p not in held)
-    others = tuple(e for e in axis.effects if e.slug != effect.slug)
-    return Start(axis.replace(effects=(*others, effect(**values))), own)
+    effect = effect_class(name)
+    kinds = effect.parameters()
+    for parameter in values:
+        low, high = kinds[parameter]["bounds"]
+        values[parameter] = min(max(values[parameter], low), high)
+    return Start(put(axis, name, effect(**values)), own_names(name))
+
+
+def own_names(name: str) -> tuple[str, ...]:
+    """Names of the free parameters of a candidate."""
+    return tuple(f"{name}.{p}" for p in effect_class(name).named_parameters())

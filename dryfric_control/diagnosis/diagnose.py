@@ -14,7 +14,7 @@ from tqdm import tqdm
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import BASE, holds
+from dryfric_control.diagnosis.candidates import BASE, effect_class, holds
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
@@ -25,7 +25,7 @@ from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.ties import ranked, samples
@@ -323,7 +323,7 @@ def _causes(
     for slug in found.causes:
         less = race.alone(
             selector.without(best.axis, slug),
-            [n for s, names in found.free.items() if s != slug for n in names],
+            selector.names(found, slug),
             base=kept,
         )
         own = {n.partition(".")[2]: n for n in found.free[slug]}
@@ -346,14 +346,14 @@ def _cause(  # type: ignore[no-untyped-def]
     selector: Selector, slug: str, own: dict[str, str], values, errors, units,
     less: Fitted, best: Fitted, alternatives: tuple[str, ...],
 ) -> Cause:  # fmt: skip
-    effect = REGISTRY[slug]
+    effect = effect_class(slug)
     explanation = effect.explanation
     if holds(selector.axis, slug):
         explanation = f"Already in the nominal axis, with other values. {explanation}"
     mean, error = selector.gain(less.scores, best.scores)
     return Cause(
         effect=slug,
-        title=effect.title,
+        title=title_of(slug),
         parameters={short: float(values[name]) for short, name in own.items()},
         standard_errors={short: errors[name] for short, name in own.items()},
         units={short: units[name] for short, name in own.items()},
@@ -409,9 +409,10 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
 def _messages(causes: list[Cause]) -> tuple[str, ...]:
     messages = []
     for cause in causes:
+        kinds = effect_class(cause.effect).parameters()
         for name, error in cause.standard_errors.items():
             if not np.isfinite(error) or error > 0.3 * abs(cause.parameters[name]):
-                if name in ("phase", "rest", "centre"):
+                if kinds.get(name, {}).get("kind") in ("place", "angle"):
                     continue
                 messages.append(f"{cause.effect}.{name} is hardly determined by this record")
     return tuple(messages)

@@ -15,7 +15,7 @@ from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result, fields_of
@@ -343,7 +343,9 @@ def _change_of_bench(
 ) -> Experiment:
     """The answer where no motion within the limits separates the causes."""
     own = [
-        f"{REGISTRY[slug].title}: {REGISTRY[slug].experiment}" for slug in names if slug in REGISTRY
+        f"{title_of(name)}: {known.experiment}"
+        for name in names
+        if (known := class_of(name)) is not None
     ]
     changes = [e.title for e in EXCITATIONS if e.change is not None and e.name in tried]
     nor = f", nor does {' or '.join(changes)}" if changes else ""
@@ -409,7 +411,7 @@ def _named(
                 f"got {list(names)!r}"
             )
         return list(names)
-    contents = [_content(one) for one in (axis, *rivals)]
+    contents = [list(one.named_effects()) for one in (axis, *rivals)]
     common = set.intersection(*(set(c) for c in contents))
     found = []
     for i, content in enumerate(contents):
@@ -417,7 +419,3 @@ def _named(
         name = "+".join(own) or ("cause" if i == 0 else f"rival {i}")
         found.append(name if name not in found else f"{name} ({i})")
     return found
-
-
-def _content(axis: FrictionAxis) -> list[str]:
-    return [*(e.slug for e in axis.effects), *(["stribeck"] if axis.stribeck else [])]

@@ -9,14 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import CAUSE_COST, Fitted, Race
-from dryfric_control.diagnosis.candidates import BASE, HELD, PLAINNESS, catalogue, effect_of
+from dryfric_control.diagnosis.candidates import (
+    BASE,
+    catalogue,
+    effect_class,
+    holds,
+    own_names,
+)
 from dryfric_control.diagnosis.noise_floor import NONE, REPLAYS, Floor, noise_floor
 from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.problem import CANDIDATE, base_cost, spreads_off
 from dryfric_control.estimation.uncertainty import block_labels, jackknife
 from dryfric_control.estimation.windows import ROBUST, Evaluation
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import followed, named, put, renumbered
 from dryfric_control.ties import SQUARES, above, ranked
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +55,7 @@ class Selection:
     Attributes
     ----------
     causes : list of str
-        Slugs found, in order; base parameters not among them.
+        Names of the effects found, in order; base parameters not among them.
     best : Fitted
         Fit with all causes and base parameters free.
     alternatives : dict of str to tuple of str
@@ -232,12 +238,14 @@ class Selector:
             floor = self._swap(found, floor)
         return found, floor
 
-    def _names(self, found: Selection, without: str = "") -> list[str]:
-        return [n for slug, names in found.free.items() if slug != without for n in names]
+    def names(self, found: Selection, without: str = "") -> list[str]:
+        """Free parameters of the causes, as they are in the axis without one of them."""
+        names = [n for slug, names in found.free.items() if slug != without for n in names]
+        return names if holds(self.axis, without) else renumbered(names, without)
 
     def _step(self, found: Selection, floor: Floor) -> Fitted | None:
-        effects = catalogue(found.best.axis, (*found.causes, *self.refuted))
-        runners = self.race.among(found.best, self._names(found), effects)
+        candidates = catalogue(found.best.axis, (*found.causes, *self.refuted))
+        runners = self.race.among(found.best, self.names(found), candidates)
         judged = [r for r in runners if r.scores.size]
         if not found.causes:
             for r in judged:
@@ -251,7 +259,7 @@ class Selector:
                 return None
             # The same without the cause, from where the winner got to: the fit
             # without it may only have ended early.
-            less = self.race.alone(self.without(winner.axis, winner.slug), self._names(found))
+            less = self.race.alone(self.without(winner.axis, winner.slug), self.names(found))
             if above(found.best.loss, less.loss + SQUARES):
                 found.best = less
             if self.earns(found.best, winner, floor, count + 1):
@@ -323,8 +331,7 @@ class Selector:
             for r, told in zip(level, scores, strict=True)
         ]
         likely = [r for r, t in zip(level, totals, strict=True) if t < min(totals) + _PLAIN]
-        places = {slug: i for i, slug in enumerate(PLAINNESS)}
-        return min(likely, key=lambda r: places.get(r.slug, len(places)))
+        return min(likely, key=lambda r: effect_class(r.slug).rank)
 
     def _backward(self, found: Selection, floor: Floor) -> Floor:
         """Drop what later causes or a better fit made superfluous, one at a time."""
@@ -332,10 +339,10 @@ class Selector:
         while changed and found.causes:
             changed = False
             for slug in list(found.causes):
+                if self.followed(slug, found):
+                    continue
                 self.tell(f"without {slug}")
-                less = self.race.alone(
-                    self.without(found.best.axis, slug), self._names(found, slug)
-                )
+                less = self.race.alone(self.without(found.best.axis, slug), self.names(found, slug))
                 earlier = found.earlier.get(frozenset(found.causes) - {slug}, less)
                 if above(less.loss, earlier.loss + SQUARES):
                     less = earlier
@@ -343,6 +350,11 @@ class Selector:
                     found.causes.remove(slug)
                     for table in (found.free, found.alternatives, found.rivals):
                         table.pop(slug, None)
+                    for one, rivals in found.rivals.items():
+                        # A second of its kind is none without it.
+                        for name in [n for n in rivals if followed(slug, [n])]:
+                            del rivals[name]
+                            found.alternatives[one] = tuple(rivals)
                     found.best = less
                     floor = self.floor_of(less)
                     changed = True
@@ -353,6 +365,8 @@ class Selector:
         """Weigh each cause against its alternatives once the others are known."""
         count = len(found.causes)
         for i, slug in enumerate(list(found.causes)):
+            if self.followed(slug, found):
+                continue
             runs = {slug: found.best}
             names = {slug: found.free[slug]}
             rest = self.without(found.best.axis, slug)
@@ -360,12 +374,9 @@ class Selector:
                 if other in found.causes:
                     continue
                 self.tell(f"{other} for {slug}")
-                prefix = f"{other}."
                 axis = in_place(rest, rival, other)
-                names[other] = tuple(
-                    prefix + p for p in REGISTRY[other].parameters() if p not in HELD.get(other, ())
-                )
-                free = [*self._names(found, slug), *names[other]]
+                names[other] = own_names(other)
+                free = [*self.names(found, slug), *names[other]]
                 runs[other] = self.race.alone(axis, free, slug=other)
             if len(runs) == 1:
                 continue
@@ -385,12 +396,13 @@ class Selector:
                 floor = self.floor_of(winner)
         return floor
 
-    def without(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
+    def without(self, axis: FrictionAxis, name: str) -> FrictionAxis:
         """The axis less one effect, or with it as believed."""
-        if slug == "stribeck":
-            return axis.replace(stribeck=self.axis.stribeck)
-        believed = tuple(e for e in self.axis.effects if e.slug == slug)
-        return axis.replace(effects=(*(e for e in axis.effects if e.slug != slug), *believed))
+        return put(axis, name, named(self.axis).get(name))
+
+    def followed(self, name: str, found: Selection) -> bool:
+        """Whether a cause must stay, for a second of its kind is one too."""
+        return not holds(self.axis, name) and followed(name, found.causes)
 
     def base(self, found: Selection, floor: Floor) -> tuple[Fitted, list[str]]:
         """Fit without the base corrections that nothing speaks for, and the others."""
@@ -401,7 +413,7 @@ class Selector:
             self.tell(f"believed {name}")
             left = [n for n in kept if n != name]
             there = self.hold(best.axis, [n for n in BASE.values() if n not in left])
-            less = self.race.alone(there, self._names(found), base=left)
+            less = self.race.alone(there, self.names(found), base=left)
             if not self.better(less.scores, best.scores, floor):
                 best, kept = less, left
         return best, kept
@@ -413,9 +425,11 @@ class Selector:
         """
         fallen = set()
         for slug in found.causes:
+            if self.followed(slug, found):
+                continue
             self.tell(f"{slug} confirmed")
             less = self.race.alone(
-                self.without(best.axis, slug), self._names(found, slug), base=kept
+                self.without(best.axis, slug), self.names(found, slug), base=kept
             )
             if not self.earns(less, best, floor, len(found.causes)):
                 fallen.add(slug)
@@ -437,11 +451,7 @@ class Selector:
         return with_values(axis, list(names), [self.race.believed[n] for n in names])
 
 
-def in_place(axis: FrictionAxis, rival: FrictionAxis, slug: str) -> FrictionAxis:
+def in_place(axis: FrictionAxis, rival: FrictionAxis, name: str) -> FrictionAxis:
     """The axis with an alternative's effect, and the base that goes with it."""
-    base = {"mass": rival.mass, "viscous": rival.viscous, "coulomb": rival.coulomb}
-    if slug == "stribeck":
-        return axis.replace(stribeck=rival.stribeck, **base)
-    effect = effect_of(rival, slug)
-    others = tuple(e for e in axis.effects if e.slug != slug)
-    return axis.replace(effects=(*others, *([effect] if effect else [])), **base)
+    there = put(axis, name, named(rival).get(name))
+    return there.replace(mass=rival.mass, viscous=rival.viscous, coulomb=rival.coulomb)

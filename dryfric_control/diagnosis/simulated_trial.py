@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled.windowed_runs import Windowed
-from dryfric_control.diagnosis.candidates import BASE, HELD
+from dryfric_control.diagnosis.candidates import BASE, own_names
 from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
 from dryfric_control.estimation.parameters import Parameter, choose, values_of
 from dryfric_control.estimation.problem import Problem
@@ -37,7 +37,7 @@ _HOLDING = 16
 _STEP, _REACH = 1e-4, 0.5
 # An effect that is refitted to less than this part of itself, or to as much
 # more, is no longer the rival that it was; where it acts is open.
-_STRENGTH, _PLACES = 0.7, ("phase", "rest", "centre")
+_STRENGTH = 0.7
 # The scale of the errors falls to the quantum in so many steps, each taken so often;
 # parts of a step that are tried, and what keeps the normal matrix regular, over its mean.
 _NARROWINGS, _EACH = 4, 2
@@ -222,16 +222,8 @@ class Refit:
     @classmethod
     def of(cls, axis: FrictionAxis, record: Record, quantum: float) -> Refit:
         """Base parameters and those of all effects, on some windows of a record."""
-        own = [e for e in axis.effects if [x.slug for x in axis.effects].count(e.slug) == 1]
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
-        if axis.stribeck is not None:
-            names += ["stribeck.excess", "stribeck.speed"]
-        names += [
-            f"{e.slug}.{p}"
-            for e in own
-            for p in e.parameters()
-            if e.slug != "stribeck" and p not in HELD.get(e.slug, ())
-        ]
+        names += [n for effect in axis.named_effects() for n in own_names(effect)]
         axis, parameters = choose(axis, names, typical([record]))
         windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
         length = int(windows.samples[0])
@@ -342,9 +334,7 @@ class Refit:
 
 def _freedom(parameter: Parameter, search: float) -> float:
     """How far a search coordinate may move in a refit."""
-    _, _, part = parameter.name.partition(".")
-    if not part or part in _PLACES:
+    if "." not in parameter.name or parameter.kind in ("place", "angle"):
         return np.inf
     value = parameter.value(search)
-    neutral = 1.0 if part in ("gain", "factor") else 0.0
-    return (1.0 - _STRENGTH) * abs(value - neutral) / parameter.slope(value)
+    return (1.0 - _STRENGTH) * abs(value - parameter.neutral) / parameter.slope(value)

@@ -15,6 +15,7 @@ from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.ties import above, ranked
 
 FloatArray = NDArray[np.float64]
 Values = dict[str, float]
@@ -26,6 +27,10 @@ _ENOUGH, _ENOUGH_TO_GUESS = 5000, 4000
 # have, and the longest smoothing that is spent on it [samples]
 # (`benchmarks/diagnosis.py`, conditions exact and coarse).
 _NOISE, _LONGEST = 0.02, 81
+# Set by `benchmarks/diagnosis.py --effects cogging time_periodic` and its run times.
+# Periods: points of the search grid within one width of the main lobe, most of them
+# in the record, and how many are followed.
+_FINE, _MOST_PERIODS, _STRONGEST = 4, 400, 2
 
 
 class Sliding:
@@ -148,6 +153,126 @@ class View(Sliding):
         self.residual = self.force_residual(axis)
         self.quantum = record.resolution.step
         self.dt, self.drive = record.dt, record.u
+
+    def regress(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, Values]:
+        """Robust least squares of the residual on columns and the base parameters.
+
+        Parameters
+        ----------
+        columns : sequence of ndarray, shape (n,)
+            Forces, each for a coefficient of 1.
+
+        Returns
+        -------
+        coefficients : ndarray, shape (ncolumns,)
+        base : dict of str to float
+            Base parameters beside them, within reason.
+        """
+        matrix, size = self._scaled([*columns, *self._base_columns()])
+        weight = np.ones(self.residual.size)
+        # A trace of ridge keeps base corrections small where nothing tells them apart.
+        ridge = 1e-4 * weight.size * np.eye(matrix.shape[1])
+        ridge[: len(columns), : len(columns)] *= 1e-3
+        c = np.zeros(matrix.shape[1])
+        for _ in range(4):
+            weighted = matrix * weight[:, None]
+            c = np.asarray(
+                np.linalg.solve(matrix.T @ weighted + ridge, weighted.T @ self.residual), float
+            )
+            rest = np.abs(self.residual - matrix @ c)
+            weight = 1.0 / np.maximum(rest, np.median(rest) + 1e-12 * self.level)
+            weight *= 1.0 / weight.max()
+        c = c / size
+        return c[: len(columns)], self._base(c[len(columns) :])
+
+    def beside(self, force: FloatArray) -> Values:
+        """Base parameters if a force of known size acts, shape (n,)."""
+        matrix, size = self._scaled(self._base_columns())
+        ridge = 1e-4 * force.size * np.eye(matrix.shape[1])
+        return self._base(
+            np.linalg.solve(matrix.T @ matrix + ridge, matrix.T @ (self.residual - force)) / size
+        )
+
+    def periods(self, along: FloatArray) -> list[tuple[float, FloatArray, Values]]:
+        """Strongest sines of the residual along x or t.
+
+        Parameters
+        ----------
+        along : ndarray, shape (n,)
+            Positions or times of the samples.
+
+        Returns
+        -------
+        list of tuple
+            Frequency, coefficients of sine and cosine, and base parameters.
+        """
+        reach = float(np.ptp(along))
+        if reach <= 0.0:
+            return []
+        # Base columns are taken out of the residual and of the sines alike.
+        base = np.column_stack([self.a, self.v, np.sign(self.v)])
+        q, _ = np.linalg.qr(base)
+        target = np.clip(self.residual, -2.0 * self.level, 2.0 * self.level)
+        target = target - q @ (q.T @ target)
+        highest = min(_MOST_PERIODS, along.size // 4)
+        grid = np.arange(2 * _FINE, highest * _FINE) / (_FINE * reach)
+        power = np.empty(grid.size)
+        turned = np.exp(-2j * np.pi * grid[0] * along) * target
+        turn = np.exp(-2j * np.pi / (_FINE * reach) * along)
+        for i in range(grid.size):
+            power[i] = abs(turned.sum())
+            turned *= turn
+        # Of two as high side by side the first is the peak.
+        peaks = np.flatnonzero(above(power[1:-1], power[:-2]) & ~above(power[2:], power[1:-1])) + 1
+        found = []
+        for i in peaks[ranked(-power[peaks])[:_STRONGEST]]:
+            f = _refine(along, target, q, grid[i], 1.0 / (_FINE * reach))
+            phase = 2.0 * np.pi * f * along
+            found.append((float(f), *self.regress([np.sin(phase), np.cos(phase)])))
+        return found
+
+    def _base_columns(self) -> list[FloatArray]:
+        """Forces with which base parameters of 1 resist."""
+        friction = self.axis.coulomb(np.asarray(self.x), 1) / self.level * self.direction
+        return [self.a, self.v, friction]
+
+    @staticmethod
+    def _scaled(columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Columns as a matrix of RMS 1, and their RMS."""
+        matrix = np.column_stack(columns)
+        size = np.sqrt(np.mean(matrix**2, axis=0))
+        size[size == 0.0] = 1.0
+        return matrix / size, size
+
+    def _base(self, change: FloatArray) -> Values:
+        """Base parameters that a regression found, within reason."""
+        axis = self.axis
+        level = 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
+        # residual = -(column) for what resists: m a + f v + Fc s is taken from the drive.
+        return {
+            "mass": float(np.clip(axis.mass + change[0], 0.3 * axis.mass, 3.0 * axis.mass)),
+            "viscous": float(max(axis.viscous - change[1], 0.2 * axis.viscous)),
+            "coulomb": float(
+                np.clip(level * (1.0 - change[2] / self.level), 0.3 * level, 3.0 * level)
+            ),
+        }
+
+
+def _refine(along: FloatArray, target: FloatArray, q: FloatArray, f: float, width: float) -> float:
+    """Frequency next to a guess that leaves the least of the target."""
+
+    def left(g: float) -> float:
+        phase = 2.0 * np.pi * g * along
+        columns = np.column_stack([np.sin(phase), np.cos(phase)])
+        columns -= q @ (q.T @ columns)
+        c = np.linalg.lstsq(columns, target, rcond=None)[0]
+        return float(np.sum((target - columns @ c) ** 2))
+
+    for _ in range(6):
+        trial = [f - width, f, f + width]
+        f = trial[ranked([left(g) if g > 0.0 else np.inf for g in trial])[0]]
+        width *= 0.5
+    return f
 
 
 def _quiet(record: Record, allowed: float) -> int:

@@ -4,32 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.friction import MOST_EXCESS, CoulombMap, Stribeck
+from dryfric_control.model.effects.naming import class_of, named, put, with_named
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.model.units import powers
 
-#: Names of base parameters, with the power of force, length and time in their unit.
+#: Base parameters of the axis: their units.
 _BASE = {
-    "mass": (1, -1, 2),
-    "viscous": (1, -1, 1),
-    "coulomb": (1, 0, 0),
-    "coulomb_plus": (1, 0, 0),
-    "coulomb_minus": (1, 0, 0),
-    "stribeck.excess": (0, 0, 0),
-    "stribeck.speed": (0, 1, -1),
-    "stick_speed": (0, 1, -1),
-    "stick_rate": (0, 0, -1),
+    "mass": "kg",
+    "viscous": "N s/m",
+    "coulomb": "N",
+    "coulomb_plus": "N",
+    "coulomb_minus": "N",
+    "stick_speed": "m/s",
+    "stick_rate": "1/s",
 }
 #: Time by which the recorded input acts late: of the record, not of the axis.
 SHIFT = "input_shift"
 # Always positive and of unknown magnitude: searched on a logarithmic scale.
-_LOGARITHMIC = ("mass", "stribeck.speed", "stick_speed", "stick_rate")
+_LOGARITHMIC = ("mass", "stick_speed", "stick_rate")
+# Break-away under a held input moves from sample to sample.
+_BREAKS_AWAY = ("stick_speed",)
 # How far from the starting value a search on a logarithmic scale may go.
 _DECADES = 3.0
 # A shift is a matter of conventions, at most some samples; more is a delay.
@@ -39,44 +40,6 @@ _SPELLINGS = {
     "stribeck_speed": "stribeck.speed",
     "inertia": "mass",
 }
-_UNITS = {
-    "N": (1, 0, 0),
-    "m": (0, 1, 0),
-    "s": (0, 0, 1),
-    "1": (0, 0, 0),
-    "rad": (0, 0, 0),
-    "N/m": (1, -1, 0),
-    "N s/m": (1, -1, 1),
-    "N s^2/m^2": (1, -2, 2),
-    "m/s": (0, 1, -1),
-    "1/s": (0, 0, -1),
-    "N m": (1, 0, 0),
-    "N/s": (1, 0, -1),
-    "Hz": (0, 0, -1),
-    "1/m": (0, -1, 0),
-    "1/m^2": (0, -2, 0),
-}
-
-
-def powers(unit: str) -> tuple[int, int, int]:
-    """Powers of force, length and time in a unit; zeros for what it does not know.
-
-    Examples
-    --------
-    >>> powers("N s/m"), powers("N m^2"), powers("V")
-    ((1, -1, 1), (1, 2, 0), (0, 0, 0))
-    """
-    if unit in _UNITS:
-        return _UNITS[unit]
-    total = [0, 0, 0]
-    above, _, below = unit.partition("/")
-    for sign, factors in ((1, above), (-1, below)):
-        for factor in factors.split():
-            name, _, power = factor.partition("^")
-            count = sign * int(power) if power.isdigit() else sign
-            for i, own in enumerate(_UNITS.get(name, (0, 0, 0))):
-                total[i] += count * own
-    return (total[0], total[1], total[2])
 
 
 @dataclass(frozen=True)
@@ -86,7 +49,8 @@ class Parameter:
     Attributes
     ----------
     name : str
-        "mass", "coulomb_plus", "coulomb_plus[1]" or "spring.stiffness".
+        "mass", "coulomb_plus", "coulomb_plus[1]", "spring.stiffness", or
+        "cogging_2.period" of a second effect of a kind.
     unit : str
         Unit, for print.
     low, high : float
@@ -95,6 +59,12 @@ class Parameter:
         Whether the search runs on a logarithmic scale.
     scale : float
         Change of the parameter that matters in the record, in its unit.
+    kind : str
+        What it is, see `dfc.effects.parameter`.
+    breaks_away : bool
+        Whether it acts by break-away alone.
+    neutral : float
+        Value at which it does nothing.
     """
 
     name: str
@@ -103,6 +73,9 @@ class Parameter:
     high: float
     logarithmic: bool
     scale: float
+    kind: str = "amount"
+    breaks_away: bool = False
+    neutral: float = 0.0
 
     def search(self, value: float) -> float:
         """Search coordinate of a value, of order 1."""
@@ -143,9 +116,9 @@ def choose(
     axis : FrictionAxis
         The axis as believed.
     free : sequence of str
-        Names.  "stribeck" stands for excess and speed, "coulomb_map" for all
-        coefficients of both directions, an effect's slug for all its
-        parameters.
+        Names.  "coulomb_map" stands for all coefficients of both directions, the
+        name of an effect for all its parameters that are free; "cogging_2" is the
+        second of a kind.
     scales : Scales
         Typical size of things in the records.
 
@@ -215,26 +188,21 @@ def with_values(
     CoulombMap(plus=(2.0,), minus=(4.0,))
     """
     given = {name: float(value) for name, value in zip(names, values, strict=True)}
+    own: dict[str, dict[str, float]] = {}
+    for name, value in given.items():
+        owner, dot, part = name.partition(".")
+        if dot:
+            own.setdefault(owner, {})[part] = value
+    if own:
+        present = named(axis)
+        changed = {n: replace(present[n], **parts) for n, parts in own.items() if n in present}
+        axis = with_named(axis, changed)
     changes: dict[str, object] = {
         name: given[name]
         for name in ("mass", "viscous", "stick_speed", "stick_rate")
         if name in given
     }
-    plus, minus = _levels(axis, given)
-    changes["coulomb"] = CoulombMap(plus, minus)
-    if axis.stribeck is not None and not _peak_effect(axis):
-        changes["stribeck"] = Stribeck(
-            given.get("stribeck.excess", axis.stribeck.excess),
-            given.get("stribeck.speed", axis.stribeck.speed),
-        )
-    effects = []
-    for effect in axis.effects:
-        parts = {
-            item.name: given.get(f"{effect.slug}.{item.name}", getattr(effect, item.name))
-            for item in fields(effect)
-        }
-        effects.append(type(effect)(**parts))
-    return axis.replace(effects=tuple(effects), **changes)
+    return axis.replace(coulomb=CoulombMap(*_levels(axis, given)), **changes)
 
 
 def _levels(
@@ -262,12 +230,6 @@ def _mean_level(axis: FrictionAxis) -> float:
 
 
 def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis, list[str]]:
-    if name in ("stribeck", "stribeck.excess", "stribeck.speed") and not _peak_effect(axis):
-        if axis.stribeck is None:
-            # No peak yet: a small one, as narrow as the stick band is wide.
-            speed = max(axis.stick_speed, 0.02 * scales.of((0, 1, -1)))
-            axis = axis.replace(stribeck=Stribeck(0.05, speed))
-        return axis, ["stribeck.excess", "stribeck.speed"] if name == "stribeck" else [name]
     if name == "coulomb_map":
         return axis, [
             f"coulomb_{side}[{i}]"
@@ -276,49 +238,27 @@ def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis
         ]
     if name in (*_BASE, SHIFT) or _coefficient(axis, name) is not None:
         return axis, [name]
-    slug, _, part = name.partition(".")
-    known = REGISTRY.get(slug)
+    owner, _, part = name.partition(".")
+    known = class_of(owner)
     if known is None:
         raise ValueError(
-            f"free: {name!r} is no parameter; choose from {', '.join(_BASE)}, stribeck, "
-            f"coulomb_map, coulomb_plus[i], coulomb_minus[i], {SHIFT}, or an effect: "
-            f"{', '.join(REGISTRY)}"
+            f"free: {name!r} is no parameter; choose from {', '.join(_BASE)}, coulomb_map, "
+            f"coulomb_plus[i], coulomb_minus[i], {SHIFT}, or an effect: {', '.join(REGISTRY)}"
         )
     if part and part not in known.parameters():
         raise ValueError(
-            f"free: {slug} has no parameter {part!r}; it has {', '.join(known.parameters())}"
+            f"free: {owner} has no parameter {part!r}; it has {', '.join(known.parameters())}"
         )
-    present = [e for e in axis.effects if e.slug == slug]
-    if len(present) > 1:
-        raise ValueError(f"free: the axis has {slug} {len(present)} times: {name!r} is ambiguous")
-    if not present:
-        axis = axis.replace(effects=(*axis.effects, _neutral(known)))
-    return axis, [f"{slug}.{part}"] if part else [f"{slug}.{p}" for p in known.parameters()]
-
-
-def _peak_effect(axis: FrictionAxis) -> bool:
-    """Whether the axis' Stribeck peak is that of an effect."""
-    return any(effect.slug == "stribeck" for effect in axis.effects)
-
-
-def _neutral(effect: type[Effect]) -> Effect:
-    """Effect that does nothing yet."""
-    values: dict[str, float] = {}
-    for item in fields(effect):
-        low, high = item.metadata["bounds"]
-        if item.default is not MISSING:
-            values[item.name] = float(item.default)
-        elif item.name in ("gain", "factor"):
-            values[item.name] = 1.0
-        elif item.name != "limit" and low <= 0.0 <= high:
-            values[item.name] = 0.0
-        else:
+    if owner not in named(axis):
+        start = known.start(axis, lambda unit: scales.of(powers(unit)))
+        there = put(axis, owner, start)
+        if owner not in named(there):
             raise ValueError(
-                f"free: {effect.slug}.{item.name} has no neutral value to start from: put the "
-                f"effect with a first guess into the axis, axis.replace(effects=({effect.__name__}"
-                "(...),))"
+                f"free: {name!r} counts from the effects that the axis has, which are "
+                f"{', '.join(named(axis)) or 'none'}: name the first one {known.slug!r}"
             )
-    return effect(**values)
+        axis = there
+    return axis, [name] if part else [f"{owner}.{p}" for p in known.named_parameters()]
 
 
 def _coefficient(axis: FrictionAxis, name: str) -> tuple[str, int] | None:
@@ -340,46 +280,34 @@ def _get(axis: FrictionAxis, name: str) -> float:
     if place is not None:
         return float(getattr(axis.coulomb, place[0])[place[1]])
     owner, _, part = name.partition(".")
-    if owner == "stribeck" and not _peak_effect(axis):
-        return float(getattr(axis.stribeck, part))
-    if part:
-        effect = next(e for e in axis.effects if e.slug == owner)
-        return float(getattr(effect, part))
-    return float(getattr(axis, name))
+    return float(getattr(named(axis)[owner] if part else axis, part or name))
 
 
 def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
-    length, force = axis.units
-    place = _coefficient(axis, name)
-    if place is not None:
-        power = (1, -place[1], 0)
-        unit = f"{force}/{length}^{place[1]}" if place[1] > 1 else f"{force}/{length}"
-        bounds = (-math.inf, math.inf) if place[1] else (0.0, math.inf)
-        return Parameter(name, unit if place[1] else force, *bounds, False, scales.of(power))
-    value = _get(axis, name)
+    """One free parameter of an axis, from its name."""
     if name == SHIFT:
-        return Parameter(
-            name, "s", -_LATEST * scales.step, _LATEST * scales.step, False, scales.step
-        )
-    if name in _BASE:
-        units = {
-            "mass": f"{force} s^2/{length}" if length != "m" else "kg",
-            "viscous": f"{force} s/{length}",
-            "stribeck.excess": "1",
-            "stick_rate": "1/s",
-        }
-        default = f"{length}/s" if name.endswith("speed") else force
-        unit = units.get(name, default)
-        if name in _LOGARITHMIC:
-            reach = 10.0**_DECADES
-            return Parameter(name, unit, value / reach, value * reach, True, value)
-        scale = scales.of(_BASE[name])
-        high = MOST_EXCESS if name == "stribeck.excess" else math.inf
-        return Parameter(name, unit, 0.0, high, False, scale)
-    slug, _, part = name.partition(".")
-    meta = REGISTRY[slug].parameters()[part]
-    low, high = meta["bounds"]
-    scale = abs(value) or scales.of(powers(meta["unit"]))
-    if meta["unit"] == "s" and value == 0.0:
-        scale = scales.step
-    return Parameter(name, meta["unit"], low, high, False, scale)
+        reach = _LATEST * scales.step
+        return Parameter(name, "s", -reach, reach, False, scales.step)
+    value = _get(axis, name)
+    place = _coefficient(axis, name)
+    if place is not None or name in _BASE:
+        power = place[1] if place else 0
+        declared = _BASE.get(name, f"N/m^{power}" if power > 1 else "N/m" if power else "N")
+        unit, logarithmic = axis.unit(declared), name in _LOGARITHMIC
+        low, high = -math.inf if power else 0.0, math.inf
+        scale = value if logarithmic else scales.of(powers(declared))
+        kind, breaks_away, neutral = "amount", name in _BREAKS_AWAY, 0.0
+    else:
+        owner, _, part = name.partition(".")
+        effect = type(named(axis)[owner])
+        meta = effect.parameters()[part]
+        unit, logarithmic = effect.units(axis.units)[part], meta["logarithmic"]
+        low, high = meta["bounds"]
+        kind, breaks_away, neutral = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0
+        # Of what starts at zero the unit says how large it may be.
+        unknown = 1.0 if kind == "angle" else scales.of(powers(meta["unit"]))
+        scale = (None if logarithmic else meta["size"]) or abs(value)
+        scale = scale or (scales.step if meta["unit"] == "s" else unknown)
+    if logarithmic:
+        low, high = max(low, value / 10.0**_DECADES), min(high, value * 10.0**_DECADES)
+    return Parameter(name, unit, low, high, logarithmic, scale, kind, breaks_away, neutral)

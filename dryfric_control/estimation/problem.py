@@ -21,9 +21,6 @@ BoolArray = NDArray[np.bool_]
 # a larger one in units of chi^2 (Cauchy's prior: one large change is likelier than
 # several middling ones).  Set by `benchmarks/diagnosis.py`, condition off.
 BASE_SPREAD, BASE_COST = 0.02, 3.0
-# Parameters that act by break-away, which under a held input moves from sample to
-# sample: their slopes need wider steps, and their loss has many valleys.
-_BY_BREAK_AWAY = ("stribeck.", "dwell_time.", "stick_speed")
 # Width of slopes in search coordinates of order 1 that is never exceeded; more would
 # be a chord over what a fit resolves (`benchmarks/identification.py coverage`).
 _WIDEST = 2e-3
@@ -162,6 +159,7 @@ class Problem:
         self.axis = axis
         self.parameters = tuple(parameters)
         self.names = [p.name for p in self.parameters]
+        self.breaks_away = np.array([p.breaks_away for p in self.parameters], bool)
         self.windows = tuple(windows)
         self.scales = [w.floor for w in self.windows]
         self.active = [np.ones(len(w), bool) for w in self.windows]
@@ -171,7 +169,6 @@ class Problem:
         self._believed = [
             (i, known[n]) for i, n in enumerate(self.names) if known.get(n, 0.0) > 0.0
         ]
-        self.breaks_away = np.array([n.startswith(_BY_BREAK_AWAY) for n in self.names], bool)
 
     @property
     def start(self) -> FloatArray:

@@ -36,8 +36,7 @@ from dryfric_control.ties import SQUARES, ranked
 
 FloatArray = NDArray[np.float64]
 
-#: Parameters whose cost has several valleys: several starts by default.
-_RUGGED = ("stribeck.excess", "stribeck.speed", "stick_speed")
+# Starts by default where a parameter acts by break-away: the cost has several valleys.
 _STARTS = 6
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
@@ -382,7 +381,7 @@ def fit_windows(
     problem = Problem(axis, parameters, parts)
     first = problem.start
     if starts is None:
-        starts = _STARTS if any(n in _RUGGED for n in problem.names) else 2
+        starts = _STARTS if problem.breaks_away.any() else 2
     points = _starting_points(problem, first, records, starts, seed)
 
     def search(point: FloatArray) -> tuple[FloatArray, list[float]]:
@@ -462,7 +461,7 @@ def _spread(parameter: Parameter, z: float) -> float:
         return 0.0  # a map is linear and well known; its terms cancel each other
     if parameter.logarithmic:
         return 0.3 if parameter.name == "mass" else 1.0
-    return max(0.3 * abs(z), 0.1 if parameter.name == "stribeck.excess" else 0.03)
+    return max(0.3 * abs(z), 0.1 if parameter.breaks_away else 0.03)
 
 
 def _prior(parameters: Sequence[Parameter]) -> FloatArray:

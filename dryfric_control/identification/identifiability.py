@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import class_of
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
 
@@ -47,8 +48,8 @@ def cannot_tell(
         parts = [(n, c * s) for n, c, s in zip(names, row, slopes, strict=True) if abs(c) > 1e-3]
         named.update(n for n, _ in parts)
         if len(parts) == 1:
-            name = parts[0][0]
-            messages.append(f"the record holds nothing on {name}: {_cause(axis, records, name)}")
+            p = parameters[names.index(parts[0][0])]
+            messages.append(f"the record holds nothing on {p.name}: {_cause(axis, records, p)}")
             continue
         unit = parts[0][1]
         change = ", ".join(f"{n} by {c / unit:+.3g}" for n, c in parts)
@@ -59,7 +60,7 @@ def cannot_tell(
         )
     for i, p in enumerate(parameters):
         size = abs(values[i])
-        if p.name in named or p.name.partition(".")[2] in ("phase", "rest"):
+        if p.name in named or p.kind in ("place", "angle"):
             continue
         if values[i] == p.low and p.low == 0.0:
             # At its bound the estimate has no spread to speak of.
@@ -68,7 +69,7 @@ def cannot_tell(
         elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
             messages.append(
                 f"{p.name} is hardly determined (standard error {100 * errors[i] / size:.0f} % of "
-                f"its value): {_cause(axis, records, p.name)}"
+                f"its value): {_cause(axis, records, p)}"
             )
             named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)
@@ -99,20 +100,19 @@ def _listed(names: object) -> str:
 
 
 def _reason(names: set[str]) -> str:
-    sides = {n for n in names if n.startswith("coulomb")}
-    if sides and any(n.startswith(("bias_force", "coulomb_asymmetry")) for n in names):
-        return (
-            "; a bias and levels that differ between the directions are the same force as long "
-            "as neither a Stribeck peak nor the position changes the levels: tilt the axis or "
-            "turn it round to part them"
-        )
-    if "mass" in names and any(n.startswith("input_gain") for n in names):
-        return "; add a known mass, or measure the force, to part them"
+    """What separates two parameters that trade, from the class of an effect among them."""
+    for name in sorted(names):
+        effect = class_of(name.partition(".")[0])
+        if effect is not None and effect.trades[0]:
+            base, advice = effect.trades
+            if any(other.startswith(base) for other in names - {name}):
+                return f"; {advice}"
     return ""
 
 
-def _cause(axis: FrictionAxis, records: Sequence[Record], name: str) -> str:
+def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) -> str:
     """Why a parameter has little effect in the records."""
+    axis, name = axis.effective(), parameter.name
     force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
     smooth = [r.derivatives() for r in records]
     speed = np.concatenate([s.v for s in smooth])
@@ -136,13 +136,13 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], name: str) -> str:
             if side in name and moved < 0.01:
                 return f"the axis moves in this direction in {_percent(moved)} of the samples"
         return "the drive force is large against it; crawl slowly both ways"
-    if name.startswith(("stribeck", "stick")):
+    if parameter.breaks_away or name == "stick_rate":
         slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
         moving = np.concatenate([directions(r) for r in records]) != 0
         share = float(np.mean(moving & (np.abs(speed) < slow)))
         return (
-            f"the axis slides below {slow:.3g} in {_percent(share)} of the samples; crawl slowly, "
-            "with stops"
+            f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {_percent(share)} of the "
+            "samples; crawl slowly, with stops"
         )
     return "the motion excites it too little"
 

@@ -13,22 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, places, positive, samples
 from dryfric_control.compiled import axis_step, elastic
-from dryfric_control.model.effects import Backlash, Compliance, Effect, Presliding
-from dryfric_control.model.effects.effect import law_address
+from dryfric_control.model.effects import Effect
+from dryfric_control.model.effects.effect import Inner, law_address
+from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.model.units import on_axis
 from dryfric_control.text import table
 
-#: Inner states that an effect brings into the kernel.
-INNER = {
-    Presliding.slug: axis_step.CONTACT,
-    Backlash.slug: axis_step.PLAY,
-    Compliance.slug: axis_step.SPRING,
-}
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
 MODES = (0, 1, -1)
-_MASS_UNITS = {("m", "N"): "kg", ("rad", "N m"): "kg m^2"}
-
+_WITH_STATE = ("delay", "lag", "contact", "transmission")
 
 #: Fastest change of speed that one sample may hold, in time constants: the steps
 #: inside it resolve that change, and beyond this a sample takes milliseconds.
@@ -146,15 +141,23 @@ class FrictionAxis:
 
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
-        put("mass", positive("mass", self.mass, unit="kg"))
-        put("viscous", positive("viscous", self.viscous, unit="N s/m", zero=True))
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be text, got {self.name!r}")
+        units = self.units
+        if isinstance(units, str) or [type(unit) for unit in units] != [str, str]:
+            raise ValueError(
+                f'units must be those of position and force, such as ("m", "N"), got {units!r}'
+            )
+        put("units", tuple(units))
+        put("mass", positive("mass", self.mass, unit=self.unit("kg")))
+        put("viscous", positive("viscous", self.viscous, unit=self.unit("N s/m"), zero=True))
         put("coulomb", CoulombMap.of(self.coulomb))
         if self.stribeck is not None and not isinstance(self.stribeck, Stribeck):
             raise ValueError(
                 "stribeck must be dfc.Stribeck(excess=..., speed=...) or None, "
                 f"got {self.stribeck!r}"
             )
-        put("stick_speed", positive("stick_speed", self.stick_speed, unit="m/s"))
+        put("stick_speed", positive("stick_speed", self.stick_speed, unit=self.unit("m/s")))
         put("stick_rate", positive("stick_rate", self.stick_rate, unit="1/s"))
         if self.travel is not None:
             put("travel", _travel(self.travel))
@@ -175,21 +178,13 @@ class FrictionAxis:
                     "effects must hold effects such as dfc.effects.Spring(stiffness=200.0), "
                     f"got {effect!r}"
                 )
-        for action in ("delay", "lag", "contact", "transmission"):
+        for action in _WITH_STATE:
             alike = [effect.slug for effect in self.effects if effect.action == action]
             if len(alike) > 1:
                 mend = "keep one" if action in ("contact", "transmission") else "add them up"
                 raise ValueError(
                     f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
                 )
-        if not isinstance(self.name, str):
-            raise ValueError(f"name must be text, got {self.name!r}")
-        units = self.units
-        if isinstance(units, str) or [type(unit) for unit in units] != [str, str]:
-            raise ValueError(
-                f'units must be those of position and force, such as ("m", "N"), got {units!r}'
-            )
-        put("units", tuple(units))
 
     def replace(self, **changes: Any) -> FrictionAxis:
         """Axis with some of its fields changed.
@@ -240,6 +235,50 @@ class FrictionAxis:
         for effect in changing:
             axis = effect.alter(axis)
         return axis
+
+    def named_effects(self) -> dict[str, Effect]:
+        """Effects by the names under which they are fitted.
+
+        The name is the effect's slug, with a number from the second of a kind on;
+        the axis' own Stribeck peak is among them.
+
+        Returns
+        -------
+        dict of str to Effect
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+        ...                         effects=(dfc.effects.Cogging(amplitude=1.0, period=0.01),
+        ...                                  dfc.effects.Cogging(amplitude=0.5, period=0.03)))
+        >>> list(axis.named_effects())
+        ['cogging', 'cogging_2']
+        >>> axis.named_effects()["cogging_2"].period
+        0.03
+        """
+        return named(self)
+
+    def unit(self, unit: str) -> str:
+        """A unit for metres and newtons, in the units of this axis.
+
+        Parameters
+        ----------
+        unit : str
+            Such as "N s/m", "kg" or "1".
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> arm = dfc.FrictionAxis(mass=0.1, viscous=0.2, coulomb=1.0, units=("rad", "N m"))
+        >>> arm.unit("kg"), arm.unit("N s/m"), arm.unit("1/m")
+        ('kg m^2', 'N m s/rad', '1/rad')
+        """
+        return on_axis(unit, self.units)
 
     def arrays(self, dt: float) -> Arrays:
         """Arrays that describe this axis to the compiled kernel.
@@ -524,48 +563,33 @@ class FrictionAxis:
             name=f"{self.name}_{mode_label(index)}",
         )
 
-    def describe(self) -> str:
-        """Parameters with units, one a line."""
-        length, force = self.units
+    def _rows(self) -> list[tuple[str, str]]:
+        """Names and values with units."""
+        length, force, speed = self.unit("m"), self.unit("N"), self.unit("m/s")
         rows = [
-            f"{self.name}: mass {self.mass:.6g} {mass_unit(self.units)}, "
-            f"viscous {self.viscous:.6g} {force} s/{length}",
-            f"  Coulomb +: {_polynomial(self.coulomb.plus)} {force}",
-            f"  Coulomb -: {_polynomial(self.coulomb.minus)} {force}",
-        ]
-        if self.stribeck:
-            rows.append(
-                f"  Stribeck: excess {self.stribeck.excess:.6g}, "
-                f"speed {self.stribeck.speed:.6g} {length}/s"
-            )
-        rows.append(
-            f"  stick speed {self.stick_speed:.6g} {length}/s, stick rate {self.stick_rate:.6g} 1/s"
-        )
-        if self.travel is not None:
-            rows.append(f"  travel {self.travel[0]:.6g} to {self.travel[1]:.6g} {length}")
-        rows += [f"  {effect.describe()}" for effect in self.effects]
-        return "\n".join(rows)
-
-    def _repr_html_(self) -> str:
-        length, force = self.units
-        rows = [
-            ("mass", f"{self.mass:.6g} {mass_unit(self.units)}"),
-            ("viscous", f"{self.viscous:.6g} {force} s/{length}"),
+            ("mass", f"{self.mass:.6g} {self.unit('kg')}"),
+            ("viscous", f"{self.viscous:.6g} {self.unit('N s/m')}"),
             ("Coulomb +", f"{_polynomial(self.coulomb.plus)} {force}"),
             ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),
         ]
         if self.stribeck:
-            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {length}/s"
+            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {speed}"
             rows.append(("Stribeck excess", peak))
         rows += [
-            ("stick speed", f"{self.stick_speed:.6g} {length}/s"),
+            ("stick speed", f"{self.stick_speed:.6g} {speed}"),
             ("stick rate", f"{self.stick_rate:.6g} 1/s"),
         ]
         if self.travel is not None:
             rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))
         rows.append(("switching", self.switching))
-        rows += [("effect", effect.describe()) for effect in self.effects]
-        return table([(self.name, ""), *rows], as_html=True)
+        return rows + [("effect", effect.describe(self.units)) for effect in self.effects]
+
+    def describe(self) -> str:
+        """Parameters with units, one a line."""
+        return "\n".join([self.name, *(f"  {name} {value}" for name, value in self._rows())])
+
+    def _repr_html_(self) -> str:
+        return table([(self.name, ""), *self._rows()], as_html=True)
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -688,8 +712,8 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
     for effect in axis.effects:
         if dt > MOST_SAMPLES * effect.shortest_time:
             raise ValueError(
-                f"{effect.describe()} turns round {dt / effect.shortest_time:.3g} times in one "
-                f"sample of dt = {dt:g} s: check its units"
+                f"{effect.describe(axis.units)} turns round {dt / effect.shortest_time:.3g} times "
+                f"in one sample of dt = {dt:g} s: check its units"
             )
 
 
@@ -702,12 +726,6 @@ def check_finite(outputs: NDArray[np.float64]) -> None:
             f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
             "the input, and of mass, viscous and coulomb, and that a loop is stable"
         )
-
-
-def mass_unit(units: tuple[str, str]) -> str:
-    """Unit of the mass, or inertia, that goes with those of position and force."""
-    length, force = units
-    return _MASS_UNITS.get(units, f"{force} s^2/{length}")
 
 
 def mode_label(index: int) -> str:
@@ -743,36 +761,21 @@ def _sampled_switches(mode: NDArray[np.float64], dt: float) -> NDArray[np.float6
     return np.column_stack([places * dt, mode[places - 1], mode[places]])
 
 
-def _inner_numbers(axis: FrictionAxis) -> list[float]:
-    """Numbers of contact and transmission, in the kernel's order."""
-    contact, half_gap, stiffness, damping, inverse_motor = 0.0, 0.0, 0.0, 0.0, 0.0
-    for effect in axis.effects:
-        if isinstance(effect, Presliding):
-            middle = 0.5 * sum(axis.travel or (0.0, 0.0))
-            level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
-            contact = level / effect.distance
-        if isinstance(effect, Backlash):
-            half_gap = 0.5 * effect.gap
-        if isinstance(effect, Compliance):
-            stiffness, damping = effect.stiffness, effect.damping
-        if isinstance(effect, Backlash | Compliance):
-            inverse_motor = 1.0 / (axis.mass * (1.0 - effect.load_fraction))
-    return [contact, half_gap, stiffness, damping, inverse_motor]
-
-
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     dt = positive("dt", dt, unit="s")
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]
-        for action in ("input", "force", "friction", "delay", "lag", "contact", "transmission")
+        for action in ("input", "force", "friction")
     }
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     levels = sorted(by_action["friction"], key=lambda effect: not effect.within_peak)
     laws = [*by_action["input"], *forces, *levels]
-    delay = sum(e.values[0] for e in by_action["delay"])
-    lag = sum(e.values[0] for e in by_action["lag"])
+    # An axis holds one of each kind that has a state, so that adding is collecting.
+    states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
+    inner = Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
+    behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
     low, high = axis.travel or (-np.inf, np.inf)
     stribeck = axis.stribeck
     numbers = [
@@ -784,20 +787,26 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         axis.stick_rate,
         low,
         high,
-        delay,
-        lag,
-        *_inner_numbers(axis),
+        *inner[:-1],
+        1.0 / (axis.mass * (1.0 - inner.load_fraction)) if behind else 0.0,
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
-    if delay > MOST_SAMPLES * dt:
+    if inner.delay > MOST_SAMPLES * dt:
+        late = next(name for name, e in named(axis).items() if e.action == "delay")
         raise ValueError(
-            f"input_delay.delay = {delay:g} s is {delay / dt:.3g} samples of dt = {dt:g} s: "
+            f"{late}.delay = {inner.delay:g} s is {inner.delay / dt:.3g} samples of dt = {dt:g} s: "
             "check the units of delay and dt"
         )
-    history = int(np.ceil(delay / dt)) + 2 if delay > 0.0 else 0
+    history = int(np.ceil(inner.delay / dt)) + 2 if inner.delay > 0.0 else 0
+    structure = (
+        axis_step.CONTACT * (inner.contact > 0.0)
+        | axis_step.PLAY * (inner.half_gap > 0.0)
+        | axis_step.SPRING * (inner.stiffness > 0.0)
+    )
+    task = elastic.inner_task() if structure else axis_step.rigid_task()
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
@@ -807,24 +816,19 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         sum(not effect.depends_on_speed for effect in forces),
         len(levels),
         history,
-        sum(INNER[e.slug] for e in (*by_action["contact"], *by_action["transmission"])),
+        structure,
         0,
         axis_step.rigid_task().address,
-        axis_step.rigid_task().address,
+        task.address,
         sum(effect.within_peak for effect in levels),
     ]
-    if numbers[axis_step.CONTACT_STIFFNESS] == 0.0:
-        integers[axis_step.STRUCTURE] &= ~axis_step.CONTACT
-    if integers[axis_step.STRUCTURE]:
-        integers[axis_step.TASK] = elastic.inner_task().address
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
-    if by_action["transmission"]:
+    if behind:
         integers[axis_step.N_NUMBERS] = len(numbers)
-        share = by_action["transmission"][0].values[-1]
         numbers += numbers
-        numbers[integers[axis_step.N_NUMBERS] + axis_step.INVERSE_MASS] /= share
+        numbers[integers[axis_step.N_NUMBERS] + axis_step.INVERSE_MASS] /= inner.load_fraction
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.drawing import axes_of, control_plot
-from dryfric_control.model.axis import FrictionAxis, mass_unit
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.responses import MODE_NAMES
 
 # Boxes of the modes in axes coordinates: left, bottom, width, height.
@@ -108,7 +108,7 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
 def _below(axis: FrictionAxis, force: str) -> list[str]:
     """Numbers that all modes share, and what the letters mean."""
     length, unit = axis.units
-    mass = mass_unit(axis.units).replace("^2", "\N{SUPERSCRIPT TWO}")
+    mass = axis.unit("kg").replace("^2", "\N{SUPERSCRIPT TWO}")
     shared = [f"m = {axis.mass:.4g} {mass}", f"f = {axis.viscous:.4g} {unit} s/{length}"]
     if axis.stribeck:
         shared += [rf"$\sigma$ = {axis.stribeck.excess:.4g}"]

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.checks import positive, whole
-from dryfric_control.model.axis import MODES, FrictionAxis
-from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.friction import CoulombMap
+from dryfric_control.model.axis import MODES
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
 from dryfric_control.observer.error_model import DISCRETIZATIONS, check_sampling, mode_classes
 from dryfric_control.observer.memory import ModeGraph
+from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
 from dryfric_control.store.files import existing_file, replacing
 
 FORMAT, VERSION = "dryfric-control observer design", 1
@@ -37,20 +36,8 @@ def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
     path : str or path
         File to write.
     """
-    axis = design.axis
     data: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    data["axis"] = {
-        "mass": axis.mass,
-        "viscous": axis.viscous,
-        "coulomb": {"plus": axis.coulomb.plus, "minus": axis.coulomb.minus},
-        "stick_speed": axis.stick_speed,
-        "stick_rate": axis.stick_rate,
-        "travel": axis.travel,
-        "switching": axis.switching,
-        "name": axis.name,
-        "units": axis.units,
-        "effects": [{"slug": e.slug, "parameters": dataclasses.asdict(e)} for e in axis.effects],
-    }
+    data["axis"] = axis_to_dict(design.axis)
     data |= {name: getattr(design, name) for name in (*_NUMBERS, *_WORDS, "window")}
     data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
     data["performance"] = design.performance
@@ -119,10 +106,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
 
 
 def _rebuild(data: dict[str, Any]) -> ObserverDesign:
-    axis = dict(data["axis"])
-    axis["coulomb"] = CoulombMap(axis["coulomb"]["plus"], axis["coulomb"]["minus"])
-    axis["units"] = tuple(axis["units"])
-    axis["effects"] = tuple(REGISTRY[e["slug"]](**e["parameters"]) for e in axis["effects"])
+    axis = axis_from_dict(data["axis"])
     graph = data["graph"]
     edges = tuple((int(i), int(j)) for i, j in graph["edges"])
     nodes = len(graph["labels"])
@@ -151,10 +135,10 @@ def _rebuild(data: dict[str, Any]) -> ObserverDesign:
     integral = tuple(_one_of("integral_modes", mode, MODES) for mode in data["integral_modes"])
     if set(graph["labels"]) != set(mode_classes(uncertainty).values()):
         raise ValueError(f"graph.labels do not fit the classes of the modes: {graph['labels']!r}")
-    check_sampling(FrictionAxis(**axis), plain["dt"], plain["discretization"])
+    check_sampling(axis, plain["dt"], plain["discretization"])
     q_x, q_v, q_w = (positive("performance", q, zero=True) for q in data["performance"])
     return ObserverDesign(
-        axis=FrictionAxis(**axis),
+        axis=axis,
         graph=ModeGraph(
             tuple(int(k) for k in graph["labels"]), edges, tuple(str(n) for n in graph["names"])
         ),

@@ -7,7 +7,7 @@ import json
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from typing import Any
 
 from dryfric_control.checks import instance
@@ -66,7 +66,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     """
     raw = existing_file(path).read_bytes()
     try:
-        return _axis(tomllib.loads(raw.decode("utf-8")))
+        return axis_from_dict(tomllib.loads(raw.decode("utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
     except ValueError as problem:
@@ -125,35 +125,70 @@ def axis_text(axis: FrictionAxis) -> str:
     switching = "filippov"
     <BLANKLINE>
     """
-    level = axis.coulomb
-    lines = [
-        f"name = {_string(axis.name)}",
-        f"units = [{', '.join(_string(unit) for unit in axis.units)}]",
-        f"mass = {axis.mass!r}",
-        f"viscous = {axis.viscous!r}",
-        f"coulomb = {{plus = {_numbers(level.plus)}, minus = {_numbers(level.minus)}}}",
-        f"stick_speed = {axis.stick_speed!r}",
-        f"stick_rate = {axis.stick_rate!r}",
-        f"switching = {_string(axis.switching)}",
-    ]
-    if axis.travel is not None:
-        lines.append(f"travel = {_numbers(axis.travel)}")
-    if axis.stribeck is not None:
-        peak = axis.stribeck
-        lines += ["", "[stribeck]", f"excess = {peak.excess!r}", f"speed = {peak.speed!r}"]
-    for effect in axis.effects:
-        lines += ["", "[[effects]]", f"effect = {_string(effect.slug)}"]
-        lines += [f"{item.name} = {getattr(effect, item.name)!r}" for item in fields(effect)]
+    data = axis_to_dict(axis)
+    effects = data.pop("effects")
+    lines = [f"{key} = {_toml(value)}" for key, value in data.items()]
+    for effect in effects:
+        lines += ["", "[[effects]]", *(f"{key} = {_toml(value)}" for key, value in effect.items())]
     return "\n".join(lines) + "\n"
+
+
+def axis_to_dict(axis: FrictionAxis) -> dict[str, Any]:
+    """An axis as numbers, texts, lists and dicts, ready for any file format.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+
+    Returns
+    -------
+    dict
+        The fields of `FrictionAxis` that hold something; every entry of "effects"
+        names its effect and holds the effect's parameters.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Spring(stiffness=40.0),))
+    >>> axis_to_dict(axis)["effects"]
+    [{'effect': 'spring', 'stiffness': 40.0, 'rest': 0.0}]
+    >>> axis_from_dict(axis_to_dict(axis)) == axis
+    True
+    """
+    data: dict[str, Any] = {
+        "name": axis.name,
+        "units": list(axis.units),
+        "mass": axis.mass,
+        "viscous": axis.viscous,
+        "coulomb": {"plus": list(axis.coulomb.plus), "minus": list(axis.coulomb.minus)},
+        "stick_speed": axis.stick_speed,
+        "stick_rate": axis.stick_rate,
+        "switching": axis.switching,
+    }
+    if axis.travel is not None:
+        data["travel"] = list(axis.travel)
+    if axis.stribeck is not None:
+        data["stribeck"] = {"excess": axis.stribeck.excess, "speed": axis.stribeck.speed}
+    data["effects"] = [{"effect": effect.slug} | asdict(effect) for effect in axis.effects]
+    return data
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML on one line; repr of a float is exact."""
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {_toml(one)}' for key, one in value.items())}}}"
+    return repr(float(value))
 
 
 def _string(text: str) -> str:
     # JSON strings are TOML strings but for one character that TOML wants escaped.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return f"[{', '.join(repr(float(value)) for value in values)}]"
 
 
 def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
@@ -172,14 +207,31 @@ def _table(name: str, value: Any, example: str) -> dict[str, Any]:
     return value
 
 
-def _axis(data: dict[str, Any]) -> FrictionAxis:
+def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
+    """An axis from what `axis_to_dict` gives, or a file that a user wrote holds.
+
+    Parameters
+    ----------
+    data : mapping
+        At least mass, viscous and coulomb, see `read_axis`.
+
+    Returns
+    -------
+    FrictionAxis
+
+    Raises
+    ------
+    ValueError
+        If a key is missing or unknown, or a value is out of its range.
+    """
+    data = _table("axis", data, f"{{{_EXAMPLE}}}")
     _check_keys("", data, _KEYS)
     missing = [key for key in _NEEDED if key not in data]
     if missing:
         raise ValueError(f"{missing[0]} is missing: give at least {_EXAMPLE}")
     found = dict(data)
     found["coulomb"] = _coulomb(data["coulomb"])
-    if "stribeck" in data:
+    if data.get("stribeck") is not None:
         peak = _table("stribeck", data["stribeck"], "{excess = 0.3, speed = 0.01}")
         _check_keys("stribeck.", peak, ("excess", "speed"))
         for key in ("excess", "speed"):
@@ -203,7 +255,9 @@ def _axis(data: dict[str, Any]) -> FrictionAxis:
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise ValueError(f"effects must be tables headed [[effects]], got {effects!r}")
-    found["effects"] = tuple(_effect(i, item) for i, item in enumerate(effects))
+    found["effects"] = tuple(
+        _effect(i, item, found.get("units", ("m", "N"))) for i, item in enumerate(effects)
+    )
     return FrictionAxis(**found)
 
 
@@ -219,7 +273,8 @@ def _coulomb(value: Any) -> CoulombMap:
     return CoulombMap.of(value)
 
 
-def _effect(number: int, data: Any) -> Effect:
+def _effect(number: int, data: Any, units: tuple[str, str]) -> Effect:
+    """One effect of the list, its parameters named with units where one is missing."""
     place = f"effects[{number}]"
     table = _table(place, data, '{effect = "spring", stiffness = 40.0}')
     slug = table.get("effect")
@@ -234,7 +289,7 @@ def _effect(number: int, data: Any) -> Effect:
     _check_keys(f"{place} ({slug}): ", values, [item.name for item in fields(cls)])
     for item in fields(cls):
         if item.default is MISSING and item.name not in values:
-            unit = item.metadata["unit"]
+            unit = cls.units(units)[item.name]
             raise ValueError(
                 f"{place} ({slug}): {item.name} is missing: add {item.name} = ... [{unit}], "
                 f"the {item.metadata['doc']}"

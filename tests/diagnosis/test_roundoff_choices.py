@@ -12,7 +12,6 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.diagnosis.first_guesses import guesses
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import cut
@@ -198,7 +197,7 @@ def test_a_fit_ends_in_the_same_place(how):
 @pytest.mark.parametrize("how", CHANGES)
 def test_first_guesses_are_the_same(how):
     record, effect = run("cogging"), REGISTRY["cogging"]
-    one, two = (guesses(effect, View(BASE, r)) for r in (record, changed(record, how)))
+    one, two = ([*effect.guess(View(BASE, r))] for r in (record, changed(record, how)))
     assert len(one) == len(two) > 1
     for (values, base), (others, around) in zip(one, two, strict=True):
         assert others == pytest.approx(values, rel=1e-6)
@@ -207,7 +206,7 @@ def test_first_guesses_are_the_same(how):
 
 def test_of_two_equal_peaks_the_first_is_taken():
     """A sine halfway between two points of the grid raises both alike."""
-    from dryfric_control.diagnosis.first_guesses import _FINE, _periods
+    from dryfric_control.estimation.force_residual import _FINE
 
     seen = View(BASE, run("clean"))
     along = np.linspace(-0.5, 0.5, seen.x.size)
@@ -219,7 +218,7 @@ def test_of_two_equal_peaks_the_first_is_taken():
         still = np.zeros(seen.x.size)
         one = copy(seen)
         one.residual, one.a, one.v = wave, still, still + 1.0
-        found.append([p[0] for p in _periods(one, along * (1.0 + k * 1e-15))])
+        found.append([p[0] for p in one.periods(along * (1.0 + k * 1e-15))])
     for other in found[1:]:
         assert other == pytest.approx(found[0], rel=1e-6)
 

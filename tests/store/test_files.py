@@ -172,8 +172,8 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
             "changed: .*, or design again$",
         ),  # another machine, gains as before
         (("axis", "flux"), 1.0, "flux"),
-        (("axis", "effects", 0, "slug"), "warp", "warp"),
-        (("axis", "effects", 0, "parameters", "stiffness"), "stiff", "stiffness must be a number"),
+        (("axis", "effects", 0, "effect"), "warp", "warp"),
+        (("axis", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
         (("dt",), 0.0, "dt must be more than zero"),
         (("dt",), 1.0, "stick_rate"),
         (("decay",), 1.5, "decay must be at most 1"),
@@ -286,7 +286,8 @@ _TRAPS = {
     "axis.toml": f'mass = "{_MARK}"\nviscous = 15.0\ncoulomb = 8.0\n',
     "effect.toml": 'mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n[[effects]]\neffect = "__class__"\n',
     "observer.json": json.dumps({"format": "dryfric-control observer design", "version": 1,
-                                 "axis": {"effects": [{"slug": _MARK, "parameters": {}}]}}),
+                                 "axis": {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0,
+                                          "effects": [{"effect": _MARK}]}}),
     "log.json": json.dumps({"entries": [{"timestamp": _MARK}]}),
     "run.mat": b"cos\nsystem\n(S'touch executed'\ntR." + bytes(200),
 }  # fmt: skip

@@ -17,7 +17,7 @@ from dryfric_control.diagnosis.report.figures import plot_diagnosis
 from dryfric_control.diagnosis.report.findings import Findings, believed_values
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import level_table, summary_lines
-from dryfric_control.store.axis_file import axis_text
+from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
 
@@ -89,8 +89,8 @@ class Diagnosis(Result, Findings):
             ],
             "small_corrections": [cause.effect for cause in self.small_corrections],
             "coulomb_level": level_table(self),
-            "axis": self.axis.describe(),
-            "extended": self.extended.describe(),
+            "axis": axis_to_dict(self.axis),
+            "extended": axis_to_dict(self.extended),
             "gain": self.gain.to_dict(),
             "unexplained": self.unexplained.to_dict(),
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),

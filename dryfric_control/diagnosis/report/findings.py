@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of
 
@@ -23,9 +23,6 @@ VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained")
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
-
-# Parameters that are places or angles: a change of theirs has no percentage.
-_PLACES, _ANGLES = ("rest", "centre"), ("phase",)
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,19 +177,19 @@ class Findings:
         Places count beside the range of the record, angles beside 1 rad.
         """
         nominal = believed_values(self.axis, cause)
-        scales = {name: abs(before) for name, before in nominal.items()}
-        scales |= {name: self.record.range for name in _PLACES if name in nominal}
-        scales |= {name: 1.0 for name in _ANGLES if name in nominal}
+        scales = {"place": self.record.range, "angle": 1.0}
         return bool(nominal) and all(
-            abs(cause.parameters[name] - before) <= SMALL * scales[name]
+            abs(cause.parameters[name] - before)
+            <= SMALL * scales.get(kind_of(cause.effect, name), abs(before))
             for name, before in nominal.items()
         )
 
 
-def title_of(slug: str) -> str:
-    """Name of an effect in words, the slug itself if it has none."""
-    effect = REGISTRY.get(slug)
-    return effect.title or slug if effect else slug
+def kind_of(effect: str, parameter: str) -> str:
+    """Kind of a parameter of a cause; an amount where the class does not know it."""
+    cls = class_of(effect)
+    known = cls.parameters() if cls else {}
+    return str(known.get(parameter, {"kind": "amount"})["kind"])
 
 
 def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
@@ -233,15 +230,15 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
 
 
-def change_text(name: str, before: float, after: float, unit: str = "1") -> str:
+def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:
     """Change of a nominal value in words; nothing where it was zero.
 
     Examples
     --------
-    >>> change_text("mass", 2.8, 2.87), change_text("rest", 0.1, 0.12, "m")
+    >>> change_text("amount", 2.8, 2.87), change_text("place", 0.1, 0.12, "m")
     ('+2.5 %', '+0.02 m')
     """
-    if name in _PLACES + _ANGLES:
+    if kind in ("place", "angle"):
         return f"{after - before:+.2g} {unit}"
     if before == 0.0:
         return ""
@@ -259,7 +256,7 @@ def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]
         if name not in nominal:
             texts.append(f"{name} = {found}")
             continue
-        change = change_text(name, nominal[name], value, unit)
+        change = change_text(kind_of(cause.effect, name), nominal[name], value, unit)
         text = f"{name} {nominal[name]:.5g} -> {found}"
         texts.append(f"{text} ({change})" if change else text)
     return texts

@@ -24,7 +24,6 @@ from dryfric_control.diagnosis.report.findings import (
     title_of,
 )
 from dryfric_control.drawing import control_plot
-from dryfric_control.model.axis import mass_unit
 from dryfric_control.store.axis_file import axis_text
 from dryfric_control.text import length_text, table, typeset
 
@@ -247,7 +246,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     length, force = d.axis.units
     believed, found = d.axis.effective(), d.extended.effective()
     rows: list[tuple[str, float, float, str]] = [
-        ("mass", believed.mass, found.mass, mass_unit(d.axis.units))
+        ("mass", believed.mass, found.mass, d.axis.unit("kg"))
     ]
     for sign, way in wording.WAYS:
         before, after = (wording.viscous_coefficient(axis, sign) for axis in (believed, found))
@@ -270,6 +269,6 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     for name, before, after, unit in rows:
         suffix = "" if unit == "1" else f" {unit}"
         differs = abs(after - before) > 1e-9 * abs(before)
-        change = change_text("", before, after) if differs else "none"
+        change = change_text("amount", before, after) if differs else "none"
         cells.append((name, f"{before:.4g}{suffix}", f"{after:.4g}{suffix}", change))
     return cells

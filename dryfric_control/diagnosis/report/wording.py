@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.diagnosis.candidates import effect_of
 from dryfric_control.diagnosis.report.findings import SMALL, Cause, Findings, cause_text, plain
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import PositionDependence
-from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.naming import class_of
 from dryfric_control.text import length_text
 
 FloatArray = NDArray[np.float64]
@@ -67,13 +65,7 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
     (12.0, 18.0)
     """
     acting = axis.effective()
-    alone = acting.replace(
-        coulomb=0.0,
-        stribeck=None,
-        effects=tuple(e for e in acting.effects if e.slug == "viscous_asymmetry"),
-    )
-    rate = alone.mode(direction).dynamics(0.0, [0.0, float(direction)], [0.0])[1]
-    return float(-direction * alone.mass * rate)
+    return acting.viscous + sum(effect.viscous_in(direction) for effect in acting.effects)
 
 
 def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
@@ -129,27 +121,23 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
 def meaning(d: Findings, cause: Cause) -> list[str]:
     """What a cause comes to in the axis, a line each; none where its parameters say it."""
     lines = []
-    if cause.effect == "viscous_asymmetry":
-        length, force = d.axis.units
+    effect = d.extended.named_effects().get(cause.effect)
+    if effect is not None and effect.viscous_in(1) != 0.0:
+        unit = d.axis.unit("N s/m")
         sides = []
         for axis in (d.extended, d.axis):
-            one, other = (f"{viscous_coefficient(axis, s):.4g} {force} s/{length}" for s, _ in WAYS)
+            one, other = (f"{viscous_coefficient(axis, s):.4g} {unit}" for s, _ in WAYS)
             sides.append(
                 f"{one}, both ways" if one == other else f"forwards {one}, backwards {other}"
             )
         lines.append(f"viscous friction (x grows forwards): {sides[0]}; nominal: {sides[1]}")
-    if cause.effect == "position_dependence":
-        effect = effect_of(d.extended, cause.effect)
-        if isinstance(effect, PositionDependence):
-            lines.append(
-                "level = Coulomb level of the axis * (1 + slope q + curvature q^2) with "
-                f"q = x - centre, centre = {effect.centre:.4g} {d.axis.units[0]}"
-            )
+    if effect is not None and effect.meaning(d.axis.units):
+        lines.append(effect.meaning(d.axis.units))
     # The level is that of all causes: it stands once.
     first = next((one.effect for one in d.main_causes if acts_on_level(one)), None)
     if cause.effect == first:
         table = level_table(d)
-        drifts = any(e.slug == "drift" for e in d.extended.effects)
+        drifts = any(e.action == "friction" and e.depends_on_time for e in d.extended.effects)
         when = ", at the start" if drifts else ""
         for side, name in (("found", "found"), ("believed", "nominal")):
             words = level_text(table, side, d.axis.units)
@@ -159,10 +147,12 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
 
 def acts_on_level(cause: Cause) -> bool:
     """Whether a cause makes the Coulomb level depend on place or direction."""
-    effect = REGISTRY.get(cause.effect)
-    if effect is None or effect.action != "friction":
-        return False
-    return cause.effect == "coulomb_asymmetry" or effect.depends_on_place
+    effect = class_of(cause.effect)
+    return (
+        effect is not None
+        and effect.action == "friction"
+        and (effect.depends_on_direction or effect.depends_on_place)
+    )
 
 
 def summary_lines(d: Findings) -> list[str]:

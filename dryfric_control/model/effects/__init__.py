@@ -15,6 +15,7 @@ from dryfric_control.model.effects.drive import (
 )
 from dryfric_control.model.effects.effect import (
     Effect,
+    Inner,
     parameter,
     register_effect,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "Effect",
     "Gravity",
     "Inertia",
+    "Inner",
     "InputDelay",
     "InputGain",
     "LoadDependence",

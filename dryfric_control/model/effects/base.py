@@ -3,30 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
 
-from dryfric_control.model.effects.effect import Effect, parameter, register_effect
-from dryfric_control.model.friction import MOST_EXCESS, CoulombMap, Stribeck
+import numpy as np
 
-
-class BaseAxis(Protocol):
-    """What an effect on the base parameters changes: a `FrictionAxis`."""
-
-    @property
-    def mass(self) -> float:
-        """Moving mass."""
-
-    @property
-    def viscous(self) -> float:
-        """Viscous coefficient."""
-
-    @property
-    def coulomb(self) -> CoulombMap:
-        """Coulomb levels."""
-
-    def replace(self, **changes: Any) -> Self:
-        """Axis with some fields changed."""
+from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.guesses import Guess, View
+from dryfric_control.model.friction import MOST_EXCESS, Stribeck
 
 
 @register_effect
@@ -51,12 +35,15 @@ class Inertia(Effect):
     3.0
     """
 
-    factor: float = parameter("1", "moving mass over the axis' own", bounds=(1e-9, math.inf))
+    factor: float = parameter(
+        "1", "moving mass over the axis' own", bounds=(1e-9, math.inf), neutral=1.0
+    )
 
     slug = "inertia"
     title = "wrong inertia"
     action = "axis"
     depends_on_place = False
+    base = "mass"
     explanation = (
         "More or less mass moves than believed: a workpiece, a coupling, a gear ratio "
         "taken wrongly into account."
@@ -100,12 +87,15 @@ class ViscousFriction(Effect):
     30.0
     """
 
-    factor: float = parameter("1", "coefficient over the axis' own", bounds=(0.0, math.inf))
+    factor: float = parameter(
+        "1", "coefficient over the axis' own", bounds=(0.0, math.inf), neutral=1.0
+    )
 
     slug = "viscous"
     title = "wrong viscous friction"
     action = "axis"
     depends_on_place = False
+    base = "viscous"
     explanation = (
         "Speed-proportional friction differs from what was believed: other grease, another "
         "temperature, a new seal."
@@ -149,12 +139,13 @@ class CoulombFriction(Effect):
     CoulombMap(plus=(12.0,), minus=(9.0,))
     """
 
-    factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf))
+    factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf), neutral=1.0)
 
     slug = "coulomb"
     title = "wrong Coulomb level"
     action = "axis"
     depends_on_place = False
+    base = "coulomb"
     explanation = (
         "Dry friction as a whole is higher or lower than believed: preload, wear, lubrication."
     )
@@ -206,13 +197,21 @@ class StribeckPeak(Effect):
     Stribeck(excess=0.3, speed=0.01)
     """
 
-    excess: float = parameter("1", "excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS))
-    speed: float = parameter("m/s", "speed over which it dies", bounds=(1e-300, math.inf))
+    excess: float = parameter(
+        "1", "excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS), breaks_away=True,
+        size=1.0,
+    )  # fmt: skip
+    speed: float = parameter(
+        "m/s", "speed over which it dies", bounds=(1e-300, math.inf), breaks_away=True,
+        logarithmic=True,
+    )  # fmt: skip
 
     slug = "stribeck"
     title = "Stribeck peak"
     action = "axis"
     depends_on_place = False
+    rank = 9
+    axis_field = "stribeck"
     explanation = (
         "At the slowest motion the film of oil breaks down and friction rises: it takes more "
         "to start than to keep going."
@@ -232,3 +231,16 @@ class StribeckPeak(Effect):
         FrictionAxis
         """
         return axis.replace(stribeck=Stribeck(self.excess, self.speed))
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> StribeckPeak:
+        # A small peak, as narrow as the stick band is wide.
+        return cls(0.05, max(axis.stick_speed, 0.02 * size("m/s")))
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Peaks over parts of the speed in the record.
+        fast = float(np.quantile(np.abs(view.v), 0.9))
+        for excess in (0.15, 0.4):
+            for part in (0.02, 0.05, 0.15):
+                yield {"excess": excess, "speed": part * fast}, {}

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+import numpy as np
 
-if TYPE_CHECKING:
-    pass
+from dryfric_control.model.effects.effect import (
+    BaseAxis,
+    Effect,
+    Inner,
+    parameter,
+    register_effect,
+)
+from dryfric_control.model.effects.guesses import Guess, View
 
 
 @register_effect
@@ -38,15 +44,26 @@ class InputDelay(Effect):
     0.0045
     """
 
-    delay: float = parameter("s", "delay", bounds=(0.0, math.inf))
+    delay: float = parameter("s", "delay", bounds=(0.0, math.inf), kind="time")
 
     slug = "input_delay"
     title = "input delay"
     action = "delay"
     depends_on_place = False
     remembers = True
+    rank = 5
     explanation = "The drive acts late: computing time, a field bus, or a current loop's dead time."
     experiment = "Step the force while sliding and time the bend in speed against the command."
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Its delay.
+        return Inner(delay=self.delay)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Some samples.
+        for samples in (1.5, 3.5, 8.0):
+            yield {"delay": samples * view.dt}, {}
 
 
 @register_effect
@@ -75,15 +92,26 @@ class ActuatorLag(Effect):
     0.006931
     """
 
-    time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf))
+    time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf), kind="time")
 
     slug = "actuator_lag"
     title = "actuator lag"
     action = "lag"
     depends_on_place = False
     remembers = True
+    rank = 6
     explanation = "The force builds up gradually: the winding's inductance or a valve's stroke."
     experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Its time constant.
+        return Inner(lag=self.time_constant)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Some samples.
+        for samples in (1.5, 3.5, 8.0):
+            yield {"time_constant": samples * view.dt}, {}
 
 
 @register_effect
@@ -111,18 +139,32 @@ class InputGain(Effect):
     1.0
     """
 
-    gain: float = parameter("1", "force acting over force commanded", bounds=(0.0, math.inf))
+    gain: float = parameter(
+        "1", "force acting over force commanded", bounds=(0.0, math.inf), neutral=1.0
+    )
 
     slug = "input_gain"
     title = "input gain"
     action = "input"
     depends_on_place = False
+    rank = 2
+    trades = ("mass", "add a known mass, or measure the force, to part them")
     explanation = "The drive gives more or less force than believed: torque constant or scaling."
     experiment = "Hang a known weight on the axis and read the command that balances it."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * u
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A gain by regression, alone, and as all base parameters over it.
+        for c in (view.regress([view.u])[0][0], view.u @ view.residual / (view.u @ view.u)):
+            yield {"gain": float(np.clip(1.0 + c, 0.2, 5.0))}, {}
+        level = 0.5 * (view.axis.coulomb.plus[0] + view.axis.coulomb.minus[0])
+        now = {"mass": view.axis.mass, "viscous": view.axis.viscous, "coulomb": level}
+        gain = float(np.median([view.believed[n] / v for n, v in now.items() if v > 0.0]))
+        yield {"gain": gain}, {n: gain * v for n, v in now.items()}
 
 
 @register_effect
@@ -157,6 +199,7 @@ class DeadZone(Effect):
     title = "dead zone"
     action = "input"
     depends_on_place = False
+    rank = 11
     explanation = "Small commands are lost in the drive: valve overlap or a bridge's blanking time."
     experiment = (
         "Sweep the command slowly through zero while the axis is pushed by a constant load."
@@ -169,6 +212,15 @@ class DeadZone(Effect):
         if u < -p[0]:
             return u + p[0]
         return 0.0
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Parts of the Coulomb level, and what the drive loses while it pushes.
+        for part in (0.05, 0.15, 0.3):
+            width = part * view.level
+            yield {"width": width}, view.beside(-np.clip(view.u, -width, width))
+        part = float(np.median(-view.residual * np.sign(view.u)) / view.level)
+        yield {"width": float(np.clip(part, 0.01, 1.0)) * view.level}, {}
 
 
 @register_effect
@@ -196,15 +248,24 @@ class Saturation(Effect):
     1.0
     """
 
-    limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf))
+    limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf), neutral=None)
 
     slug = "saturation"
     title = "saturation"
     action = "input"
     depends_on_place = False
+    rank = 12
     explanation = "The drive cannot give more than this: current limit, supply voltage, pressure."
     experiment = "Step the reference further and further: the acceleration stops growing."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Parts of the largest command.
+        peak = float(np.abs(view.drive).max())
+        for part in (0.97, 0.85, 0.7, 0.5, 0.35, 0.2, 0.12):
+            lost = view.u - np.clip(view.u, -part * peak, part * peak)
+            yield {"limit": part * peak}, view.beside(-lost)

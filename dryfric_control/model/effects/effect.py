@@ -11,14 +11,17 @@ from __future__ import annotations
 import inspect
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from numba import cfunc
 
 from dryfric_control.checks import finite
 from dryfric_control.compiled.axis_step import LAW
+from dryfric_control.model.effects.guesses import Guess, View, tried
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.units import on_axis
 
 #: What an effect may act on; those of the first row act by a law.
 ACTIONS = (
@@ -26,6 +29,18 @@ ACTIONS = (
     *("axis", "delay", "lag", "contact", "transmission"),
 )
 _BY_LAW = ACTIONS[:3]
+_METHODS = {"axis": "alter", **dict.fromkeys(ACTIONS[4:], "inner")}
+
+#: What a parameter is, and the range in which a diagnosis searches it if that is
+#: narrower than its bounds: a load next to nothing is an elastic contact, and a
+#: drive later than 0.1 s is no drive for a position loop.
+KINDS: dict[str, tuple[float, float]] = {
+    "amount": (-math.inf, math.inf),
+    "place": (-math.inf, math.inf),
+    "angle": (-math.inf, math.inf),
+    "share": (0.05, 0.95),
+    "time": (0.0, 0.1),
+}
 
 
 def parameter(
@@ -34,19 +49,43 @@ def parameter(
     *,
     bounds: tuple[float, float] = (-math.inf, math.inf),
     default: float | None = None,
+    kind: str = "amount",
+    free: bool = True,
+    breaks_away: bool = False,
+    logarithmic: bool = False,
+    neutral: float | None = 0.0,
+    size: float | None = None,
 ) -> Any:
     """Declare one parameter of an effect.
 
     Parameters
     ----------
     unit : str
-        Unit, "1" for a ratio.
+        Unit on an axis in metres and newtons, "1" for a ratio; "rad" for an angle.
     doc : str
         What the parameter is.
     bounds : tuple of float
         Smallest and largest allowed value.
     default : float, optional
         Value when the user gives none.
+    kind : {"amount", "place", "angle", "share", "time"}, optional
+        "place": a position; "angle": a phase.  A change of either has no
+        percentage.  "share": part of the mass, between 0 and 1.  "time": by how
+        much the drive acts late.  "amount": any other.
+    free : bool, optional
+        Whether the effect's name stands for it among others, in a fit and in a
+        diagnosis; else it stays where it is unless it is named itself.
+    breaks_away : bool, optional
+        Whether it acts by break-away alone, which makes the cost of a fit
+        rugged: it is fitted from several starts and with longer steps.
+    logarithmic : bool, optional
+        Whether a fit searches it on a logarithmic scale: what is positive, of
+        unknown magnitude.
+    neutral : float, optional
+        Value with which the effect does nothing, where there is no default;
+        None if there is none.
+    size : float, optional
+        Change that matters.  Default: the value a fit starts from.
 
     Returns
     -------
@@ -70,8 +109,82 @@ def parameter(
         raise ValueError(f"bounds must run from low to high, got {bounds!r}")
     if default is not None and not low <= finite("default", default) <= high:
         raise ValueError(f"default must lie within bounds = {bounds!r}, got {default!r}")
-    metadata = {"unit": unit, "doc": doc, "bounds": (low, high)}
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    metadata = {
+        "unit": unit, "doc": doc, "bounds": (low, high), "kind": kind, "free": free,
+        "breaks_away": breaks_away, "logarithmic": logarithmic, "neutral": neutral, "size": size,
+    }  # fmt: skip
     return field(default=MISSING if default is None else default, metadata=metadata)
+
+
+class BaseAxis(Protocol):
+    """What an effect reads and changes of its axis: a `FrictionAxis`."""
+
+    @property
+    def mass(self) -> float:
+        """Moving mass."""
+
+    @property
+    def viscous(self) -> float:
+        """Viscous coefficient."""
+
+    @property
+    def coulomb(self) -> CoulombMap:
+        """Coulomb levels."""
+
+    @property
+    def stribeck(self) -> Stribeck | None:
+        """Stribeck peak."""
+
+    @property
+    def stick_speed(self) -> float:
+        """Speed below which the axis counts as motionless."""
+
+    @property
+    def travel(self) -> tuple[float, float] | None:
+        """Lowest and highest position."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects beyond the base model."""
+
+    def replace(self, **changes: Any) -> Self:
+        """Axis with some fields changed."""
+
+
+class Inner(NamedTuple):
+    """Numbers of delay, lag, contact and transmission.
+
+    What `Effect.inner` returns: of that which has a state of its own.
+
+    Parameters
+    ----------
+    delay, lag : float
+        Delay and time constant of the drive force [s].
+    contact : float
+        Stiffness of an elastic contact [N/m].
+    half_gap : float
+        Half the play between motor and load [m].
+    stiffness, damping : float
+        Of an elastic transmission between them [N/m], [N s/m].
+    load_fraction : float
+        Share of the mass behind play or transmission.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> dfc.effects.Inner(delay=2e-3).delay
+    0.002
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+    contact: float = 0.0
+    half_gap: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    load_fraction: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,8 +195,10 @@ class Effect:
     `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
     `experiment`, and, for the actions "input", "force" and "friction", a
     static method `law`; for "axis" a method ``alter(axis)`` that returns the
-    axis with other base parameters.  A law that varies fast along the way or in
-    time says so by `shortest_length` and `shortest_time`.
+    axis with other base parameters; for "delay", "lag", "contact" and
+    "transmission" a method ``inner(axis)`` that returns an `Inner` with the
+    numbers of its state.  A law that varies fast along the way or in time says so
+    by `shortest_length` and `shortest_time`.
 
     Notes
     -----
@@ -118,9 +233,24 @@ class Effect:
     depends_on_place: ClassVar[bool] = True
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
+    #: Whether it differs between the directions of motion beyond its sign.
+    depends_on_direction: ClassVar[bool] = False
+    #: Whether it changes with time.
+    depends_on_time: ClassVar[bool] = False
     #: Whether the Stribeck peak raises what a friction law adds; not where it is
     #: the friction of another contact, or of the same one at rest alone.
     within_peak: ClassVar[bool] = True
+    #: How many assumptions it makes: of causes that explain a record equally well,
+    #: the one of lowest rank is named.
+    rank: ClassVar[float] = math.inf
+    #: Whether a diagnosis may find a second one beside it, of another period.
+    repeats: ClassVar[bool] = False
+    #: Base parameter that it multiplies; a diagnosis fits that one instead.
+    base: ClassVar[str] = ""
+    #: Field of the axis that may hold it in place of `effects`; `alter` sets it.
+    axis_field: ClassVar[str] = ""
+    #: Base parameter with which it trades in a fit, and what separates the two.
+    trades: ClassVar[tuple[str, str]] = ("", "")
     law: ClassVar[Callable[..., float]]
     alter: ClassVar[Callable[..., Any]]
 
@@ -160,13 +290,149 @@ class Effect:
         """Unit, bounds and meaning of every parameter, by name."""
         return {item.name: dict(item.metadata) for item in fields(cls)}
 
-    def describe(self) -> str:
-        """Slug and parameters with units, in one line."""
+    @classmethod
+    def units(cls, units: tuple[str, str] = ("m", "N")) -> dict[str, str]:
+        """Unit of every parameter; angles are in radians on any axis.
+
+        Parameters
+        ----------
+        units : tuple of str, optional
+            Units of position and force of the axis, its `units`.
+
+        Returns
+        -------
+        dict of str to str
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> dfc.effects.Cogging.units(("rad", "N m"))
+        {'amplitude': 'N m', 'period': 'rad', 'phase': 'rad'}
+        """
+        return {
+            item.name: item.metadata["unit"]
+            if item.metadata["kind"] == "angle"
+            else on_axis(item.metadata["unit"], units)
+            for item in fields(cls)
+        }
+
+    @classmethod
+    def named_parameters(cls) -> tuple[str, ...]:
+        """Free parameters, for which the effect's name stands."""
+        return tuple(item.name for item in fields(cls) if item.metadata["free"])
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        """Numbers of its own state: delay, lag, contact, transmission.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect, its base parameters those that act.
+
+        Returns
+        -------
+        Inner
+        """
+        return Inner()
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> Effect:
+        """Effect from which a fit starts: it does nothing yet.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis.
+        size : callable
+            Typical size in the records of a quantity with a given unit.
+
+        Returns
+        -------
+        Effect
+
+        Raises
+        ------
+        ValueError
+            If a parameter has no neutral value.
+        """
+        values: dict[str, float] = {}
+        for item in fields(cls):
+            low, high = item.metadata["bounds"]
+            neutral = item.default if item.default is not MISSING else item.metadata["neutral"]
+            if neutral is None or not low <= neutral <= high:
+                raise ValueError(
+                    f"free: {cls.slug}.{item.name} has no neutral value to start from: put the "
+                    "effect with a first guess into the axis, axis.replace(effects=("
+                    f"{cls.__name__}(...),))"
+                )
+            values[item.name] = float(neutral)
+        return cls(**values)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        """First guesses of its parameters from the force residual.
+
+        By default parts of the typical size that each unit has are tried, in every
+        combination, and what the law is proportional to comes from regression.
+
+        Parameters
+        ----------
+        view : View
+            Sliding samples of the record and the force residual there.
+
+        Yields
+        ------
+        tuple of dict
+            Values of the parameters, and of those base parameters on which the
+            residual says something.
+        """
+        yield from tried(cls, view)
+
+    def viscous_in(self, direction: int) -> float:
+        """Viscous coefficient that it adds in one direction.
+
+        Parameters
+        ----------
+        direction : int
+            +1 or -1.
+
+        Returns
+        -------
+        float
+            Coefficient [N s/m].
+        """
+        return 0.0
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        """What its parameters come to, if they do not say it.
+
+        Parameters
+        ----------
+        units : tuple of str
+            Units of position and force of the axis.
+
+        Returns
+        -------
+        str
+        """
+        return ""
+
+    def describe(self, units: tuple[str, str] = ("m", "N")) -> str:
+        """Slug and parameters with units, in one line.
+
+        Parameters
+        ----------
+        units : tuple of str, optional
+            Units of position and force of the axis, its `units`.
+
+        Returns
+        -------
+        str
+        """
         parts = []
-        for item in fields(self):
-            unit = item.metadata["unit"]
+        for name, unit in self.units(units).items():
             suffix = "" if unit == "1" else f" {unit}"
-            parts.append(f"{item.name} = {getattr(self, item.name):.6g}{suffix}")
+            parts.append(f"{name} = {getattr(self, name):.6g}{suffix}")
         return f"{self.slug}: {', '.join(parts)}"
 
 
@@ -192,8 +458,9 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Raises
     ------
     ValueError
-        If the class lacks a slug, a known action, a law or an `alter`, takes the
-        slug of another effect, or its law reads a parameter that it does not declare.
+        If the class lacks a slug, a known action, a law, an `alter` or an `inner`,
+        takes the slug of another effect, or its law reads a parameter that it does
+        not declare.
 
     Examples
     --------
@@ -219,15 +486,22 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         )
     if not isinstance(cls.slug, str) or not cls.slug.isidentifier():
         raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
+    if cls.slug.rpartition("_")[2].isdecimal():
+        raise ValueError(
+            f"{cls.__name__}.slug must not end in a number, which counts effects of one kind in "
+            f"an axis, got {cls.slug!r}"
+        )
     if cls.action not in ACTIONS:
         raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
     if cls.action in _BY_LAW and not callable(getattr(cls, "law", None)):
         raise ValueError(f"{cls.__name__} needs a static method law(t, x, v, u, ..., p)")
-    if cls.action == "axis" and not callable(getattr(cls, "alter", None)):
-        raise ValueError(f"{cls.__name__} needs a method alter(axis) that returns a FrictionAxis")
     known = REGISTRY.get(cls.slug)
     if known is not None and known.__qualname__ != cls.__qualname__:
         raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
+    method = _METHODS.get(cls.action)
+    if method is not None and getattr(cls, method, None) in (None, Effect.inner):
+        returns = {"alter": "a FrictionAxis", "inner": "dfc.effects.Inner(...)"}[method]
+        raise ValueError(f"{cls.__name__} needs a method {method}(axis) that returns {returns}")
     _check_numbers(cls)
     REGISTRY[cls.slug] = cls
     return cls
@@ -252,6 +526,12 @@ _TRIED = ((0.0, 2.5), (-1.0, 1.0), (-1.0, 0.0, 1.0), (-9.0, 9.0), (5.0,), (-1.0,
 
 def _check_numbers(cls: type[Effect]) -> None:
     """Refuse a law that reads numbers which are not its own; compiled, it would take any."""
+    for item in fields(cls):
+        if hasattr(Effect, item.name):
+            raise ValueError(
+                f"{cls.__name__}.{item.name} is no name for a parameter, every effect has an "
+                "attribute of that name: choose another"
+            )
     for name in inspect.get_annotations(cls):
         if name not in cls.__dataclass_fields__:
             raise ValueError(

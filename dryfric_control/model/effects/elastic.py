@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+import numpy as np
 
-if TYPE_CHECKING:
-    pass
+from dryfric_control.model.effects.effect import (
+    BaseAxis,
+    Effect,
+    Inner,
+    parameter,
+    register_effect,
+)
+from dryfric_control.model.effects.guesses import Guess, View
+
+
+def _elastic_length(view: View) -> float:
+    """Length over which a contact or a play acts, from resolution and travel."""
+    return max(3.0 * view.quantum, 5e-5 * view.span)
 
 
 @register_effect
@@ -56,6 +67,7 @@ class Presliding(Effect):
     action = "contact"
     depends_on_place = False
     remembers = True
+    rank = 18
     explanation = (
         "Before it breaks away the contact bends like a spring: the axis gives way by "
         "micrometres and springs back."
@@ -64,6 +76,18 @@ class Presliding(Effect):
         "Raise and lower the force slowly below breakaway: the position follows in a loop, "
         "not on a line and not at all."
     )
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Stiffness of the contact, none without a Coulomb level.
+        middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+        level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
+        return Inner(contact=level / self.distance)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Elastic lengths over a decade and a half.
+        for part in np.geomspace(0.7, 20.0, 8):
+            yield {"distance": part * _elastic_length(view)}, {}
 
 
 @register_effect
@@ -105,7 +129,7 @@ class Backlash(Effect):
 
     gap: float = parameter("m", "whole width of the play", bounds=(1e-300, math.inf))
     load_fraction: float = parameter(
-        "1", "share of the mass behind the play", bounds=(1e-6, 1.0 - 1e-6)
+        "1", "share of the mass behind the play", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
 
     slug = "backlash"
@@ -113,6 +137,7 @@ class Backlash(Effect):
     action = "transmission"
     depends_on_place = False
     remembers = True
+    rank = 20
     explanation = (
         "There is play between motor and load: after each reversal the motor runs free, then "
         "strikes the load."
@@ -120,6 +145,17 @@ class Backlash(Effect):
     experiment = (
         "Reverse slowly under a small force: the motor moves by the play before the force rises."
     )
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Play and load.
+        return Inner(half_gap=0.5 * self.gap, load_fraction=self.load_fraction)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Widths over a decade and a half, loads on either side of a half.
+        for part in (1.5, 3.0, 6.0, 12.0, 24.0, 48.0):
+            for share in (0.35, 0.65):
+                yield {"gap": part * _elastic_length(view), "load_fraction": share}, {}
 
 
 @register_effect
@@ -164,7 +200,7 @@ class Compliance(Effect):
     stiffness: float = parameter("N/m", "stiffness", bounds=(1e-300, math.inf))
     damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf))
     load_fraction: float = parameter(
-        "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6)
+        "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
 
     slug = "compliance"
@@ -172,8 +208,29 @@ class Compliance(Effect):
     action = "transmission"
     depends_on_place = False
     remembers = True
+    rank = 21
     explanation = (
         "A belt, a long screw or a soft coupling gives way between motor and load: they swing "
         "against each other."
     )
     experiment = "Step the force while sliding: the motor's speed rings at the natural frequency."
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Spring, damper and load.
+        return Inner(
+            stiffness=self.stiffness, damping=self.damping, load_fraction=self.load_fraction
+        )
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Natural frequencies from 60 to 400 rad/s.
+        reduced = view.axis.mass * 0.5 * (1.0 - 0.5)
+        for omega in (60.0, 120.0, 200.0, 400.0):
+            yield (
+                {
+                    "stiffness": reduced * omega**2,
+                    "damping": 0.1 * reduced * omega,
+                    "load_fraction": 0.5,
+                },
+                {},
+            )

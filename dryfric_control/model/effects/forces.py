@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from dryfric_control.model.effects.effect import Effect, parameter, register_effect
-
-if TYPE_CHECKING:
-    pass
+from dryfric_control.model.effects.guesses import Guess, View, linear
 
 
 @register_effect
@@ -47,6 +47,13 @@ class BiasForce(Effect):
     action = "force"
     depends_on_place = False
     depends_on_speed = False
+    rank = 1
+    trades = (
+        "coulomb",
+        "a bias and levels that differ between the directions are the same force as long as "
+        "neither a Stribeck peak nor the position changes the levels: tilt the axis or turn it "
+        "round to part them",
+    )
     explanation = (
         "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
         "cable, or an offset of the amplifier."
@@ -56,6 +63,11 @@ class BiasForce(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0]
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A constant force.
+        yield from linear(view, np.ones_like(view.x), "force")
 
 
 @register_effect
@@ -92,6 +104,8 @@ class ViscousAsymmetry(Effect):
     title = "viscous asymmetry"
     action = "force"
     depends_on_place = False
+    depends_on_direction = True
+    rank = 17
     explanation = (
         "Speed-proportional friction is larger one way: a lip seal or a one-sided oil film."
     )
@@ -100,6 +114,15 @@ class ViscousAsymmetry(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * abs(v)
+
+    def viscous_in(self, direction: int) -> float:
+        # Its coefficient with the sign of the direction.
+        return direction * self.viscous
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Drag of either sign.
+        yield from linear(view, -np.abs(view.v), "viscous")
 
 
 @register_effect
@@ -133,12 +156,18 @@ class QuadraticDrag(Effect):
     title = "quadratic drag"
     action = "force"
     depends_on_place = False
+    rank = 4
     explanation = "Air or liquid is thrown aside, so the resistance grows with the square of speed."
     experiment = "Run at several constant speeds up to the fastest: the force curve bends upwards."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * v * abs(v)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Drag with the square of speed.
+        yield from linear(view, -view.v * np.abs(view.v), "drag", 0.0)
 
 
 @register_effect
@@ -169,12 +198,13 @@ class Spring(Effect):
     """
 
     stiffness: float = parameter("N/m", "stiffness", bounds=(0.0, math.inf))
-    rest: float = parameter("m", "position without spring force", default=0.0)
+    rest: float = parameter("m", "position without spring force", default=0.0, kind="place")
 
     slug = "spring"
     title = "spring"
     action = "force"
     depends_on_speed = False
+    rank = 3
     explanation = (
         "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
     )
@@ -183,6 +213,14 @@ class Spring(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * (x - p[1])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A line over position.
+        c, base = view.regress([-(view.x - view.middle), np.ones_like(view.x)])
+        stiffness = max(c[0], 1e-3 * view.level / view.span)
+        away = float(np.clip(c[1] / stiffness, -20.0 * view.span, 20.0 * view.span))
+        yield {"stiffness": stiffness, "rest": view.middle + away}, base
 
 
 @register_effect
@@ -214,12 +252,13 @@ class Gravity(Effect):
     """
 
     amplitude: float = parameter("N m", "largest torque m g l", bounds=(0.0, math.inf))
-    phase: float = parameter("rad", "position at which the arm hangs", default=0.0)
+    phase: float = parameter("rad", "position at which the arm hangs", default=0.0, kind="angle")
 
     slug = "gravity"
     title = "gravity on a rotary axis"
     action = "force"
     depends_on_speed = False
+    rank = 15
     explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
     experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
 
@@ -231,6 +270,13 @@ class Gravity(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A sine of the position.
+        c, base = view.regress([-np.sin(view.x), np.cos(view.x)])
+        amplitude = max(math.hypot(*c), 1e-3 * view.level)
+        yield {"amplitude": amplitude, "phase": math.atan2(c[1], c[0])}, base
 
 
 @register_effect
@@ -264,12 +310,14 @@ class Cogging(Effect):
 
     amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
     period: float = parameter("m", "period", bounds=(1e-300, math.inf))
-    phase: float = parameter("rad", "phase at x = 0", default=0.0)
+    phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
 
     slug = "cogging"
     title = "cogging"
     action = "force"
     depends_on_speed = False
+    rank = 13
+    repeats = True
     explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
     experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
 
@@ -281,6 +329,14 @@ class Cogging(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # The strongest sines over position.
+        for wave, c, base in view.periods(view.x):
+            amplitude = max(math.hypot(*c), 1e-3 * view.level)
+            phase = math.atan2(c[1], c[0])
+            yield {"amplitude": amplitude, "period": 1.0 / wave, "phase": phase}, base
 
 
 @register_effect
@@ -316,13 +372,16 @@ class TimePeriodic(Effect):
 
     amplitude: float = parameter("N", "amplitude", bounds=(0.0, math.inf))
     frequency: float = parameter("Hz", "frequency", bounds=(0.0, math.inf))
-    phase: float = parameter("rad", "phase at t = 0", default=0.0)
+    phase: float = parameter("rad", "phase at t = 0", default=0.0, kind="angle")
 
     slug = "time_periodic"
     title = "disturbance periodic in time"
     action = "force"
     depends_on_place = False
     depends_on_speed = False
+    depends_on_time = True
+    rank = 14
+    repeats = True
     explanation = (
         "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
     )
@@ -338,3 +397,11 @@ class TimePeriodic(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # The strongest sines over time.
+        for frequency, c, base in view.periods(view.t):
+            amplitude = max(math.hypot(*c), 1e-3 * view.level)
+            phase = math.atan2(c[1], c[0])
+            yield {"amplitude": amplitude, "frequency": frequency, "phase": phase}, base

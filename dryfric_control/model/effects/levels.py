@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from dryfric_control.model.effects.effect import Effect, parameter, register_effect
-
-if TYPE_CHECKING:
-    pass
+from dryfric_control.model.effects.forces import BiasForce
+from dryfric_control.model.effects.guesses import Guess, View, linear
 
 
 @register_effect
@@ -44,6 +45,9 @@ class CoulombAsymmetry(Effect):
     title = "Coulomb asymmetry"
     action = "friction"
     depends_on_place = False
+    depends_on_direction = True
+    rank = 16
+    trades = BiasForce.trades
     explanation = "Dry friction is larger one way: worn or preloaded contact, a wedge, a brush."
     experiment = (
         "Crawl both ways at the same speed and compare the levels; tilt to part it from a bias."
@@ -52,6 +56,11 @@ class CoulombAsymmetry(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] if direction > 0.0 else -p[0]
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A force of one sign both ways.
+        yield from linear(view, -np.ones_like(view.x), "force")
 
 
 @register_effect
@@ -87,11 +96,14 @@ class PositionDependence(Effect):
 
     slope: float = parameter("1/m", "relative change per length")
     curvature: float = parameter("1/m^2", "coefficient of the square", default=0.0)
-    centre: float = parameter("m", "position of the unchanged level", default=0.0)
+    centre: float = parameter(
+        "m", "position of the unchanged level", default=0.0, kind="place", free=False
+    )
 
     slug = "position_dependence"
     title = "position-dependent friction"
     action = "friction"
+    rank = 7
     explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
     experiment = "Crawl over the whole travel both ways and plot the force over position."
 
@@ -99,6 +111,20 @@ class PositionDependence(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         q = x - p[2]
         return level * (p[0] + p[1] * q) * q
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        # The level as a formula.
+        return (
+            "level = Coulomb level of the axis * (1 + slope q + curvature q^2) with "
+            f"q = x - centre, centre = {self.centre:.4g} {units[0]}"
+        )
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A parabola over position, about the middle of the travel.
+        q, level = view.x - view.middle, -view.direction * view.level
+        c, base = view.regress([level * q, level * q**2])
+        yield {"slope": c[0], "curvature": c[1], "centre": view.middle}, base
 
 
 @register_effect
@@ -136,6 +162,7 @@ class LoadDependence(Effect):
     action = "friction"
     depends_on_place = False
     within_peak = False
+    rank = 10
     explanation = (
         "The force that the gear or screw carries presses its teeth together: more friction."
     )
@@ -146,6 +173,11 @@ class LoadDependence(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * abs(u)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Friction with the drive force.
+        yield from linear(view, -np.sign(view.v) * np.abs(view.u), "coefficient", 1e-3)
 
 
 @register_effect
@@ -179,12 +211,19 @@ class Drift(Effect):
     title = "friction drift"
     action = "friction"
     depends_on_place = False
+    depends_on_time = True
+    rank = 8
     explanation = "Friction rises or falls while the machine runs: warming grease, a drying seal."
     experiment = "Repeat the same crawl every few minutes from cold to warm."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * t
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Friction with time.
+        yield from linear(view, -np.sign(view.v) * view.level * view.t, "rate")
 
 
 @register_effect
@@ -219,8 +258,12 @@ class DwellTime(Effect):
     1.5
     """
 
-    rise: float = parameter("N", "breakaway gained after a long rest", bounds=(0.0, math.inf))
-    time_constant: float = parameter("s", "time constant", bounds=(1e-9, math.inf))
+    rise: float = parameter(
+        "N", "breakaway gained after a long rest", bounds=(0.0, math.inf), breaks_away=True
+    )
+    time_constant: float = parameter(
+        "s", "time constant", bounds=(1e-9, math.inf), breaks_away=True
+    )
 
     slug = "dwell_time"
     title = "dwell-time dependence"
@@ -228,6 +271,7 @@ class DwellTime(Effect):
     depends_on_place = False
     within_peak = False
     remembers = True
+    rank = 19
     explanation = (
         "At rest the contacts creep together and the oil is squeezed out: it sticks harder."
     )
@@ -236,3 +280,10 @@ class DwellTime(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * -math.expm1(-rest / p[1])
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A grid: break-away is all there is to see, and a force read off there is too rough.
+        for part in np.geomspace(0.1, 1.2, 8):
+            for time_constant in np.geomspace(0.05, 1.5, 9):
+                yield {"rise": part * view.level, "time_constant": time_constant}, {}

@@ -1,0 +1,115 @@
+"""Effects of an axis by name, so that one axis may hold several of a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+from dryfric_control.model.effects.effect import REGISTRY, BaseAxis, Effect
+
+
+def class_of(name: str) -> type[Effect] | None:
+    """Class of an effect by its name in an axis, such as "cogging_2"; None if unknown."""
+    return REGISTRY.get(_split(name)[0])
+
+
+def title_of(name: str) -> str:
+    """Effect in words by its name in an axis; the name itself if it is none.
+
+    Examples
+    --------
+    >>> title_of("coulomb"), title_of("cogging_2")
+    ('wrong Coulomb level', 'cogging 2')
+    """
+    effect, number = class_of(name), _split(name)[1]
+    if effect is None:
+        return name
+    title = effect.title or effect.slug
+    return title if number == 1 else f"{title} {number}"
+
+
+def followed(name: str, names: Iterable[str]) -> bool:
+    """Whether an effect of the same kind with a higher number is among names.
+
+    Examples
+    --------
+    >>> followed("cogging", ["spring", "cogging_2"]), followed("cogging_2", ["cogging"])
+    (True, False)
+    """
+    slug, number = _split(name)
+    return any(other == slug and k > number for other, k in map(_split, names))
+
+
+def renumbered(names: Iterable[str], taken: str) -> list[str]:
+    """Names of parameters as they are once an effect is taken out of the axis.
+
+    Examples
+    --------
+    >>> renumbered(["cogging_2.period", "spring.rest"], "cogging")
+    ['cogging.period', 'spring.rest']
+    """
+    slug, number = _split(taken)
+    found = []
+    for name in names:
+        owner, dot, part = name.partition(".")
+        other, k = _split(owner)
+        found.append(f"{_joined(slug, k - 1)}{dot}{part}" if other == slug and k > number else name)
+    return found
+
+
+def named(axis: BaseAxis) -> dict[str, Effect]:
+    """Effects of an axis by name: the slug, and "cogging_2" for a second of a kind.
+
+    What a field of the axis holds, such as its Stribeck peak, is the first of them;
+    an effect of that kind takes its place.
+    """
+    found: dict[str, Effect] = {}
+    listed = [effect.slug for effect in axis.effects]
+    for cls in REGISTRY.values():
+        if cls.axis_field and cls.slug not in listed:
+            own = getattr(axis, cls.axis_field)
+            if own is not None:
+                found[cls.slug] = cls(*(getattr(own, item.name) for item in fields(cls)))
+    return found | dict(zip(_listed(axis), axis.effects, strict=True))
+
+
+def with_named(axis: Any, changed: dict[str, Effect]) -> Any:
+    """The axis with other numbers in some of its effects, in their order."""
+    names = dict(zip(_listed(axis), axis.effects, strict=True))
+    for name, effect in changed.items():
+        if name not in names:
+            axis = effect.alter(axis)
+    return axis.replace(effects=tuple(changed.get(n, e) for n, e in names.items()))
+
+
+def put(axis: Any, name: str, effect: Effect | None) -> Any:
+    """The axis with an effect in place of the one of a name, or as one more; None: less it.
+
+    Those of one kind stand behind all others, in their order.
+    """
+    cls = class_of(name)
+    assert cls is not None
+    alike = {n: e for n, e in zip(_listed(axis), axis.effects, strict=True) if e.slug == cls.slug}
+    if cls.axis_field and not alike:
+        return axis.replace(**{cls.axis_field: None}) if effect is None else effect.alter(axis)
+    alike.pop(name, None) if effect is None else alike.update({name: effect})
+    others = tuple(e for e in axis.effects if e.slug != cls.slug)
+    return axis.replace(effects=(*others, *alike.values()))
+
+
+def _listed(axis: BaseAxis) -> list[str]:
+    """Names of the effects in the list of an axis, in its order."""
+    slugs = [effect.slug for effect in axis.effects]
+    return [_joined(slug, slugs[: i + 1].count(slug)) for i, slug in enumerate(slugs)]
+
+
+def _split(name: str) -> tuple[str, int]:
+    """Slug and number, from 1."""
+    slug, _, number = name.rpartition("_")
+    return (slug, int(number)) if slug and number.isdecimal() else (name, 1)
+
+
+def _joined(slug: str, number: int) -> str:
+    """Name of the first, second, ... of a kind."""
+    return slug if number == 1 else f"{slug}_{number}"

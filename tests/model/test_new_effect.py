@@ -1,0 +1,306 @@
+"""One effect of every action, written outside the package in one class each.
+
+Nothing else is touched: each is simulated, guessed, fitted, diagnosed, documented,
+and written to a file and read back.
+"""
+
+import importlib.util
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.candidates import BASE
+from dryfric_control.estimation.force_residual import View
+from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
+from dryfric_control.model.effects.naming import class_of
+from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
+
+DT, QUANTUM = 1e-3, 1e-7
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+parameter = dfc.effects.parameter
+
+
+class Foreign(dfc.effects.Effect):
+    """What all of them say of themselves."""
+
+    explanation = "Something of the user's own machine."
+    experiment = "Look at it."
+
+
+@dataclass(frozen=True)
+class HalfBridge(Foreign):
+    """Amplifier with another gain for positive commands."""
+
+    gain: float = parameter("1", "gain for u > 0", bounds=(0.0, math.inf), neutral=1.0)
+
+    slug = "half_bridge"
+    title = "half bridge"
+    action = "input"
+    depends_on_place = False
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return p[0] * u if u > 0.0 else u
+
+
+@dataclass(frozen=True)
+class Bellows(Foreign):
+    """Spring of the third power."""
+
+    strength: float = parameter("N/m^3", "coefficient of x^3", bounds=(0.0, math.inf))
+
+    slug = "bellows"
+    title = "stiffening bellows"
+    action = "force"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return -p[0] * x**3
+
+
+@dataclass(frozen=True)
+class DryCrown(Foreign):
+    """Friction that is higher around one place."""
+
+    rise: float = parameter("1", "relative rise of the level", bounds=(0.0, math.inf))
+
+    slug = "dry_crown"
+    title = "dry crown"
+    action = "friction"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return level * p[0] * math.exp(-((x / 0.05) ** 2))
+
+
+@dataclass(frozen=True)
+class OneSidedWear(Foreign):
+    """Coulomb level that is lower forwards."""
+
+    lost: float = parameter("1", "part of the level", bounds=(-0.9, 0.9))
+
+    slug = "one_sided_wear"
+    title = "one-sided wear"
+    action = "axis"
+    depends_on_place = False
+
+    def alter(self, axis):
+        plus = [(1.0 - self.lost) * c for c in axis.coulomb.plus]
+        return axis.replace(coulomb=dfc.CoulombMap(plus, axis.coulomb.minus))
+
+
+@dataclass(frozen=True)
+class BusCycles(Foreign):
+    """Cycles of a field bus, 1 ms each."""
+
+    late: float = parameter("s", "delay of two hops", bounds=(0.0, math.inf), kind="time")
+
+    slug = "bus_cycles"
+    title = "bus cycles"
+    action = "delay"
+    depends_on_place = False
+    remembers = True
+
+    def inner(self, axis):
+        return dfc.effects.Inner(delay=0.5 * self.late)
+
+
+@dataclass(frozen=True)
+class Hose(Foreign):
+    """Pressure that builds up through a hose."""
+
+    fill: float = parameter("s", "time to fill", bounds=(0.0, math.inf), kind="time")
+
+    slug = "hose"
+    title = "hose"
+    action = "lag"
+    depends_on_place = False
+    remembers = True
+
+    def inner(self, axis):
+        return dfc.effects.Inner(lag=self.fill / 3.0)
+
+
+@dataclass(frozen=True)
+class Bristles(Foreign):
+    """Contact of given stiffness."""
+
+    stiffness: float = parameter("N/m", "stiffness", bounds=(1.0, math.inf))
+
+    slug = "bristles"
+    title = "bristles"
+    action = "contact"
+    depends_on_place = False
+    remembers = True
+
+    def inner(self, axis):
+        return dfc.effects.Inner(contact=self.stiffness)
+
+    @classmethod
+    def guess(cls, view) -> Iterator:
+        for part in np.geomspace(3e-4, 3e-2, 6):
+            yield {"stiffness": view.level / (part * view.span)}, {}
+
+
+@dataclass(frozen=True)
+class Belt(Foreign):
+    """Belt between halves of the mass, damped by a tenth of what is critical."""
+
+    pitch: float = parameter("Hz", "natural frequency", bounds=(1.0, math.inf))
+
+    slug = "belt"
+    title = "belt"
+    action = "transmission"
+    depends_on_place = False
+    remembers = True
+
+    def inner(self, axis):
+        reduced, omega = 0.25 * axis.mass, 2.0 * math.pi * self.pitch
+        return dfc.effects.Inner(
+            stiffness=reduced * omega**2, damping=0.2 * reduced * omega, load_fraction=0.5
+        )
+
+    @classmethod
+    def guess(cls, view) -> Iterator:
+        for pitch in (8.0, 16.0, 30.0, 60.0):
+            yield {"pitch": pitch}, {}
+
+
+TRUE = (
+    HalfBridge(gain=0.8), Bellows(strength=4000.0), DryCrown(rise=0.6), OneSidedWear(lost=0.2),
+    BusCycles(late=6e-3), Hose(fill=9e-3), Bristles(stiffness=8e3), Belt(pitch=20.0),
+)  # fmt: skip
+
+
+@contextmanager
+def registry(*classes):
+    """Only base parameters and the given effects."""
+    before = dict(REGISTRY)
+    try:
+        REGISTRY.clear()
+        REGISTRY.update((slug, before[slug]) for slug in BASE)
+        for cls in classes:
+            dfc.effects.register_effect(cls)
+        yield
+    finally:
+        REGISTRY.clear()
+        REGISTRY.update(before)
+
+
+def made(axis, seconds=4.0, seed=2):
+    """A record of an axis under position control, over steps of random size."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds / DT)
+    target = np.repeat(rng.uniform(-0.1, 0.1, n // 250 + 1), 250)[:n]
+    reference = np.convolve(target, np.ones(100) / 100.0, "same")
+    loop = dfc.PositionController(kp=2500.0, ki=0.0, kd=110.0, dt=DT, limit=60.0)
+    run = dfc.simulate_loop(axis, loop, reference, quantum=QUANTUM)
+    return dfc.Record(run.t, run.y[4], run.y[5], quantum=QUANTUM)
+
+
+def test_every_action_has_one():
+    assert {effect.action for effect in TRUE} == set(ACTIONS)
+
+
+@pytest.mark.parametrize("effect", TRUE, ids=lambda effect: effect.action)
+def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
+    cls = type(effect)
+    name = next(iter(cls.parameters()))
+    true = getattr(effect, name)
+    with registry(cls, dfc.effects.BiasForce):
+        machine = AXIS.replace(effects=(effect,))
+        record = made(machine)
+        # Simulated: it changes the motion.
+        u = record.u[:1000]
+        moved = machine.simulate(u, DT).y[0] - AXIS.simulate(u, DT).y[0]
+        assert np.abs(moved).max() > 100 * QUANTUM
+        # Guessed, within its bounds.
+        guesses = [values for values, _ in cls.guess(View(AXIS, record))]
+        low, high = cls.parameters()[name]["bounds"]
+        assert guesses
+        assert all(low <= min(max(values[name], low), high) <= high for values in guesses)
+        assert min(abs(math.log(abs(values[name]) / true)) for values in guesses) < math.log(3.0)
+        # Fitted from numbers that are off.
+        off = AXIS.replace(effects=(cls(0.8 * true),))
+        found = dfc.fit(off, record, free=(cls.slug,))
+        assert found.parameters[f"{cls.slug}.{name}"] == pytest.approx(true, rel=0.02)
+        # Diagnosed.
+        d = dfc.diagnose(AXIS, record, jobs=1)
+        assert [cause.effect for cause in d.causes] == [cls.slug], str(d)
+        assert d.causes[0].parameters[name] == pytest.approx(true, rel=0.05)
+        assert d.causes[0].units == cls.units()
+        # Written to files and read back.
+        dfc.write_axis(machine, tmp_path / "axis.toml")
+        assert dfc.read_axis(tmp_path / "axis.toml") == machine
+        assert axis_from_dict(axis_to_dict(machine)) == machine
+    # Documented.
+    path = Path(__file__).parents[2] / "docs" / "_extensions" / "effects_catalogue.py"
+    spec = importlib.util.spec_from_file_location("effects_catalogue", path)
+    catalogue = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(catalogue)
+    text = "\n".join(catalogue.section(cls))
+    assert f"`{cls.slug}`" in text and f"| `{name}` |" in text and cls.explanation in text
+    assert cls.slug in machine.describe()
+    assert class_of(cls.slug) is None
+
+
+# -- several of one kind -----------------------------------------------------------------
+
+FIRST = dfc.effects.Cogging(amplitude=4.0, period=0.05, phase=0.4)
+SECOND = dfc.effects.Cogging(amplitude=2.5, period=0.021, phase=-1.0)
+
+
+def test_two_coggings_add_up_and_have_names():
+    both = AXIS.replace(effects=(FIRST, SECOND))
+    for x in (0.003, 0.011):
+        pushed = [AXIS.replace(effects=e).simulate([0.0] * 3, DT, x0=x).y[2, -1]
+                  for e in ((FIRST,), (SECOND,), (FIRST, SECOND))]  # fmt: skip
+        assert pushed[2] == pytest.approx(pushed[0] + pushed[1], rel=1e-12)
+    assert both.named_effects() == {"cogging": FIRST, "cogging_2": SECOND}
+    assert both.describe().count("cogging: amplitude") == 2
+    assert axis_from_dict(axis_to_dict(both)) == both
+
+
+def test_two_coggings_are_fitted_each():
+    record = made(AXIS.replace(effects=(FIRST, SECOND)))
+    off = AXIS.replace(
+        effects=(
+            dfc.effects.Cogging(3.0, FIRST.period, 0.4),
+            dfc.effects.Cogging(3.5, SECOND.period, -1.2),
+        )
+    )
+    free = ("cogging.amplitude", "cogging_2.amplitude", "cogging_2.phase")
+    found = dfc.fit(off, record, free=free)
+    assert list(found.parameters) == list(free)
+    assert found.parameters["cogging.amplitude"] == pytest.approx(4.0, rel=0.01)
+    assert found.parameters["cogging_2.amplitude"] == pytest.approx(2.5, rel=0.01)
+    assert found.parameters["cogging_2.phase"] == pytest.approx(-1.0, abs=0.01)
+    assert found.axis.effects[0].phase == FIRST.phase
+
+
+def test_a_number_counts_from_the_effects_that_there_are():
+    record = made(AXIS)
+    with pytest.raises(ValueError, match="'bias_force_2' counts from .* none: .* 'bias_force'"):
+        dfc.fit(AXIS, record, free=("bias_force_2",))
+    with pytest.raises(ValueError, match="slug must not end in a number"):
+        dfc.effects.register_effect(type("A", (Bellows,), {"slug": "bellows_2"}))
+
+
+@pytest.mark.parametrize("believed", [(), (FIRST,)], ids=["none known", "one known"])
+def test_a_diagnosis_finds_a_second_cogging(believed):
+    record = made(AXIS.replace(effects=(FIRST, SECOND)), seconds=8.0)
+    with registry(dfc.effects.BiasForce, dfc.effects.Spring, dfc.effects.Cogging):
+        d = dfc.diagnose(AXIS.replace(effects=believed), record, jobs=1)
+    assert d.verdict == "explained", str(d)
+    assert [c.effect for c in d.causes] == ["cogging", "cogging_2"][len(believed) :], str(d)
+    assert d.causes[-1].title == "cogging 2"
+    assert d.causes[-1].parameters["period"] == pytest.approx(SECOND.period, rel=0.01)
+    assert d.causes[-1].parameters["amplitude"] == pytest.approx(SECOND.amplitude, rel=0.05)
+    periods = sorted(e.period for e in d.extended.effects)
+    assert periods == pytest.approx([SECOND.period, FIRST.period], rel=0.01)

@@ -1,0 +1,91 @@
+"""One rule for units: every print asks the axis."""
+
+import re
+
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.estimation.parameters import Scales, choose
+from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.units import on_axis, powers
+
+LINEAR, ROTARY, MILLIMETRES = ("m", "N"), ("rad", "N m"), ("mm", "N")
+SCALES = Scales(force=10.0, length=0.1, time=0.5, step=1e-3)
+
+
+def axis_in(units, effects=()):
+    return dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=dfc.CoulombMap([8.0, 1.0, 2.0], [7.0]),
+        stribeck=dfc.Stribeck(0.2, 0.01), travel=(-0.1, 0.1), units=units, effects=effects,
+    )  # fmt: skip
+
+
+def any_of(cls):
+    """An effect with some numbers inside its bounds."""
+    bounds = {name: meta["bounds"] for name, meta in cls.parameters().items()}
+    return cls(**{name: min(max(0.5, low), high) for name, (low, high) in bounds.items()})
+
+
+@pytest.mark.parametrize(
+    ("unit", "rotary"),
+    [
+        ("N", "N m"), ("m", "rad"), ("kg", "kg m^2"), ("m/s", "rad/s"), ("N s/m", "N m s/rad"),
+        ("N/m", "N m/rad"), ("N s^2/m^2", "N m s^2/rad^2"), ("1/m^2", "1/rad^2"), ("Hz", "Hz"),
+        ("1", "1"), ("m/N", "rad/(N m)"), ("N^2 s", "(N m)^2 s"), ("N m", "N m"), ("V s", "V s"),
+        ("N m/rad", "N m/rad"),
+    ],
+)  # fmt: skip
+def test_a_unit_of_a_rotary_axis(unit, rotary):
+    assert on_axis(unit, ROTARY) == rotary
+    assert powers(rotary) == powers(unit)
+    # What is in the units of an axis already stays so.
+    assert on_axis(rotary, ROTARY) == rotary
+
+
+def test_units_in_millimetres_and_metres():
+    assert on_axis("kg", MILLIMETRES) == "N s^2/mm" and on_axis("N s/m", MILLIMETRES) == "N s/mm"
+    for unit in ("N s^2/m^2", "kg", "1/m", "N/m", "1", "Hz", "m/s"):
+        assert on_axis(unit, LINEAR) == unit
+
+
+@pytest.mark.parametrize("slug", REGISTRY)
+def test_every_print_of_an_effect_has_the_units_of_its_axis(slug):
+    cls = REGISTRY[slug]
+    effect = any_of(cls)
+    for units in (LINEAR, ROTARY):
+        axis = axis_in(units, (effect,))
+        declared, printed = cls.parameters(), cls.units(axis.units)
+        _, parameters = choose(axis, [f"{slug}.{name}" for name in declared], SCALES)
+        for parameter, (name, unit) in zip(parameters, printed.items(), strict=True):
+            # The fit, and the diagnosis with it, prints what `describe` prints.
+            assert parameter.unit == unit
+            shown = "" if unit == "1" else f" {unit}"
+            assert f"{name} = {getattr(effect, name):.6g}{shown}" in axis.describe()
+            assert powers(unit) == powers(declared[name]["unit"])
+            if units == ROTARY:
+                # No length, force or mass of a linear axis is left.
+                left = unit.replace("kg m^2", "").replace("N m", "")
+                assert not re.search(r"\b(m|N|kg)\b", left), unit
+            else:
+                assert "rad" not in unit or declared[name]["kind"] == "angle"
+
+
+@pytest.mark.parametrize("units", [LINEAR, ROTARY], ids=["linear", "rotary"])
+def test_base_parameters_have_the_same_units_everywhere(units):
+    axis = axis_in(units)
+    free = ("mass", "viscous", "stick_speed", "stick_rate", "stribeck", "coulomb_map")
+    _, parameters = choose(axis, free, SCALES)
+    found = {p.name: p.unit for p in parameters}
+    assert found["mass"] == {LINEAR: "kg", ROTARY: "kg m^2"}[units]
+    assert found["viscous"] == {LINEAR: "N s/m", ROTARY: "N m s/rad"}[units]
+    assert found["coulomb_plus[0]"] == units[1]
+    assert found["coulomb_plus[2]"] == {LINEAR: "N/m^2", ROTARY: "N m/rad^2"}[units]
+    assert found["stribeck.speed"] == found["stick_speed"] == f"{units[0]}/s"
+    for name in ("mass", "viscous", "stick_speed"):
+        value = f"{getattr(axis, name):.6g} {found[name]}"
+        assert value in axis.describe() and value in axis._repr_html_()
+
+
+def test_a_bad_number_is_refused_in_the_units_of_the_axis():
+    with pytest.raises(ValueError, match=r"mass .*kg m\^2"):
+        dfc.FrictionAxis(mass=-1.0, viscous=0.1, coulomb=1.0, units=ROTARY)

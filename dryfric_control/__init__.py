@@ -4,6 +4,7 @@ import sys
 
 from dryfric_control import presets
 from dryfric_control._version import __version__
+from dryfric_control.compensation import Compensation, design_compensation
 from dryfric_control.diagnosis import (
     Cause,
     Diagnosis,
@@ -33,6 +34,7 @@ from dryfric_control.model.blocks import (
 )
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.model.state_machine import plot_state_machine
 from dryfric_control.observer import (
     Certificate,
@@ -55,11 +57,13 @@ __all__ = [
     "Cause",
     "Certificate",
     "CertificateError",
+    "Compensation",
     "CoulombMap",
     "Diagnosis",
     "Fit",
     "FitWarning",
     "FrictionAxis",
+    "MotionProfile",
     "ObserverDesign",
     "ObserverStepper",
     "PositionController",
@@ -68,6 +72,7 @@ __all__ = [
     "Stribeck",
     "__version__",
     "axis_block",
+    "design_compensation",
     "design_pi_observer",
     "diagnose",
     "diagnose_batch",
@@ -79,6 +84,7 @@ __all__ = [
     "laws",
     "load_design",
     "monte_carlo",
+    "motion_profile",
     "next_experiment",
     "observe",
     "observed_loop",

@@ -51,6 +51,18 @@ def control_update(gains, memory, reference, y):
     return given
 
 
+@axis_step.internal
+def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
+    """Sample k of a closed loop round the axis, into column k of `out`."""
+    t, force = k * dt, u + disturbance
+    if k == 0:
+        state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
+    out[0, k], out[4, k], out[5, k] = state[axis_step.X], u, y
+    out[1, k], out[2, k], out[3, k] = axis_step.sample(
+        plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
+    )
+
+
 @njit(cache=True, error_model="numpy")
 def run_loop(
     numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, room, out
@@ -67,17 +79,10 @@ def run_loop(
     events = np.empty(64 * room)
     count = axis_step.tally(events)
     for k in range(n):
-        t = k * dt
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
             count[axis_step.HELD] = events.shape[0] // 3
         y = encode(state[axis_step.X], quantum)
         u = control_update(control, past, reference[k], y)
-        force = u + disturbance[k]
-        if k == 0:
-            state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
-        out[0, k], out[4, k], out[5, k] = state[axis_step.X], u, y
-        out[1, k], out[2, k], out[3, k] = axis_step.sample(
-            plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
-        )
+        advance_plant(plant, k, dt, state, u, disturbance[k], y, events, count, out)
     return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import control as ct
 import numpy as np
@@ -21,8 +21,56 @@ from dryfric_control.compiled.loop import (
     encode,
     run_loop,
 )
-from dryfric_control.model.axis import FrictionAxis, check_finite, check_pace
+from dryfric_control.model.axis import Arrays, FrictionAxis, check_finite, check_pace
+from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
+
+
+class LoopController(Protocol):
+    """What `simulate_loop` asks of a controller."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling time [s]."""
+        ...
+
+    def run(
+        self,
+        axis: Arrays,
+        state: NDArray[np.float64],
+        motion: MotionProfile,
+        disturbance: NDArray[np.float64],
+        quantum: float,
+        room: int,
+        out: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], int]:
+        """Run the compiled loop.
+
+        Parameters
+        ----------
+        axis : Arrays
+            The plant.
+        state : ndarray
+            Its memory, position and speed at the start first.
+        motion : MotionProfile
+            Reference.
+        disturbance : ndarray, shape (n,)
+            Force added to the drive [N].
+        quantum : float
+            Encoder increment [m].
+        room : int
+            Numbers that one sample may write into the list of switches.
+        out : ndarray, shape (6, n)
+            Filled with x, v, F, mode, u, y.
+
+        Returns
+        -------
+        ndarray, shape (nswitches, 3)
+            Located switches: time, mode before, mode after.
+        int
+            Switches for which there was no room.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -179,6 +227,48 @@ class PositionController:
         memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
         return memory
 
+    def run(
+        self,
+        axis: Arrays,
+        state: NDArray[np.float64],
+        motion: MotionProfile,
+        disturbance: NDArray[np.float64],
+        quantum: float,
+        room: int,
+        out: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], int]:
+        """Run the compiled loop, see `simulate_loop`.
+
+        Parameters
+        ----------
+        axis : Arrays
+            The plant.
+        state : ndarray
+            Its memory, position and speed at the start first.
+        motion : MotionProfile
+            Reference.
+        disturbance : ndarray, shape (n,)
+            Force added to the drive [N].
+        quantum : float
+            Encoder increment [m].
+        room : int
+            Numbers that one sample may write into the list of switches.
+        out : ndarray, shape (6, n)
+            Filled with x, v, F, mode, u, y.
+
+        Returns
+        -------
+        ndarray, shape (nswitches, 3)
+            Located switches: time, mode before, mode after.
+        int
+            Switches for which there was no room.
+        """
+        memory = self.memory(encode(state[0], quantum), state[1])
+        return run_loop(  # type: ignore[no-any-return]
+            axis.numbers, axis.integers, state, self.gains, memory, motion.position, disturbance,
+            quantum, self.dt, room, out,
+        )  # fmt: skip
+
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
         """The controller as a sampled block.
 
@@ -215,8 +305,8 @@ class PositionController:
 
 def simulate_loop(
     axis: FrictionAxis,
-    controller: PositionController,
-    reference: ArrayLike,
+    controller: LoopController,
+    reference: MotionProfile | ArrayLike,
     quantum: float = 0.0,
     x0: float = 0.0,
     v0: float = 0.0,
@@ -230,10 +320,10 @@ def simulate_loop(
     ----------
     axis : FrictionAxis
         The plant.
-    controller : PositionController
-        The controller; its `dt` is the sampling time.
-    reference : array_like, shape (n,)
-        Position reference at the samples [m].
+    controller : PositionController or CompensatedController
+        The controller, or that of a compensation; its `dt` is the sampling time.
+    reference : MotionProfile or array_like, shape (n,)
+        Reference motion, or its positions at the samples [m].
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
@@ -269,8 +359,10 @@ def simulate_loop(
     ['x', 'v', 'F', 'mode', 'u', 'y']
     """
     instance("axis", axis, FrictionAxis)
-    instance("controller", controller, PositionController)
-    r = samples("reference", reference)
+    if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
+        instance("controller", controller, PositionController, "or comp.controller")
+    motion = MotionProfile.of(reference, controller.dt)
+    r = motion.position
     quantum = positive("quantum", quantum, unit="m", zero=True)
     x0, v0 = finite("x0", x0), finite("v0", v0)
     force = np.zeros(r.size) if disturbance is None else samples("disturbance", disturbance)
@@ -288,19 +380,7 @@ def simulate_loop(
             raise ValueError(TOO_MANY)
         memory = np.zeros(arrays.memory)
         memory[:2] = x0, v0
-        located, lost = run_loop(
-            arrays.numbers,
-            arrays.integers,
-            memory,
-            controller.gains,
-            controller.memory(encode(x0, quantum), v0),
-            r,
-            force,
-            quantum,
-            dt,
-            room,
-            out,
-        )
+        located, lost = controller.run(arrays, memory, motion, force, quantum, room, out)
         room *= 8
     check_finite(out)
     return SimulationResponse(

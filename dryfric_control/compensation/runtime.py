@@ -1,0 +1,223 @@
+"""The compensated position controller at work: closed loop, block, stepper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.model.axis import Arrays
+from dryfric_control.compiled import compensation as kernel
+from dryfric_control.checks import finite
+from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
+from dryfric_control.model.profiles import MotionProfile
+
+Array = NDArray[np.float64]
+
+_STATES = (
+    "samples", "integral", "speed", "reading", "ahead", "direction", "contact", "still",
+    "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
+    "mean_drive", "mean_error", "compensation", "sliding_integral", *(f"inner{i}" for i in range(6)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class CompensatedController:
+    """Position controller with friction compensation, ready to run.
+
+    Made by `Compensation.controller`; for `simulate_loop`, for
+    `control.interconnect` (`block`) and for a loop of one's own (`stepper`).
+
+    Attributes
+    ----------
+    dt : float
+        Sampling time [s].
+    lead : int
+        Samples by which the block and the stepper want the reference ahead.
+    law : Law
+        Arrays of the compiled law.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> controller = dfc.design_compensation(axis, dt=1e-3).controller
+    >>> move = dfc.motion_profile(0.01, 1e-3, velocity=0.05, acceleration=1.0, jerk=50.0)
+    >>> resp = dfc.simulate_loop(axis, controller, move, quantum=1e-6)
+    >>> bool(abs(resp.y[0] - move.position).max() < 2e-5)
+    True
+    """
+
+    dt: float
+    lead: int
+    law: kernel.Law
+
+    def memory(self, motion: MotionProfile | None = None) -> Array:
+        """Memory before the first sample.
+
+        Parameters
+        ----------
+        motion : MotionProfile, optional
+            Reference whose first samples the controller knows already.
+            Default: it rests at the first reference it is given.
+
+        Returns
+        -------
+        ndarray, shape (nstates,)
+        """
+        history = int(self.law.observer_axis_integers[_N_HISTORY])
+        memory = np.zeros(kernel.LINE + 2 * self.lead + OBSERVER_LINE + history)
+        if motion is not None:
+            memory[kernel.DIRECTION] = 1.0
+            memory[kernel.SHARE] = self.law.numbers[kernel.EXCESS]
+            first = np.minimum(np.arange(self.lead)[::-1], motion.position.size - 1)
+            line = memory[kernel.LINE : kernel.LINE + 2 * self.lead]
+            line[0::2], line[1::2] = motion.position[first], motion.velocity[first]
+        return memory
+
+    def run(
+        self,
+        axis: Arrays,
+        state: Array,
+        motion: MotionProfile,
+        disturbance: Array,
+        quantum: float,
+        out: Array,
+    ) -> Array:
+        """Run the compiled loop, see `simulate_loop`.
+
+        Parameters
+        ----------
+        axis : Arrays
+            The plant.
+        state : ndarray
+            Its memory, position and speed at the start first.
+        motion : MotionProfile
+            Reference.
+        disturbance : ndarray, shape (n,)
+            Force added to the drive [N].
+        quantum : float
+            Encoder increment [m].
+        out : ndarray, shape (6, n)
+            Filled with x, v, F, mode, u, y.
+
+        Returns
+        -------
+        ndarray, shape (nswitches, 3)
+            Located switches: time, mode before, mode after.
+        """
+        return np.asarray(
+            kernel.run_loop(
+                axis.numbers, axis.integers, state, self.law, self.memory(motion), motion.rows,
+                disturbance, quantum, self.dt, out,
+            )
+        )  # fmt: skip
+
+    def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
+        """The controller with its observer as one sampled block.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the block.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Inputs xref, vref, aref, y; outputs u and friction, the part of u that
+            compensates friction.  The drive depends on the reading and on what
+            the observer knew before, so that there is no algebraic loop.
+
+        Notes
+        -----
+        The reference is that of `lead` samples later: the axis follows it that
+        much behind.  Zero states are a controller at rest at its first reference.
+        """
+        law = self.law
+
+        def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+            memory = np.array(x, dtype=float)
+            kernel.step(law, memory, u[0], u[1], u[2], u[3])
+            return memory
+
+        def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+            memory = np.array(x, dtype=float)
+            drive = kernel.step(law, memory, u[0], u[1], u[2], u[3])
+            return np.array([drive, memory[kernel.FORCE]])
+
+        states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xv")]
+        states += [f"observer{i}" for i in range(self.memory().size - len(states))]
+        return ct.nlsys(
+            update,
+            output,
+            inputs=["xref", "vref", "aref", "y"],
+            outputs=["u", "friction"],
+            states=states,
+            dt=self.dt,
+            name=name,
+        )
+
+    def stepper(self) -> CompensationStepper:
+        """Controller to be stepped sample by sample.
+
+        Returns
+        -------
+        CompensationStepper
+        """
+        return CompensationStepper(self)
+
+
+class CompensationStepper:
+    """A compensated controller sample by sample, for a loop of one's own.
+
+    Parameters
+    ----------
+    controller : CompensatedController
+        The controller.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> stepper = dfc.design_compensation(axis, dt=1e-3).controller.stepper()
+    >>> u = stepper.step(xref=1e-3, vref=0.0, aref=0.0, y=1e-3)
+    """
+
+    def __init__(self, controller: CompensatedController) -> None:
+        self.controller = controller
+        self._memory = controller.memory()
+
+    @property
+    def learned(self) -> dict[str, float]:
+        """Corrections of the Coulomb levels [N] and the Stribeck excess."""
+        places = {"plus": kernel.PLUS, "minus": kernel.MINUS, "excess": kernel.SHARE}
+        return {name: float(self._memory[place]) for name, place in places.items()}
+
+    def step(self, xref: float, vref: float, aref: float, y: float) -> float:
+        """Take one sample and move on to the next.
+
+        Parameters
+        ----------
+        xref, vref, aref : float
+            Reference of `lead` samples later [m], [m/s], [m/s^2].
+        y : float
+            Position read at this sample [m].
+
+        Returns
+        -------
+        float
+            Drive force to hold until the next sample [N].
+
+        Raises
+        ------
+        ValueError
+            If an argument is not a finite number; the controller stays as it was.
+        """
+        given = (finite("xref", xref), finite("vref", vref), finite("aref", aref), finite("y", y))
+        return float(kernel.step(self.controller.law, self._memory, *given))
+
+
+_N_HISTORY = kernel.axis_step.N_HISTORY

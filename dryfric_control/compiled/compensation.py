@@ -1,0 +1,363 @@
+"""Compiled law of the compensated position loop.
+
+One function, `step`, takes the reference and the reading of one sample and
+returns the drive.  The python-control block, the stepper and the compiled
+closed loop are faces of it.
+
+The reference comes `lead` samples ahead of the motion it asks for.  The
+feedforward uses it at once, which cancels the delay of the drive; the feedback
+compares the reading with the reference of `lead` samples before.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dryfric_control.compiled import axis_step, observer
+from dryfric_control.compiled.loop import advance_plant, encode
+
+#: Where the estimate of friction comes from.
+NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
+
+#: Places of the law's numbers.
+(
+    DT,
+    LEAD,  # samples by which the reference comes ahead
+    KP,
+    KI,
+    KD,
+    KEEP,  # of the low-pass on the speed
+    LIMIT,
+    MASS,
+    VISCOUS,
+    COULOMB,  # share of the Coulomb level that is fed forward
+    PEAK,  # share of the Stribeck peak that is fed forward
+    REST_SHARE,  # share of the Coulomb level kept at rest
+    REST_SPEED,  # below it the reference counts as resting
+    STICK_SPEED,
+    STRIBECK_SPEED,
+    EXCESS,  # nominal Stribeck excess
+    MOST_EXCESS,
+    BAND,  # largest correction of a level, as a part of it
+    RATE,  # of learning, per sample
+    RESIDUAL,  # share of the friction residual that is fed back
+    BUILD,  # way over which friction builds up at a reversal, 0 for none
+    SOURCE,
+    HOLDS,  # whether the integral and the drive are held at rest
+    TOLERANCE,  # position error at which the drive is held
+    GROWTH,  # of the tolerance with every correction
+    SETTLE,  # samples of rest before the drive is held
+    MEAN,  # part of a new sample in the means at rest
+    GAIN_X,  # gains of the extended state observer, or the corner
+    GAIN_V,
+    GAIN_F,
+    LENGTH,
+) = range(31)
+
+#: Places of the law's memory; the line of references (x, v) follows the last,
+#: then the memory of the observer.
+(
+    SAMPLES,
+    INTEGRAL,
+    SPEED,
+    READING,
+    AHEAD,  # last reference
+    DIRECTION,
+    CONTACT,  # friction built up, -1 to 1
+    STILL,  # samples for which the reference has rested
+    PLUS,  # learned corrections of the Coulomb levels
+    MINUS,
+    SHARE,  # learned Stribeck excess
+    MODE,  # mode of the observer one sample before
+    CORRECTIONS,  # made since the reference came to rest
+    HELD,
+    HELD_DRIVE,
+    MEAN_DRIVE,
+    MEAN_ERROR,
+    FORCE,  # friction compensation of the last sample
+    SLIDING,  # mean of the integral while the reference moves
+    INNER,  # six states of a disturbance observer
+) = range(20)
+LINE = INNER + 6
+
+#: Out to exp(-50) the Stribeck term is followed.
+_REACH = 50.0
+#: Most steps to invert the static input effects.
+_MOST_STEPS = 30
+
+
+class Law(NamedTuple):
+    """Arrays that describe a law; those of the axis lack inner states."""
+
+    numbers: Any
+    axis_numbers: Any
+    axis_integers: Any
+    observer_numbers: Any
+    observer_matrices: Any
+    observer_gains: Any
+    observer_transitions: Any
+    observer_axis_numbers: Any
+    observer_axis_integers: Any
+
+
+@njit(cache=True, error_model="numpy")
+def _peak(numbers, v):
+    """Part of the Stribeck peak left at a speed along the motion."""
+    if numbers[STRIBECK_SPEED] == 0.0:
+        return 0.0
+    z = max(v - numbers[STICK_SPEED], 0.0) / numbers[STRIBECK_SPEED]
+    return math.exp(-min(z * z, _REACH))
+
+
+@axis_step.internal
+def _levels(numbers, plant, t, x, v, w, s):
+    """Coulomb level in direction s, and the Stribeck peak for an excess of 1."""
+    level = axis_step.coulomb_level(plant, t, x, v, w, s, 0.0)
+    if numbers[EXCESS] == 0.0:
+        return level, 0.0
+    return level, (axis_step.breakaway_level(plant, t, x, w, s, 0.0) - level) / numbers[EXCESS]
+
+
+@axis_step.internal
+def _force_effects(plant, t, x, v, u, s):
+    """Force effects of the axis at a point of the motion."""
+    return axis_step.load(plant, axis_step.Drive(u, 0.0, 0.0, 0.0), t, 0.0, x, v, s, 0.0) - u
+
+
+@axis_step.internal
+def _through_input(plant, t, seen, wanted):
+    """Drive that the static input effects turn into the wanted one, by secants."""
+    if plant.integers[axis_step.N_INPUT] == 0:
+        return wanted
+    u, got = wanted, axis_step.input_map(plant, t, seen, wanted)
+    slope = 1.0
+    for _ in range(_MOST_STEPS):
+        error = wanted - got
+        if abs(error) <= 1e-12 * (1.0 + abs(wanted)):
+            break
+        following = u + error / slope
+        after = axis_step.input_map(plant, t, seen, following)
+        if abs(following - u) > 0.0:
+            slope = min(max((after - got) / (following - u), 0.1), 10.0)
+        u, got = following, after
+    return u
+
+
+@njit(cache=True, error_model="numpy")
+def _low_pass(memory, at, corner, dt, value):
+    """Second-order low-pass of damping 0.7; its value, slope and curvature."""
+    a = corner * math.sqrt(0.5)
+    fade, c, s = math.exp(-a * dt), math.cos(a * dt), math.sin(a * dt)
+    x, v = memory[at] - value, memory[at + 1]
+    gone = fade * (x * c + (v / a + x) * s)
+    slope = fade * (v * c - (v + 2.0 * a * x) * s)
+    memory[at], memory[at + 1] = gone + value, slope
+    return gone + value, slope, -2.0 * a * (a * gone + slope)
+
+
+@njit(cache=True, error_model="numpy")
+def _disturbance(c, memory, y):
+    """Resisting force beside inertia and viscous friction, and the speed, of a baseline."""
+    if c[SOURCE] == DISTURBANCE:
+        _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
+        u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
+        return u - c[MASS] * a - c[VISCOUS] * v, memory[SPEED]
+    rate, dt = c[VISCOUS] / c[MASS], c[DT]
+    x, v, force = memory[INNER], memory[INNER + 1], memory[INNER + 4] - memory[INNER + 2]
+    x += dt * (v + 0.5 * dt * (force / c[MASS] - rate * v))
+    v += dt * (force / c[MASS] - rate * v)
+    error = y - x
+    memory[INNER], memory[INNER + 1] = x + c[GAIN_X] * error, v + c[GAIN_V] * error
+    memory[INNER + 2] -= c[GAIN_F] * error
+    return memory[INNER + 2], memory[INNER + 1]
+
+
+@axis_step.internal
+def _learn(c, plant, t, memory, y, mode, v, what):
+    """Correct levels and excess by the observer's friction; what they leave [N].
+
+    Normalised least mean squares over (1, peak), while the observer slides.
+    """
+    s = float(mode)
+    level, excess = _levels(c, plant, t, y, v, c[VISCOUS] * v, s)
+    phi = _peak(c, s * v)
+    place = PLUS if mode > 0 else MINUS
+    left = -s * what - memory[place] - memory[SHARE] * excess * phi
+    if memory[MODE] == mode:
+        gain = c[RATE] / (1.0 + phi * phi) * left
+        band = c[BAND] * level
+        memory[place] = min(max(memory[place] + gain, -band), band)
+        if excess > 0.0:
+            memory[SHARE] = min(max(memory[SHARE] + gain * phi / excess, 0.0), c[MOST_EXCESS])
+    return min(max(left, -c[BAND] * level), c[BAND] * level)
+
+
+@axis_step.internal
+def _friction(c, plant, t, memory, x, v, w, moving):
+    """Friction by the reference's direction, with what was learned."""
+    s = memory[DIRECTION]
+    level, excess = _levels(c, plant, t, x, v, w, s)
+    level += memory[PLUS] if s > 0.0 else memory[MINUS]
+    force = c[COULOMB] * level
+    if not moving:
+        force *= c[REST_SHARE]
+    elif c[PEAK] > 0.0:
+        force += c[PEAK] * memory[SHARE] * excess * _peak(c, s * v)
+    return force * (memory[CONTACT] if c[BUILD] > 0.0 else s)
+
+
+@njit(cache=True, error_model="numpy")
+def _follow_reference(c, memory, x, v):
+    """Take the reference ahead in; the reference of now and whether one moves."""
+    moving = abs(v) > c[REST_SPEED]
+    if moving:
+        if c[HOLDS] != 0.0 and memory[STILL] > c[LEAD] + 2.0:
+            # What friction held at rest is no part of the motion to come.
+            memory[INTEGRAL] = memory[SLIDING]
+        memory[DIRECTION] = 1.0 if v > 0.0 else -1.0
+        memory[STILL] = 0.0
+    else:
+        memory[STILL] += 1.0
+    if c[BUILD] > 0.0:
+        built = memory[CONTACT] + (x - memory[AHEAD]) / c[BUILD]
+        memory[CONTACT] = min(max(built, -1.0), 1.0)
+    memory[AHEAD] = x
+    last = 2 * (int(c[LEAD]) - 1)
+    if last < 0:
+        return x, v, moving
+    now, speed = memory[LINE + last], memory[LINE + last + 1]
+    for i in range(last, 0, -2):
+        memory[LINE + i], memory[LINE + i + 1] = memory[LINE + i - 2], memory[LINE + i - 1]
+    memory[LINE], memory[LINE + 1] = x, v
+    return now, speed, moving
+
+
+@njit(cache=True, error_model="numpy")
+def _rest(c, memory, mode, error, moving):
+    """Whether the integral and whether the drive are held at this sample.
+
+    Every slip, and every release of the held drive, widens the tolerance: the
+    corrections at one place end, and from then on the drive is constant.
+    """
+    if c[HOLDS] == 0.0:
+        return False, False
+    if moving or memory[STILL] <= c[LEAD] + 2.0:
+        memory[CORRECTIONS], memory[HELD], memory[MEAN_ERROR] = 0.0, 0.0, error
+        return False, False
+    memory[MEAN_ERROR] += c[MEAN] * (error - memory[MEAN_ERROR])
+    if memory[HELD] == 0.0 and mode != 0 and memory[MODE] == 0.0:
+        memory[CORRECTIONS] += 1.0
+    wide = c[TOLERANCE] * c[GROWTH] ** memory[CORRECTIONS]
+    if memory[HELD] != 0.0:
+        if abs(memory[MEAN_ERROR]) > 2.5 * wide:
+            memory[HELD] = 0.0
+            memory[CORRECTIONS] += 1.0
+    elif memory[STILL] > c[SETTLE] and abs(memory[MEAN_ERROR]) <= wide:
+        memory[HELD], memory[HELD_DRIVE] = 1.0, memory[MEAN_DRIVE]
+    return mode == 0 and abs(error) <= wide, memory[HELD] != 0.0
+
+
+@axis_step.internal
+def _begin(c, memory, x, y, watch):
+    """First sample: everything rests where it is."""
+    memory[READING], memory[AHEAD] = y, x
+    memory[INNER], memory[watch + observer.XHAT] = y, y
+    if memory[DIRECTION] == 0.0:
+        memory[DIRECTION] = 1.0
+        memory[SHARE] = c[EXCESS]
+        for i in range(int(c[LEAD])):
+            memory[LINE + 2 * i] = x
+
+
+@njit(cache=True, error_model="numpy")
+def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
+    """Drive of one sample, `memory` moved on.
+
+    Reference, its speed and acceleration are those of LEAD samples later.
+    """
+    c = law.numbers
+    plant = axis_step.point(law.axis_numbers, law.axis_integers)
+    watch = LINE + 2 * int(c[LEAD])
+    seen = memory[watch:]
+    t = memory[SAMPLES] * c[DT]
+    if memory[SAMPLES] == 0.0:
+        _begin(c, memory, ahead, y, watch)
+    x, v, moving = _follow_reference(c, memory, ahead, speed_ahead)
+    difference = (y - memory[READING]) / c[DT]
+    memory[SPEED] = c[KEEP] * memory[SPEED] + (1.0 - c[KEEP]) * difference
+    memory[READING] = y
+    error, speed = x - y, memory[SPEED]
+    mode = 0
+
+    # Feedforward of the motion asked for, on the axis with its effects.
+    later = t + c[LEAD] * c[DT]
+    w = c[MASS] * acceleration_ahead + c[VISCOUS] * speed_ahead
+    friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving)
+    s = memory[DIRECTION] if moving else 0.0
+    forward = w - _force_effects(plant, later, ahead, speed_ahead, w + friction, s)
+
+    if c[SOURCE] == LEARNED:
+        mode = int(seen[observer.MODE])
+        if mode != 0:
+            left = _learn(
+                c, plant, t, memory, y, mode, seen[observer.VHAT], seen[observer.WHAT]
+            )  # fmt: skip
+            if moving and mode == memory[DIRECTION]:
+                friction += c[RESIDUAL] * mode * left
+    elif c[SOURCE] != NOTHING:
+        estimate, speed = _disturbance(c, memory, y)
+        friction += c[RESIDUAL] * estimate
+    memory[FORCE] = friction
+
+    integral_held, drive_held = _rest(c, memory, mode, error, moving)
+    known = c[KP] * error + c[KD] * (v - speed) + forward + friction
+    wanted = known + memory[INTEGRAL]
+    if drive_held:
+        wanted = memory[HELD_DRIVE]
+        memory[INTEGRAL] = min(max(wanted - known, -c[LIMIT]), c[LIMIT])
+    given = min(max(wanted, -c[LIMIT]), c[LIMIT])
+    if not (integral_held or drive_held) and wanted == given:
+        memory[INTEGRAL] += c[KI] * c[DT] * error
+    if moving:
+        memory[SLIDING] += c[MEAN] * (memory[INTEGRAL] - memory[SLIDING])
+    keep = 1.0 - c[MEAN] if memory[STILL] > 0.0 else 0.0
+    memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
+    memory[INNER + 4] = given
+    u = _through_input(plant, t, axis_step.pointer(seen), given)
+    if c[SOURCE] == LEARNED:
+        stated = np.empty(observer.OUTPUTS)
+        observer.step(
+            law.observer_numbers, law.observer_matrices, law.observer_gains,
+            law.observer_transitions, law.observer_axis_numbers, law.observer_axis_integers,
+            seen, t, u, y, stated,
+        )  # fmt: skip
+    memory[MODE] = mode
+    memory[SAMPLES] += 1.0
+    return u
+
+
+@njit(cache=True, error_model="numpy")
+def run_loop(numbers, integers, state, law, memory, reference, disturbance, quantum, dt, out):
+    """Closed loop into `out`: rows x, v, friction, mode, u, y.
+
+    `reference` holds the rows position, speed and acceleration.  Returns the
+    located switches.
+    """
+    plant = axis_step.point(numbers, integers)
+    at = axis_step.pointer(state)
+    n = reference.shape[1]
+    lead = int(law.numbers[LEAD])
+    events = np.empty(64 * axis_step.ROOM)
+    count = np.zeros(1, np.int64)
+    for k in range(n):
+        if 3 * count[0] + axis_step.ROOM > events.shape[0]:
+            events = axis_step.doubled(events)
+        y = encode(state[axis_step.X], quantum)
+        j = min(k + lead, n - 1)
+        u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
+        advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)
+    return axis_step.located(events, count[0])

@@ -1,0 +1,280 @@
+"""Reference motions of bounded speed, acceleration and jerk, in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.checks import finite, positive, samples
+from dryfric_control.drawing import axes_of, control_plot, title_above
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionProfile:
+    """A sampled reference motion with its speed and acceleration.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling time [s].
+    position : ndarray, shape (n,)
+        Position [m].
+    velocity : ndarray, shape (n,)
+        Velocity [m/s].
+    acceleration : ndarray, shape (n,)
+        Acceleration [m/s^2].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> profile = dfc.motion_profile(0.1, dt=1e-3, velocity=0.2, acceleration=2.0, jerk=40.0)
+    >>> profile.time.size == profile.position.size
+    True
+    """
+
+    dt: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @property
+    def time(self) -> Array:
+        """Time of the samples [s], shape (n,)."""
+        return np.asarray(np.arange(self.position.size) * self.dt, dtype=float)
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample [s]."""
+        return (self.position.size - 1) * self.dt
+
+    @property
+    def rows(self) -> Array:
+        """Position, velocity and acceleration, shape (3, n)."""
+        return np.vstack([self.position, self.velocity, self.acceleration])
+
+    @classmethod
+    def of(cls, reference: MotionProfile | ArrayLike, dt: float) -> MotionProfile:
+        """Motion from positions at the samples, or a motion itself.
+
+        Parameters
+        ----------
+        reference : MotionProfile or array_like, shape (n,)
+            Motion, or positions [m]; those are differenced.
+        dt : float
+            Sampling time [s].
+
+        Returns
+        -------
+        MotionProfile
+
+        Raises
+        ------
+        ValueError
+            If the positions are no record, or the motion was sampled otherwise.
+        """
+        if isinstance(reference, MotionProfile):
+            if not math.isclose(reference.dt, dt, rel_tol=1e-9):
+                raise ValueError(
+                    f"reference was sampled at dt = {reference.dt:g} s and the controller runs at "
+                    f"{dt:g} s: make both for one sampling time"
+                )
+            return reference
+        x = samples("reference", reference)
+        if x.size < 3:
+            return cls(dt, x, np.zeros(x.size), np.zeros(x.size))
+        v = np.gradient(x, dt)
+        return cls(dt, x, v, np.concatenate([[0.0], np.diff(x, 2) / dt**2, [0.0]]))
+
+    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+        """Draw position, velocity and acceleration over time.
+
+        Parameters
+        ----------
+        ax : sequence of three Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        axes = axes_of(ax, 3)
+        names = ("position [m]", "velocity [m/s]", "acceleration [m/s²]")
+        for one, name, values in zip(axes, names, self.rows, strict=True):
+            one.plot(self.time, values, "k", linewidth=1.0)
+            one.set_ylabel(name)
+            one.margins(x=0.0)
+        axes[-1].set_xlabel("Time [s]")
+        title_above(axes[0], "reference motion" if title is None else title)
+        return control_plot(axes)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self!r}</pre>"
+
+    def __repr__(self) -> str:
+        peaks = [np.abs(row).max(initial=0.0) for row in self.rows[1:]]
+        return (
+            f"MotionProfile of {self.position.size} samples at {self.dt:g} s: "
+            f"{self.position.min():.6g} to {self.position.max():.6g} m, at most "
+            f"{peaks[0]:.4g} m/s and {peaks[1]:.4g} m/s^2"
+        )
+
+
+def motion_profile(
+    points: float | ArrayLike,
+    dt: float,
+    *,
+    velocity: float,
+    acceleration: float,
+    jerk: float,
+    dwell: float | ArrayLike = 0.0,
+) -> MotionProfile:
+    """Motion through points of rest, jerk bounded, as fast as allowed.
+
+    Parameters
+    ----------
+    points : float or array_like, shape (npoints,)
+        A distance, moved from 0 [m], or the points of rest in their order.
+    dt : float
+        Sampling time [s].
+    velocity, acceleration, jerk : float
+        Largest magnitudes [m/s], [m/s^2], [m/s^3].
+    dwell : float or array_like, shape (npoints,), optional
+        Time of rest at every point [s], one for all or one each.
+
+    Returns
+    -------
+    MotionProfile
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the motion has no end in numbers.
+
+    Notes
+    -----
+    Each move has seven phases of constant jerk +j, 0, -j, 0, -j, 0, +j (some of
+    them empty), in closed form, and begins on a sample.  Sampled is the exact
+    motion, so the limits hold between the samples too.
+
+    Examples
+    --------
+    Back and forth over 100 mm, with half a second of rest at each end:
+
+    >>> import dryfric_control as dfc
+    >>> profile = dfc.motion_profile([0.0, 0.1, 0.0], dt=1e-3, velocity=0.2,
+    ...                              acceleration=2.0, jerk=40.0, dwell=0.5)
+    >>> round(float(profile.velocity.max()), 12), round(profile.duration, 3)
+    (0.2, 2.8)
+    """
+    dt = positive("dt", dt, unit="s")
+    limits = (
+        positive("velocity", velocity, unit="m/s"),
+        positive("acceleration", acceleration, unit="m/s^2"),
+        positive("jerk", jerk, unit="m/s^3"),
+    )
+    if np.ndim(points) == 0:
+        points = [0.0, finite("points", points)]
+    places = samples("points", points, "npoints")
+    rests = samples("dwell", np.atleast_1d(np.asarray(dwell)), "npoints")
+    if rests.size not in (1, places.size):
+        raise ValueError(
+            f"dwell holds {rests.size} times for {places.size} points: give one, or one each"
+        )
+    if np.any(rests < 0.0):
+        raise ValueError(f"dwell must be zero or more [s], got {dwell!r}")
+    rests = np.broadcast_to(rests, places.shape)
+    parts = [_rest(places[0], rests[0], dt)]
+    for start, end, rest in zip(places[:-1], places[1:], rests[1:], strict=True):
+        parts += [_move(start, end, dt, *limits), _rest(end, rest, dt)]
+    parts.append(np.array([[places[-1]], [0.0], [0.0]]))
+    return MotionProfile(dt, *np.hstack(parts))
+
+
+def _rest(place: float, duration: float, dt: float) -> Array:
+    """Rows of an axis at rest, without the sample at the end."""
+    rows = np.zeros((3, math.ceil(duration / dt - 1e-9)))
+    rows[0] = place
+    return rows
+
+
+def _move(start: float, end: float, dt: float, v: float, a: float, j: float) -> Array:
+    """Rows of one move from rest to rest, without the sample at the end."""
+    way = abs(end - start)
+    jerks, lengths = move_phases(way, v, a, j)
+    ends = np.cumsum(lengths)
+    if ends[-1] / dt > 1e9:
+        raise ValueError(
+            f"a move of {way:g} m takes {ends[-1]:.3g} s at these limits, over 1e9 samples: "
+            "check the units of points, velocity, acceleration and jerk"
+        )
+    # State at the start of every phase.
+    states = np.zeros((8, 3))
+    for i, (jerk, h) in enumerate(zip(jerks, lengths, strict=True)):
+        x, u, b = states[i]
+        states[i + 1] = (
+            x + h * (u + h * (b / 2.0 + h * jerk / 6.0)),
+            u + h * (b + h * jerk / 2.0),
+            b + h * jerk,
+        )
+    t = np.arange(math.ceil(ends[-1] / dt - 1e-9)) * dt
+    phase = np.minimum(np.searchsorted(ends, t, side="right"), 6)
+    h = t - np.concatenate([[0.0], ends[:-1]])[phase]
+    x, u, b = states[phase].T
+    jerk = jerks[phase]
+    s = math.copysign(1.0, end - start)
+    rows = np.vstack(
+        [
+            start + s * (x + h * (u + h * (b / 2.0 + h * jerk / 6.0))),
+            s * (u + h * (b + h * jerk / 2.0)),
+            s * (b + h * jerk),
+        ]
+    )
+    return rows
+
+
+def move_phases(way: float, v: float, a: float, j: float) -> tuple[Array, Array]:
+    """Jerks and lengths of the seven phases of a move from rest to rest.
+
+    Parameters
+    ----------
+    way : float
+        Distance, zero or more [m].
+    v, a, j : float
+        Largest speed, acceleration and jerk.
+
+    Returns
+    -------
+    jerks : ndarray, shape (7,)
+        Jerk of each phase [m/s^3].
+    lengths : ndarray, shape (7,)
+        Duration of each phase [s].
+
+    Examples
+    --------
+    >>> from dryfric_control.model.profiles import move_phases
+    >>> [round(float(h), 3) for h in move_phases(0.1, 0.2, 2.0, 40.0)[1]]
+    [0.05, 0.05, 0.05, 0.35, 0.05, 0.05, 0.05]
+    """
+    ramp = a / j if v * j >= a * a else math.sqrt(v / j)
+    rise = ramp + v / a if v * j >= a * a else 2.0 * ramp
+    cruise = way / v - rise
+    if cruise < 0.0:
+        # The top speed is not reached; nor the acceleration, on a short way.
+        cruise, ramp = 0.0, a / j
+        if way >= 2.0 * a * ramp * ramp:
+            rise = 0.5 * ramp + math.sqrt(0.25 * ramp * ramp + way / a)
+        else:
+            ramp = math.cbrt(way / (2.0 * j))
+            rise = 2.0 * ramp
+    hold = max(rise - 2.0 * ramp, 0.0)
+    jerks = j * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
+    return jerks, np.array([ramp, hold, ramp, cruise, ramp, hold, ramp])

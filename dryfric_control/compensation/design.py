@@ -41,6 +41,8 @@ _LEARNING, _RESIDUAL = 15.0, 0.26
 _REST_SHARE = 0.3
 #: Largest correction of a level and largest excess.
 _BAND, _MOST_EXCESS = 0.5, 0.8
+#: Largest held drive, as a part of the least Coulomb level within the mismatch.
+_HOLD_SHARE = 0.9
 #: Widening of the tolerance at rest with every correction.
 _GROWTH = 1.5
 
@@ -174,6 +176,7 @@ class Compensation:
             kernel.HOLDS: switched,
             kernel.TOLERANCE: self.tolerance,
             kernel.GROWTH: _GROWTH,
+            kernel.HOLD_SHARE: _HOLD_SHARE * (1.0 - self.mismatch),
             kernel.SETTLE: 8.0 / (w * dt),
             kernel.MEAN: -math.expm1(-dt * w / 2.6),
             kernel.GAIN_X: self.disturbance_bandwidth if self.law != "adrc" else extended[0],

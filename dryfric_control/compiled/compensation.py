@@ -50,13 +50,14 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     HOLDS,  # whether the integral and the drive are held at rest
     TOLERANCE,  # position error at which the drive is held
     GROWTH,  # of the tolerance with every correction
+    HOLD_SHARE,  # of the Coulomb level that a held drive may use
     SETTLE,  # samples of rest before the drive is held
     MEAN,  # part of a new sample in the means at rest
     GAIN_X,  # gains of the extended state observer, or the corner
     GAIN_V,
     GAIN_F,
     LENGTH,
-) = range(31)
+) = range(32)
 
 #: Places of the law's memory; the line of references (x, v) follows the last,
 #: then the memory of the observer.
@@ -237,11 +238,12 @@ def _follow_reference(c, memory, x, v):
 
 
 @njit(cache=True, error_model="numpy")
-def _rest(c, memory, mode, error, moving):
+def _rest(c, memory, mode, error, moving, forces, level):
     """Whether the integral and whether the drive are held at this sample.
 
-    Every slip, and every release of the held drive, widens the tolerance: the
-    corrections at one place end, and from then on the drive is constant.
+    The held drive is a part of the Coulomb `level` from what balances the other
+    `forces`.  Every slip, and every release of the held drive, widens the
+    tolerance: corrections end, and from then on the drive is constant.
     """
     if c[HOLDS] == 0.0:
         return False, False
@@ -257,7 +259,9 @@ def _rest(c, memory, mode, error, moving):
             memory[HELD] = 0.0
             memory[CORRECTIONS] += 1.0
     elif memory[STILL] > c[SETTLE] and abs(memory[MEAN_ERROR]) <= wide:
-        memory[HELD], memory[HELD_DRIVE] = 1.0, memory[MEAN_DRIVE]
+        most = c[HOLD_SHARE] * level
+        held = min(max(memory[MEAN_DRIVE] - forces, -most), most)
+        memory[HELD], memory[HELD_DRIVE] = 1.0, forces + held
     return mode == 0 and abs(error) <= wide, memory[HELD] != 0.0
 
 
@@ -313,7 +317,8 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
         friction += c[RESIDUAL] * estimate
     memory[FORCE] = friction
 
-    integral_held, drive_held = _rest(c, memory, mode, error, moving)
+    level = kernels.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
+    integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, level)
     known = c[KP] * error + c[KD] * (v - speed) + forward + friction
     wanted = known + memory[INTEGRAL]
     if drive_held:

@@ -4,7 +4,7 @@ import sys
 
 from dryfric_control import presets
 from dryfric_control._version import __version__
-from dryfric_control.compensation import Compensation, design_compensation
+from dryfric_control.compensation import Compensation, design_compensation, load_compensation
 from dryfric_control.diagnosis import (
     Cause,
     Diagnosis,
@@ -82,6 +82,7 @@ __all__ = [
     "identify_coulomb",
     "identify_stribeck",
     "laws",
+    "load_compensation",
     "load_design",
     "monte_carlo",
     "motion_profile",

@@ -1,5 +1,15 @@
 """Friction compensation: position controllers with what they guarantee."""
 
+from dryfric_control.compensation.certificate import TrackingCertificate
 from dryfric_control.compensation.design import Compensation, design_compensation
+from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
+from dryfric_control.compensation.storage import load_compensation
 
-__all__ = ["Compensation", "design_compensation"]
+__all__ = [
+    "CompensatedController",
+    "Compensation",
+    "CompensationStepper",
+    "TrackingCertificate",
+    "design_compensation",
+    "load_compensation",
+]

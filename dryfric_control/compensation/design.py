@@ -6,18 +6,19 @@ import functools
 import html
 import math
 import os
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.model.axis import FrictionAxis, check_pace
-
+from dryfric_control.checks import finite, instance, positive
+from dryfric_control.compensation.certificate import TrackingCertificate, certify_tracking
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
-from dryfric_control.checks import finite, instance, positive
+from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.own_axis import LEFT_OUT
 from dryfric_control.observer.runtime import tables
@@ -26,17 +27,34 @@ from dryfric_control.text import wrapped
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
 _SOURCES = {"disturbance observer": kernel.DISTURBANCE, "adrc": kernel.EXTENDED}
 
-#: Gains of the sliding loop over its bandwidth w: kd + f = 1.86 m w, ki = 0.35 w kp.
-#: Found on five plants other than those of the benchmark, as are the next ones.
-_DAMPING, _INTEGRAL = 1.86, 0.35
-#: Bandwidth times the whole delay of the loop: a third of the phase that it has to spare.
-_PHASE = 0.55
+
+class _Tuning(NamedTuple):
+    """Numbers of the sliding loop, found on plants that no benchmark judges."""
+
+    phase: float  # bandwidth times the whole delay of the loop
+    damping: float  # (kd + f)/(m w)
+    share: float  # of the observer's speed in the one fed back
+    residual: float  # share of the friction residual that is fed back
+
+
+#: With the switched observer; with presliding, of which it knows nothing; without.
+_RIGID = _Tuning(0.55, 2.8, 0.35, 0.22)
+_ELASTIC = _Tuning(0.5, 3.3, 0.5, 0.0)
+_BASELINE = _Tuning(0.55, 1.86, 0.0, 0.0)
+#: Share of the estimate that a baseline's disturbance observer feeds back.
+_ESTIMATE = 0.98
+#: Integral gain over w kp.
+_INTEGRAL = 0.35
 #: Delay of sampling, hold, difference and low-pass, in samples.
 _SAMPLED = 1.3
+#: Time constant of the low-pass on the speed [samples].
+_FILTER = 0.3
+#: Largest force by which an encoder step may kick, over the Coulomb level.
+_KICK = 1.5
 #: Largest bandwidth times dt.
 _FASTEST = 0.2
-#: Rate of learning [1/s], share of the residual that is fed back.
-_LEARNING, _RESIDUAL = 15.0, 0.26
+#: Rate of learning [1/s].
+_LEARNING = 15.0
 #: Share of the Coulomb level that stays at rest; the integral carries the rest.
 _REST_SHARE = 0.3
 #: Largest correction of a level and largest excess.
@@ -114,7 +132,7 @@ class Compensation:
     disturbance_bandwidth: float
     mismatch: float
     observer: ObserverDesign | None
-    certificate: Any
+    certificate: TrackingCertificate
 
     @functools.cached_property
     def rigid_axis(self) -> FrictionAxis:
@@ -141,6 +159,130 @@ class Compensation:
             `CompensatedController.block`.
         """
         return self.controller.block(name)
+
+    def certify(
+        self,
+        *,
+        mismatch: float | None = None,
+        learned: float = 0.0,
+        excess: float | None = None,
+        reference: MotionProfile | None = None,
+    ) -> TrackingCertificate:
+        """Compute the certificate for other bounds.
+
+        Parameters
+        ----------
+        mismatch : float, optional
+            Part by which every parameter may be off.  Default: the design's.
+        learned : float, optional
+            Part of the mismatch of the levels that has been learned, 0 to 1.
+        excess : float, optional
+            Largest Stribeck excess of the axis.  Default: the nominal one and the
+            mismatch.
+        reference : MotionProfile, optional
+            Reference, for its largest velocity and acceleration.  Default: one so
+            slow that inertia and viscous friction do not count.
+
+        Returns
+        -------
+        TrackingCertificate
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of its range.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> comp = dfc.design_compensation(axis, dt=1e-3)
+        >>> comp.certify(learned=1.0).tube < comp.certificate.tube
+        True
+        """
+        mu = self.mismatch if mismatch is None else positive("mismatch", mismatch, zero=True)
+        known = positive("learned", learned, zero=True)
+        stribeck = self.rigid_axis.stribeck
+        peak = (1.0 + mu) * stribeck.excess if stribeck else 0.0
+        if excess is not None:
+            peak = positive("excess", excess, zero=True)
+        if mu >= 1.0 or known > 1.0:
+            raise ValueError(
+                f"mismatch must be below 1 and learned at most 1, got {mu:g} and {known:g}"
+            )
+        limits = (0.0, 0.0)
+        if reference is not None:
+            instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
+            v, a = reference.velocity, np.abs(reference.acceleration)
+            turns = np.flatnonzero(v[1:] * v[:-1] <= 0.0)
+            turning = np.maximum(a[turns], a[turns + 1]).max(initial=0.0)
+            axis = self.rigid_axis
+            asked = axis.mass * a + axis.viscous * np.abs(v)
+            limits = (float(asked.max()), float(turning))
+        return certify_tracking(self, mu, known, peak, *limits)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the design to a text file; `load_compensation` reads it back.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write, replaced as a whole or not at all.
+        """
+        from dryfric_control.compensation.storage import save_compensation
+
+        save_compensation(self, path)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Gains, delays and certificate in words.
+
+        Returns
+        -------
+        str
+        """
+        length, force = self.axis.units
+        lines = [
+            f"Friction compensation of {self.axis.name}, law {self.law!r}, dt = {self.dt:g} s, "
+            f"encoder {self.encoder_quantum:g} {length}",
+            f"loop   {self.bandwidth:.4g} rad/s: kp = {self.kp:.6g} {force}/{length}, "
+            f"ki = {self.ki:.6g} {force}/({length} s), kd = {self.kd:.6g} {force} s/{length}",
+            f"ahead  {self.lead} samples, for a delay of up to "
+            f"{self.drive_delay + self.input_delay:g} s",
+        ]
+        effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
+        lines.append(f"other effects fed forward: {effects}")
+        return f"{wrapped(lines, indent=7)}\n{self.certificate.summary()}"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
+
+    def plot(
+        self,
+        ax: Any = None,
+        title: str | None = None,
+        reference: MotionProfile | None = None,
+    ) -> ct.ControlPlot:
+        """Draw a simulated run of the nominal axis with its tube.
+
+        Parameters
+        ----------
+        ax : sequence of three Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.
+        reference : MotionProfile, optional
+            Reference to follow.  Default: a move there and back.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from dryfric_control.compensation.figures import plot_compensation
+
+        return plot_compensation(self, ax, title, reference)
 
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
@@ -170,7 +312,8 @@ class Compensation:
             kernel.MOST_EXCESS: max(_MOST_EXCESS, 2.0 * stribeck.excess if stribeck else 0.0),
             kernel.BAND: _BAND,
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
-            kernel.RESIDUAL: self.residual,
+            kernel.RESIDUAL: self._residual,
+            kernel.SPEED_SHARE: self.tuning.share,
             kernel.BUILD: presliding_distance(self.axis),
             kernel.SOURCE: kernel.LEARNED if switched else _SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,
@@ -190,9 +333,20 @@ class Compensation:
         return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
-    def residual(self) -> float:
-        """Share of the estimated friction residual that is fed back."""
-        return {"learned": _RESIDUAL, "disturbance observer": 1.0, "adrc": 1.0}.get(self.law, 0.0)
+    def drive_delay(self) -> float:
+        """Delay and lag of the drive that the axis itself has [s]."""
+        numbers = self.rigid_axis.arrays(self.dt).numbers
+        return float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
+
+    @property
+    def _residual(self) -> float:
+        """Share of the estimated friction, or of its residual, that is fed back."""
+        return _ESTIMATE if self.law in _SOURCES else self.tuning.residual
+
+    @property
+    def tuning(self) -> _Tuning:
+        """Numbers of the sliding loop, by law and axis."""
+        return _tuning(self.law, self.axis)
 
 
 def rigid(axis: FrictionAxis) -> FrictionAxis:
@@ -230,22 +384,6 @@ def presliding_distance(axis: FrictionAxis) -> float:
     return level / float(stiffness) if stiffness > 0.0 else 0.0
 
 
-def drive_delay(axis: FrictionAxis) -> float:
-    """Delay and lag of the drive that the axis itself has [s].
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-
-    Returns
-    -------
-    float
-    """
-    numbers = axis.arrays(1.0).numbers
-    return float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
-
-
 def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[np.float64]:
     """Gains of an extended state observer with three equal poles.
 
@@ -275,6 +413,14 @@ def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[n
     # (I - M C) A has these poles; C A is the first row of A.
     pole = math.exp(-bandwidth * dt)
     return np.asarray(ct.acker(A.T, A[:1].T, [pole] * 3), dtype=float).ravel()
+
+
+def _tuning(law: str, axis: FrictionAxis) -> _Tuning:
+    """Numbers of the sliding loop, by law and axis."""
+    if law not in ("learned", "fixed"):
+        return _BASELINE
+    tuning = _ELASTIC if presliding_distance(axis) > 0.0 else _RIGID
+    return tuning if law == "learned" else tuning._replace(residual=0.0)
 
 
 def _watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) -> tuple[Any, ...]:
@@ -316,8 +462,8 @@ def design_compensation(
     input_delay : float, optional
         Largest delay of the drive, beyond the axis' own effects [s].
     bandwidth : float, optional
-        Bandwidth of the sliding loop [rad/s].  Default: what delay and sampling
-        time allow.
+        Bandwidth of the sliding loop [rad/s].  Default: what delay, sampling
+        time and encoder allow.
     law : str, optional
         "learned" (default): Coulomb and Stribeck feedforward, learned; "fixed":
         the same, not learned.  Baselines: "pid"; "sign", a PID with the nominal
@@ -393,27 +539,26 @@ def design_compensation(
     if mismatch >= 1.0:
         raise ValueError(f"mismatch must be below 1 (a part of each parameter), got {mismatch:g}")
     check_pace(axis, dt)
-    acting = rigid(axis)
-    whole_delay = delay + drive_delay(acting)
+    acting, tuning = rigid(axis), _tuning(law, axis)
+    numbers = acting.arrays(dt).numbers
+    whole_delay = delay + float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
     if bandwidth is None:
-        bandwidth = min(_PHASE / (whole_delay + _SAMPLED * dt), _FASTEST / dt)
+        bandwidth = min(tuning.phase / (whole_delay + _SAMPLED * dt), _FASTEST / dt)
+        if quantum > 0.0 and largest_level(acting) > 0.0:
+            kick = _KICK * largest_level(acting) * dt / quantum + acting.viscous
+            bandwidth = min(bandwidth, kick / (tuning.damping * acting.mass))
     w = positive("bandwidth", bandwidth, unit="rad/s")
     if w * dt > 0.5:
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"
         )
-    level = largest_level(acting)
     if gains is None:
         kp = acting.mass * w**2
-        kd = max(_DAMPING * acting.mass * w - acting.viscous, 0.0)
+        kd = max(tuning.damping * acting.mass * w - acting.viscous, 0.0)
         ki = 0.0 if law == "adrc" else _INTEGRAL * w * kp
     else:
         kp, ki, kd = _three(gains)
-    # An encoder step must not kick harder than friction holds.
-    kick = kd * quantum / dt
-    keep = max(math.exp(-1.0 / 0.3), 1.0 - level / kick if kick > level > 0.0 else 0.0)
-    filter_time = min(-dt / math.log(keep), 0.5 / w)
-    reach = level / kp
+    reach = largest_level(acting) / kp
     observer = None
     if law in ("learned", "fixed"):
         observer = design_pi_observer(
@@ -429,7 +574,7 @@ def design_compensation(
         kp=kp,
         ki=ki,
         kd=kd,
-        filter_time=filter_time,
+        filter_time=_FILTER * dt,
         lead=round(whole_delay / dt + 1.0),
         limit=math.inf if limit is None else positive("limit", limit, unit="N"),
         tolerance=(
@@ -446,7 +591,34 @@ def design_compensation(
         mismatch=mismatch,
         observer=observer,
     )
-    return Compensation(**made, certificate=None)
+    return certified(made)
+
+
+def certified(fields: dict[str, Any]) -> Compensation:
+    """Compensation of these fields, its certificate computed from them.
+
+    Parameters
+    ----------
+    fields : dict
+        Every field but the certificate.
+
+    Returns
+    -------
+    Compensation
+
+    Raises
+    ------
+    ValueError
+        If the loop is unstable for the nominal axis.
+    """
+    comp = Compensation(**fields, certificate=None)  # type: ignore[arg-type]
+    certificate = comp.certify()
+    if certificate.nominal.radius >= 1.0:
+        raise ValueError(
+            f"the loop is unstable on the nominal axis (spectral radius "
+            f"{certificate.nominal.radius:.4f}): lower bandwidth or gains, or the delay"
+        )
+    return replace(comp, certificate=certificate)
 
 
 def _watchable(axis: FrictionAxis) -> FrictionAxis:

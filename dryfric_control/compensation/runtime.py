@@ -9,10 +9,10 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.model.axis import Arrays
-from dryfric_control.compiled import compensation as kernel
 from dryfric_control.checks import finite
+from dryfric_control.compiled import compensation as kernel
 from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
+from dryfric_control.model.axis import Arrays
 from dryfric_control.model.profiles import MotionProfile
 
 Array = NDArray[np.float64]
@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 _STATES = (
     "samples", "integral", "speed", "reading", "ahead", "direction", "contact", "still",
     "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
-    "mean_drive", "mean_error", "compensation", "sliding_integral", *(f"inner{i}" for i in range(6)),
+    "mean_drive", "mean_error", "compensation", "sliding_integral",
+    *(f"inner{i}" for i in range(6)),
 )  # fmt: skip
 
 

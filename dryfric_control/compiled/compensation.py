@@ -45,6 +45,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     BAND,  # largest correction of a level, as a part of it
     RATE,  # of learning, per sample
     RESIDUAL,  # share of the friction residual that is fed back
+    SPEED_SHARE,  # of the observer's speed in the one fed back
     BUILD,  # way over which friction builds up at a reversal, 0 for none
     SOURCE,
     HOLDS,  # whether the integral and the drive are held at rest
@@ -57,7 +58,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     GAIN_V,
     GAIN_F,
     LENGTH,
-) = range(32)
+) = range(33)
 
 #: Places of the law's memory; the line of references (x, v) follows the last,
 #: then the memory of the observer.
@@ -161,7 +162,7 @@ def _low_pass(memory, at, corner, dt, value):
 
 
 @njit(cache=True, error_model="numpy")
-def _disturbance(c, memory, y):
+def disturbance(c, memory, y):
     """Resisting force beside inertia and viscous friction, and the speed, of a baseline."""
     if c[SOURCE] == DISTURBANCE:
         _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
@@ -306,6 +307,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
+        speed += c[SPEED_SHARE] * (seen[observer.VHAT] - speed)
         if mode != 0:
             left = _learn(
                 c, plant, t, memory, y, mode, seen[observer.VHAT], seen[observer.WHAT]
@@ -313,11 +315,11 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
             if moving and mode == memory[DIRECTION]:
                 friction += c[RESIDUAL] * mode * left
     elif c[SOURCE] != NOTHING:
-        estimate, speed = _disturbance(c, memory, y)
+        estimate, speed = disturbance(c, memory, y)
         friction += c[RESIDUAL] * estimate
     memory[FORCE] = friction
 
-    level = kernels.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
+    level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, level)
     known = c[KP] * error + c[KD] * (v - speed) + forward + friction
     wanted = known + memory[INTEGRAL]
@@ -343,6 +345,15 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     memory[MODE] = mode
     memory[SAMPLES] += 1.0
     return u
+
+
+@njit(cache=True, error_model="numpy")
+def read_laws(numbers, integers, t, x):
+    """Force effects and the Coulomb levels + and - of an axis at rest at x."""
+    plant = axis_step.point(numbers, integers)
+    plus = axis_step.coulomb_level(plant, t, x, 0.0, 0.0, 1.0, t)
+    minus = axis_step.coulomb_level(plant, t, x, 0.0, 0.0, -1.0, t)
+    return _force_effects(plant, t, x, 0.0, 0.0, 0.0), plus, minus
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -36,18 +36,44 @@ def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
     path : str or path
         File to write.
     """
-    data: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    data["axis"] = axis_to_dict(design.axis)
+    write_json({"format": FORMAT, "version": VERSION} | design_data(design), path)
+
+
+def write_json(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write numbers and words to a text file, as a whole or not at all.
+
+    Parameters
+    ----------
+    data : dict
+        What to write.
+    path : str or path
+        File to write.
+    """
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        # repr of a float is exact, so a design survives bit by bit
+        json.dump(data, file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def design_data(design: ObserverDesign) -> dict[str, Any]:
+    """A design as plain numbers and words.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The design.
+
+    Returns
+    -------
+    dict
+    """
+    data: dict[str, Any] = {"axis": axis_to_dict(design.axis)}
     data |= {name: getattr(design, name) for name in (*_NUMBERS, *_WORDS, "window")}
     data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
     data["performance"] = design.performance
     data["integral_modes"] = design.integral_modes
     data["graph"] = dataclasses.asdict(design.graph)
-    data |= {name: getattr(design, name).tolist() for name in _ARRAYS}
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        # repr of a float is exact, so a design survives bit by bit
-        json.dump(data, file, indent=1, allow_nan=False)
-        file.write("\n")
+    return data | {name: getattr(design, name).tolist() for name in _ARRAYS}
 
 
 def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
@@ -81,28 +107,83 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     >>> bool((again.node_gains == design.node_gains).all())
     True
     """
+    return read_json(path, FORMAT, VERSION, "observer design", design_of)
+
+
+T = TypeVar("T")
+
+
+def read_json(
+    path: str | os.PathLike[str],
+    written: str,
+    version: int,
+    what: str,
+    rebuild: Callable[[dict[str, Any]], T],
+) -> T:
+    """Read a design back, with errors that name the file.
+
+    Parameters
+    ----------
+    path : str or path
+        File to read.
+    written, version : str, int
+        Format and version that the file must state.
+    what : str
+        What the file should hold, for messages.
+    rebuild : callable
+        Makes the object of the numbers and words in the file.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ValueError
+        If the file holds something else or is damaged.
+    """
     try:
         data = json.loads(existing_file(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise ValueError(f"{path} is no observer design: it lacks format = {FORMAT!r}")
-    if data.get("version") != VERSION:
+    if not isinstance(data, dict) or data.get("format") != written:
+        raise ValueError(f"{path} is no {what}: it lacks format = {written!r}")
+    if data.get("version") != version:
         raise ValueError(
-            f"{path} has version {data.get('version')!r}, this package reads {VERSION}: design "
+            f"{path} has version {data.get('version')!r}, this package reads {version}: design "
             "again, or use a newer package"
         )
     try:
         # Numbers beyond all reason overflow somewhere; a sound design does nowhere.
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            design = _rebuild(data)
-            return dataclasses.replace(design, certificate=design.check())
+            return rebuild(data)
     except CertificateError as error:
         raise CertificateError(f"{path} was changed: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         raise ValueError(
             f"{path} is damaged: {type(error).__name__}: {error}; save the design again"
         ) from None
+
+
+def design_of(data: dict[str, Any]) -> ObserverDesign:
+    """The design that `design_data` wrote, its certificate computed anew.
+
+    Parameters
+    ----------
+    data : dict
+        Numbers and words.
+
+    Returns
+    -------
+    ObserverDesign
+
+    Raises
+    ------
+    CertificateError
+        If the gains fail the certificate.
+    """
+    design = _rebuild(data)
+    return dataclasses.replace(design, certificate=design.check())
 
 
 def _rebuild(data: dict[str, Any]) -> ObserverDesign:

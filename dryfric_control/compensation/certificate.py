@@ -1,0 +1,411 @@
+"""What a compensated loop guarantees: a tracking tube, and rest without hunting."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled import compensation as kernel
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.text import wrapped
+
+if TYPE_CHECKING:
+    from dryfric_control.compensation.design import Compensation
+
+Array = NDArray[np.float64]
+
+#: A response is followed until it has fallen to this part.
+_FADED = 1e-7
+_LONGEST = 200_000
+#: Places, times and times at rest at which the axis' own laws are read.
+_PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+
+
+class LoopGains(NamedTuple):
+    """Gains of one linear loop from force and reading to the tracking error."""
+
+    radius: float  # spectral radius
+    l1: float  # largest error for a force of 1 N whatever its course [m/N]
+    above: float  # largest error of one sign for a step of 1 N [m/N]
+    below: float  # and of the other
+    impulse: float  # largest error for an impulse of 1 N s [m/(N s)]
+    reading: float  # largest error for reading errors of 1 m [1]
+
+    @property
+    def turn(self) -> float:
+        """Largest error for a force that goes from -1 N to 1 N once [m/N]."""
+        return min(self.l1, 2.0 * max(self.above, self.below))
+
+    @property
+    def pulse(self) -> float:
+        """Largest error for a force that rises to 1 N and falls once [m/N]."""
+        return min(self.l1, self.above + self.below)
+
+
+class Condition(NamedTuple):
+    """One condition of rest without hunting, and whether it holds."""
+
+    name: str
+    holds: bool
+    detail: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackingCertificate:
+    """Tracking tube and rest of a compensated loop.
+
+    Attributes
+    ----------
+    tube : float
+        Bound of the tracking error [m]; infinite if the loop is unstable for an
+        axis within the mismatch.
+    parts : dict of str to float
+        What makes up the tube [m].
+    friction_left : float
+        Force that the compensation leaves, at most [N].
+    nominal, worst : LoopGains
+        Gains of the linear loop, nominal and at the worst axis within the mismatch.
+    mismatch, learned : float
+        The bounds it was computed for.
+    conditions : tuple of Condition
+        Conditions of rest without hunting.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> comp = dfc.design_compensation(axis, dt=1e-3)
+    >>> comp.certificate.tube > comp.certify(mismatch=0.1).tube
+    True
+    """
+
+    tube: float
+    parts: dict[str, float]
+    friction_left: float
+    nominal: LoopGains
+    worst: LoopGains
+    mismatch: float
+    learned: float
+    conditions: tuple[Condition, ...]
+    units: tuple[str, str] = ("m", "N")
+
+    @property
+    def no_hunting(self) -> bool:
+        """Whether every condition of rest without hunting holds."""
+        return all(condition.holds for condition in self.conditions)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Tube and conditions in words.
+
+        Returns
+        -------
+        str
+        """
+        length, force = self.units
+        lines = [
+            f"tube   {self.tube:.4g} {length} for {100 * self.mismatch:g} % of mismatch: "
+            + ", ".join(f"{name} {value:.3g}" for name, value in self.parts.items()),
+            f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
+            f"at the worst axis; force left over at most {self.friction_left:.4g} {force}",
+        ]
+        for name, holds, detail in self.conditions:
+            lines.append(f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})")
+        return wrapped(lines, indent=7)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.summary()}</pre>"
+
+
+def loop_matrices(
+    comp: Compensation, mass: float, viscous: float, delay: float
+) -> tuple[Array, Array]:
+    """Linear loop while the axis slides, reference at zero.
+
+    Parameters
+    ----------
+    comp : Compensation
+        The controller.
+    mass, viscous : float
+        Those of the axis [kg], [N s/m].
+    delay : float
+        Delay of the drive [s].
+
+    Returns
+    -------
+    A : ndarray, shape (n, n)
+        State matrix; the first two states are position and speed.
+    B : ndarray, shape (n, 2)
+        Columns of a force on the mass, held over a sample [N], and of an error of
+        the reading [m].
+
+    Notes
+    -----
+    One sample written out as the compiled law and the observer run it, read off
+    column by column; the axis is sampled exactly.
+    """
+    c = comp.controller.law.numbers
+    dt, own = comp.dt, comp.drive_delay
+    longest = math.ceil(max(delay, own) / dt) + 1
+    rate = viscous / mass
+    fall = math.exp(-rate * dt)
+    moved = -math.expm1(-rate * dt) / rate if rate * dt > 1e-9 else dt
+    pushed = (dt - moved) / (rate * mass) if rate * dt > 1e-6 else 0.5 * dt**2 / mass
+    observer = comp.observer
+    if observer is not None:
+        A, B, E = observer.mode_matrices(1)
+        gain = observer.gains[1]
+    # x, v, integral, filtered speed, last reading, observer (3), baseline (6), past drives
+    first = 14
+
+    def seen(drives: Array, late: float) -> float:
+        whole = int(late / dt + 1e-9)
+        part = late / dt - whole
+        return float((1.0 - part) * drives[whole] + part * drives[whole + 1])
+
+    def step(state: Array, force: float, noise: float) -> Array:
+        after = np.zeros(state.size)
+        y = state[0] + noise
+        after[3] = c[kernel.KEEP] * state[3] + (1.0 - c[kernel.KEEP]) * (y - state[4]) / dt
+        after[4] = y
+        speed, u = after[3], -c[kernel.KP] * y + state[2]
+        if c[kernel.KI] > 0.0:
+            after[2] = state[2] - c[kernel.KI] * dt * y
+        if observer is not None:
+            speed += c[kernel.SPEED_SHARE] * (state[6] - speed)
+            u -= c[kernel.RESIDUAL] * state[7]
+        elif c[kernel.SOURCE] != kernel.NOTHING:
+            memory = np.zeros(kernel.LINE)
+            memory[kernel.INNER : kernel.INNER + 6] = state[8:14]
+            memory[kernel.SPEED] = speed
+            estimate, speed = kernel.disturbance(c, memory, y)
+            u += c[kernel.RESIDUAL] * estimate
+            used = 4 if c[kernel.SOURCE] == kernel.DISTURBANCE else 3
+            after[8 : 8 + used] = memory[kernel.INNER : kernel.INNER + used]
+        u -= c[kernel.KD] * speed
+        after[12] = u
+        drives = np.concatenate([[u], state[first:], [0.0]])
+        after[first:] = drives[: state.size - first]
+        if observer is not None:
+            error = y - state[5]
+            after[5:7] = A @ state[5:7] + B * seen(drives, own) + E * state[7] + gain[:2] * error
+            after[7] = state[7] + gain[2] * error
+        total = seen(drives, delay) + force
+        after[0] = state[0] + moved * state[1] + pushed * total
+        after[1] = fall * state[1] + moved / mass * total
+        return after
+
+    n = first + longest + 1
+    zero = np.zeros(n)
+    matrix = np.column_stack([step(column, 0.0, 0.0) for column in np.eye(n)])
+    return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
+
+
+def loop_gains(comp: Compensation, mass: float, viscous: float, delay: float) -> LoopGains:
+    """Gains of the linear loop of one axis.
+
+    Parameters
+    ----------
+    comp : Compensation
+        The controller.
+    mass, viscous : float
+        Those of the axis [kg], [N s/m].
+    delay : float
+        Delay of the drive [s].
+
+    Returns
+    -------
+    LoopGains
+        All infinite if the loop is unstable.
+    """
+    A, B = loop_matrices(comp, mass, viscous, delay)
+    radius = float(np.abs(np.linalg.eigvals(A)).max())
+    if radius >= 1.0:
+        return LoopGains(radius, *(math.inf,) * 5)
+    n = min(int(math.log(_FADED) / math.log(radius)) + 2, _LONGEST) if radius > 0.0 else 50
+    response = np.empty((n, 2))
+    state = B
+    for k in range(n):
+        response[k] = state[0]
+        state = A @ state
+    l1, reading = np.abs(response).sum(axis=0)
+    force = response[:, 0]
+    stepped = np.cumsum(force)
+    return LoopGains(
+        radius,
+        float(l1),
+        float(max(stepped.max(), 0.0)),
+        float(max(-stepped.min(), 0.0)),
+        float(np.abs(force).max()) / comp.dt,
+        float(reading),
+    )
+
+
+def certify_tracking(
+    comp: Compensation,
+    mismatch: float,
+    learned: float,
+    excess: float,
+    motion: float,
+    turning: float,
+) -> TrackingCertificate:
+    """Compute the tracking tube and check the conditions of rest.
+
+    Parameters
+    ----------
+    comp : Compensation
+        The controller.
+    mismatch : float
+        Part by which every parameter may be off.
+    learned : float
+        Part of the mismatch of the levels that has been learned.
+    excess : float
+        Largest Stribeck excess of the axis.
+    motion : float
+        Largest force m abs(a) + f abs(v) that the reference asks for [N].
+    turning : float
+        Largest acceleration at which the reference turns back [m/s^2].
+
+    Returns
+    -------
+    TrackingCertificate
+
+    Notes
+    -----
+    The force left over is at most ::
+
+        F = (1 - l) mu L + S + mu (m abs(a) + f abs(v))
+
+    with L the largest level, mu the mismatch, l what was learned, and S the whole
+    Stribeck peak of an axis within the mismatch: axis and reference may be at
+    different speeds.  A law that feeds no level or peak forward leaves all of it.
+    With g the response of the position to that force, in the worst of the linear
+    loops within the mismatch (corners of mass, viscous coefficient and delay), ::
+
+        abs(e) <= L1(g) F
+
+    whatever the force does.  At a reversal it does less: with h the step response,
+    a level error that changes sign once gives at most 2 max abs(h) times its size,
+    a force that rises and falls once (peak, inertia) at most max h - min h.  The
+    smaller bound of each part is taken: the certificate holds for reversals
+    further apart than the memory of the loop.  Force effects that depend on place
+    enter by their slope, as a small gain; a feedforward that is early by the
+    whole delay pushes with m a at a reversal; the encoder is off by half an
+    increment.
+    """
+    axis, mu = comp.rigid_axis, mismatch
+    c = comp.controller.law.numbers
+    corners = [
+        loop_gains(comp, axis.mass * m, axis.viscous * f, comp.drive_delay + d)
+        for m, f, d in itertools.product(
+            sorted({1.0 - mu, 1.0, 1.0 + mu}),
+            sorted({1.0 - mu, 1.0 + mu}),
+            sorted({0.0, 0.5 * comp.input_delay, comp.input_delay}),
+        )
+    ]
+    nominal = loop_gains(comp, axis.mass, axis.viscous, comp.drive_delay)
+    laws = _laws(axis, comp)
+    level = laws.level
+    left = {
+        "levels": (1.0 - learned) * (1.0 + mu - c[kernel.COULOMB]) * level,
+        "Stribeck peak": (1.0 + mu) * excess * level,
+        "inertia": mu * motion,
+    }  # fmt: skip
+    late = comp.input_delay + comp.dt
+
+    def tube_parts(corner: LoopGains) -> dict[str, float]:
+        made = {name: (corner.pulse, force) for name, force in left.items()}
+        made["levels"] = corner.turn, left["levels"]
+        made["reversal"] = corner.impulse, axis.mass * (1.0 + mu) * turning * late
+        made["encoder"] = corner.reading, 0.5 * comp.encoder_quantum
+        shrink = 1.0 - corner.l1 * laws.slope if laws.slope else 1.0
+        return {
+            name: gain * size / shrink if shrink > 0.0 else math.inf
+            for name, (gain, size) in made.items()
+            if size > 0.0
+        }
+
+    parts = max((tube_parts(corner) for corner in corners), key=lambda made: sum(made.values()))
+    tube = sum(parts.values())
+    # Each figure at its own worst corner.
+    worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
+    return TrackingCertificate(
+        float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
+        _conditions(comp, laws, worst, mu), axis.units,
+    )  # fmt: skip
+
+
+class _Laws(NamedTuple):
+    """What the axis' own laws say over its travel."""
+
+    level: float  # largest Coulomb level [N]
+    least: float  # smallest [N]
+    slope: float  # largest slope of the force effects over place [N/m]
+    wander: float  # largest change of force and level with time at rest [N]
+
+
+def _laws(axis: FrictionAxis, comp: Compensation) -> _Laws:
+    """Read levels and force effects of an axis over its travel and over time."""
+    arrays = axis.arrays(comp.dt)
+    low, high = axis.travel or (-1.0, 1.0)
+    places = np.linspace(low, high, _PLACES)
+    near = 1e-6 * (high - low)
+
+    def read(t: float, x: float) -> tuple[float, float, float]:
+        return kernel.read_laws(arrays.numbers, arrays.integers, t, x)
+
+    table = np.array([[read(t, x) for x in places] for t in _TIMES])
+    slopes = [abs(read(0.0, x + near)[0] - read(0.0, x)[0]) / near for x in places]
+    return _Laws(
+        float(table[..., 1:].max()),
+        float(table[..., 1:].min()),
+        float(max(slopes)),
+        float(np.ptp(table, axis=0).max()),
+    )
+
+
+def _conditions(
+    comp: Compensation, laws: _Laws, worst: LoopGains, mu: float
+) -> tuple[Condition, ...]:
+    """Conditions under which an axis at rest stays at rest for ever."""
+    length, force = comp.axis.units
+    c = comp.controller.law.numbers
+    holds = c[kernel.HOLDS] != 0.0
+    held = c[kernel.HOLD_SHARE] * laws.level if holds else math.inf
+    least = (1.0 - mu) * laws.least
+    return (
+        Condition(
+            "the linear loop is stable for every axis within the mismatch",
+            worst.radius < 1.0,
+            f"spectral radius at most {worst.radius:.5f}",
+        ),
+        Condition(
+            "the drive is constant at rest after finitely many corrections",
+            bool(holds and c[kernel.GROWTH] > 1.0),
+            f"each one widens the tolerance {comp.tolerance:.3g} {length} by {c[kernel.GROWTH]:g}"
+            if holds
+            else "the integral goes on at rest",
+        ),
+        Condition(
+            "the held drive stays below the least Coulomb level",
+            held <= least,
+            f"{held:.3g} of {least:.3g} {force}",
+        ),
+        Condition(
+            "other forces and levels do not change with time by more than is left",
+            bool(laws.wander <= max(least - held, 0.0)),
+            f"they change by {laws.wander:.3g} {force}",
+        ),
+        Condition(
+            "the encoder's last digit does not end the hold",
+            bool(2.5 * comp.tolerance >= comp.encoder_quantum),
+            f"released at {2.5 * comp.tolerance:.3g} {length}",
+        ),
+    )

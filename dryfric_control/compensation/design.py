@@ -57,6 +57,8 @@ _FASTEST = 0.2
 _LEARNING = 15.0
 #: Share of the Coulomb level that stays at rest; the integral carries the rest.
 _REST_SHARE = 0.3
+#: Rate at which the observer is expected to follow, over one by its mean delay.
+_QUICKER = 2.0
 #: Largest correction of a level and largest excess.
 _BAND, _MOST_EXCESS = 0.5, 0.8
 #: Largest held drive, as a part of the least Coulomb level within the mismatch.
@@ -312,6 +314,7 @@ class Compensation:
             kernel.MOST_EXCESS: max(_MOST_EXCESS, 2.0 * stribeck.excess if stribeck else 0.0),
             kernel.BAND: _BAND,
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
+            kernel.LAG: 1.0 if self.observer is None else observer_lag(self.observer),
             kernel.RESIDUAL: self._residual,
             kernel.SPEED_SHARE: self.tuning.share,
             kernel.BUILD: presliding_distance(self.axis),
@@ -382,6 +385,35 @@ def presliding_distance(axis: FrictionAxis) -> float:
     middle = 0.5 * sum(acting.travel or (0.0, 0.0))
     level = 0.5 * float(acting.coulomb(middle, 1) + acting.coulomb(middle, -1))
     return level / float(stiffness) if stiffness > 0.0 else 0.0
+
+
+def observer_lag(observer: ObserverDesign) -> float:
+    """Part of a change of friction that the observer states a sample later.
+
+    Parameters
+    ----------
+    observer : ObserverDesign
+        The switched observer.
+
+    Returns
+    -------
+    float
+        That of a first-order lag, quicker than the mean delay while sliding: the
+        observer starts from what was learned.
+    """
+    A, B, E = observer.mode_matrices(1)
+    # Errors of x and v, and the integral, under a unit of unmodelled friction.
+    F = np.block([[A, -E[:, None]], [np.zeros((1, 2)), np.eye(1)]])
+    F[:, 0] += observer.gains[1] * [-1.0, -1.0, 1.0]
+    push = np.array([*B, 0.0])
+    state, late = np.zeros(3), 0.0
+    for _ in range(100_000):
+        left = 1.0 + state[2]  # w goes to -1
+        late += left
+        if abs(left) < 1e-9:
+            break
+        state = F @ state - push
+    return min(_QUICKER / max(late, 1.0), 1.0)
 
 
 def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[np.float64]:

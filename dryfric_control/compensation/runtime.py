@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 _STATES = (
     "samples", "integral", "speed", "reading", "ahead", "direction", "contact", "still",
     "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
-    "mean_drive", "mean_error", "compensation", "sliding_integral",
+    "mean_drive", "mean_error", "compensation", "sliding_integral", "expected",
+    "level_seen", "peak_seen",
     *(f"inner{i}" for i in range(6)),
 )  # fmt: skip
 

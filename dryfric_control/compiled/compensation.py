@@ -44,6 +44,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     MOST_EXCESS,
     BAND,  # largest correction of a level, as a part of it
     RATE,  # of learning, per sample
+    LAG,  # part by which the observer's friction follows in a sample
     RESIDUAL,  # share of the friction residual that is fed back
     SPEED_SHARE,  # of the observer's speed in the one fed back
     BUILD,  # way over which friction builds up at a reversal, 0 for none
@@ -58,7 +59,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     GAIN_V,
     GAIN_F,
     LENGTH,
-) = range(33)
+) = range(34)
 
 #: Places of the law's memory; the line of references (x, v) follows the last,
 #: then the memory of the observer.
@@ -82,8 +83,11 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     MEAN_ERROR,
     FORCE,  # friction compensation of the last sample
     SLIDING,  # mean of the integral while the reference moves
+    EXPECTED,  # friction beyond the map that the observer should state by now
+    LEVEL_SEEN,  # what it has seen of a unit error of level and of excess
+    PEAK_SEEN,
     INNER,  # six states of a disturbance observer
-) = range(20)
+) = range(23)
 LINE = INNER + 6
 
 #: Out to exp(-50) the Stribeck term is followed.
@@ -182,19 +186,27 @@ def disturbance(c, memory, y):
 def _learn(c, plant, t, memory, y, mode, v, what):
     """Correct levels and excess by the observer's friction; what they leave [N].
 
-    Normalised least mean squares over (1, peak), while the observer slides.
+    Normalised least mean squares over (1, peak), both as the observer sees them: it
+    follows friction late, and what it is late by must not be learned.
     """
     s = float(mode)
     level, excess = _levels(c, plant, t, y, v, c[VISCOUS] * v, s)
     phi = _peak(c, s * v)
     place = PLUS if mode > 0 else MINUS
-    left = -s * what - memory[place] - memory[SHARE] * excess * phi
-    if memory[MODE] == mode:
-        gain = c[RATE] / (1.0 + phi * phi) * left
-        band = c[BAND] * level
-        memory[place] = min(max(memory[place] + gain, -band), band)
-        if excess > 0.0:
-            memory[SHARE] = min(max(memory[SHARE] + gain * phi / excess, 0.0), c[MOST_EXCESS])
+    if memory[MODE] != mode:
+        memory[EXPECTED], memory[LEVEL_SEEN], memory[PEAK_SEEN] = -s * what, 0.0, 0.0
+    now = memory[place] + memory[SHARE] * excess * phi
+    memory[EXPECTED] += c[LAG] * (now - memory[EXPECTED])
+    memory[LEVEL_SEEN] += c[LAG] * (1.0 - memory[LEVEL_SEEN])
+    memory[PEAK_SEEN] += c[LAG] * (phi - memory[PEAK_SEEN])
+    left = -s * what - memory[EXPECTED]
+    one, peak = memory[LEVEL_SEEN], memory[PEAK_SEEN]
+    gain = c[RATE] / (1.0 + peak * peak) * left
+    band = c[BAND] * level
+    memory[place] = min(max(memory[place] + gain * one, -band), band)
+    if excess > 0.0:
+        memory[SHARE] = min(max(memory[SHARE] + gain * peak / excess, 0.0), c[MOST_EXCESS])
+    left = -s * what - now
     return min(max(left, -c[BAND] * level), c[BAND] * level)
 
 

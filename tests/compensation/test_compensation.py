@@ -1,0 +1,381 @@
+"""The compensated loop: its faces agree, it learns, it rests, it keeps its tube."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import control as ct
+import matplotlib
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control import effects as fx
+from dryfric_control.compensation.certificate import loop_matrices
+from dryfric_control.compensation.design import LAWS
+from dryfric_control.model.profiles import MotionProfile
+
+matplotlib.use("Agg")
+
+DT, QUANTUM = 1e-3, 1e-6
+NOMINAL = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.3, 0.01), stick_speed=1e-3
+)
+
+
+@pytest.fixture(scope="module")
+def comp():
+    return dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3)
+
+
+def sine(seconds=3.0, amplitude=0.01, frequency=0.5):
+    t = np.arange(round(seconds / DT)) * DT
+    w = 2.0 * np.pi * frequency
+    return MotionProfile(
+        DT,
+        amplitude * (1.0 - np.cos(w * t)),
+        amplitude * w * np.sin(w * t),
+        amplitude * w**2 * np.cos(w * t),
+    )
+
+
+def moves(dwell=0.3, way=0.02):
+    return dfc.motion_profile(
+        [0.0, way, 0.0], DT, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=dwell
+    )
+
+
+def mismatched(seed):
+    """An axis with everything off by up to a fifth, and a delay."""
+    rng = np.random.default_rng(seed)
+    m, f, plus, minus, excess, speed = rng.uniform(0.8, 1.2, 6)
+    return dfc.FrictionAxis(
+        mass=2.0 * m,
+        viscous=15.0 * f,
+        coulomb=(8.0 * plus, 8.0 * minus),
+        stribeck=dfc.Stribeck(0.3 * excess, 0.01 * speed),
+        stick_speed=2e-3,
+        effects=(fx.InputDelay(delay=rng.uniform(0.0, 3e-3)),),
+    )
+
+
+EXTENDED = NOMINAL.replace(
+    travel=(-0.1, 0.1),
+    effects=(
+        fx.Cogging(amplitude=2.0, period=8e-3, phase=0.5),
+        fx.InputGain(gain=0.8),
+        fx.DeadZone(width=1.0),
+        fx.PositionDependence(slope=2.0),
+        fx.Presliding(distance=1e-5),
+    ),
+)
+
+
+def by_hand(comp, plant, motion):
+    """The loop stepped sample by sample: x, u."""
+    controller = comp.controller
+    stepper, axis, rows = controller.stepper(), plant.stepper(DT), []
+    last = motion.position.size - 1
+    for k in range(last + 1):
+        j = min(k + controller.lead, last)
+        y = QUANTUM * np.floor(axis.x / QUANTUM + 0.5)
+        u = stepper.step(motion.position[j], motion.velocity[j], motion.acceleration[j], y)
+        rows.append((axis.x, u))
+        axis.step(u)
+    return np.array(rows).T, stepper
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_loop_stepper_and_block_agree(law):
+    comp = dfc.design_compensation(EXTENDED, DT, QUANTUM, 1e-3, bandwidth=80.0, law=law)
+    plant, motion = mismatched(3), moves(dwell=[0.05, 0.1, 0.2])
+    loop = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
+    # The motion starts at rest: a controller that knows no more than its first sample
+    # has the same line of references.
+    (x, u), _ = by_hand(comp, plant, motion)
+    np.testing.assert_array_equal(x, loop.y[0])
+    np.testing.assert_array_equal(u, loop.y[4])
+
+    n = 700
+    j = np.minimum(np.arange(n) + comp.lead, motion.position.size - 1)
+    diagram = ct.interconnect(
+        [comp.block("law"), dfc.axis_block(plant, DT, name="plant"), dfc.encoder(QUANTUM, DT)],
+        connections=[["law.y", "encoder.y"], ["plant.u", "law.u"], ["encoder.x", "plant.x"]],
+        inplist=["law.xref", "law.vref", "law.aref"],
+        outlist=["plant.x", "law.u"],
+        dt=DT,
+    )
+    run = ct.input_output_response(diagram, np.arange(n) * DT, motion.rows[:, j])
+    np.testing.assert_array_equal(run.outputs[0], loop.y[0, :n])
+    np.testing.assert_array_equal(run.outputs[1], loop.y[4, :n])
+
+
+def test_the_axis_may_start_elsewhere_and_moving(comp):
+    """Controllers know the reference before it is followed: no jump at the start."""
+    motion = sine()
+    late = MotionProfile(DT, *motion.rows[:, 400:])
+    run = dfc.simulate_loop(
+        NOMINAL, comp.controller, late, x0=late.position[0], v0=late.velocity[0]
+    )
+    assert np.abs(late.position - run.y[0]).max() < 5e-5
+
+
+def test_levels_and_excess_are_learned(comp):
+    """From 15 % above and 15 % below to within 4 %, on a sine of three periods."""
+    plant = NOMINAL.replace(coulomb=(9.2, 6.8), effects=(fx.InputDelay(delay=1e-3),))
+    _, stepper = by_hand(comp, plant, sine(6.0))
+    assert abs(8.0 + stepper.learned["plus"] - 9.2) < 0.04 * 9.2
+    assert abs(8.0 + stepper.learned["minus"] - 6.8) < 0.04 * 6.8
+
+
+def test_corrections_are_bounded(comp):
+    """Five times the friction: levels stop at half a level, the excess at its bound."""
+    plant = NOMINAL.replace(coulomb=40.0)
+    _, stepper = by_hand(comp, plant, sine(4.0))
+    assert max(stepper.learned["plus"], stepper.learned["minus"]) <= 4.0
+    assert 0.0 <= stepper.learned["excess"] <= 0.8
+
+
+def test_learning_beats_the_fixed_law_and_both_a_pid(comp):
+    """Peak at the third reversal, mean over five axes."""
+    motion = sine(4.0)
+    peak = {}
+    for law in ("learned", "fixed", "pid"):
+        one = dfc.design_compensation(NOMINAL, DT, QUANTUM, 3e-3, law=law)
+        runs = [
+            dfc.simulate_loop(mismatched(seed), one.controller, motion, quantum=QUANTUM)
+            for seed in range(5)
+        ]
+        peak[law] = np.mean([np.abs(motion.position - r.y[0])[2950:3200].max() for r in runs])
+    assert peak["learned"] < 0.5 * peak["fixed"]
+    assert peak["fixed"] < 0.5 * peak["pid"]
+
+
+@dataclass(frozen=True)
+class Magnet(fx.Effect):
+    """A force that the package knows nothing of."""
+
+    strength: float = fx.parameter("N", "pull at x = 0")
+    slug = "magnet"
+    action = "force"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return p[0] / (1.0 + (x / 0.005) ** 2)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Magnet(strength=6.0),
+        fx.Cogging(amplitude=3.0, period=6e-3, phase=0.2),
+        fx.Spring(stiffness=500.0, rest=0.02),
+        fx.CoulombAsymmetry(force=2.0),
+        fx.PositionDependence(slope=20.0),
+        fx.QuadraticDrag(drag=800.0),
+        fx.InputGain(gain=0.7),
+        fx.DeadZone(width=2.0),
+        fx.InputDelay(delay=4e-3),
+    ],
+    ids=lambda effect: effect.slug,
+)
+def test_effects_of_the_axis_enter_by_their_own_laws(effect):
+    """Error of the axis with the effect, compensated with and without knowing it."""
+    plant, motion = NOMINAL.replace(effects=(effect,)), moves()
+    errors = []
+    for axis in (plant, NOMINAL):
+        comp = dfc.design_compensation(axis, DT, QUANTUM, bandwidth=60.0, law="fixed")
+        run = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
+        moving = motion.velocity != 0.0
+        errors.append(np.sqrt(np.mean((motion.position - run.y[0])[moving] ** 2)))
+    assert errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("presliding", [False, True])
+def test_rest_is_quiet_and_the_tube_holds(comp, seed, presliding):
+    """Ten seconds after a move: the drive is constant, no slip, no motion."""
+    plant, axis = mismatched(seed), NOMINAL
+    if presliding:
+        distance = np.random.default_rng(seed).uniform(5e-6, 2e-5)
+        plant = plant.replace(effects=(*plant.effects, fx.Presliding(distance=distance)))
+        axis = NOMINAL.replace(effects=(fx.Presliding(distance=1e-5),))
+        comp = dfc.design_compensation(axis, DT, QUANTUM, input_delay=3e-3)
+    motion = dfc.motion_profile(
+        [0.0, 0.02], DT, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=[0.1, 10.0]
+    )
+    run = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
+    late = run.y[:, -3000:]
+    assert np.ptp(late[4]) == 0.0
+    # Below the least Coulomb level within the mismatch.
+    assert abs(late[4, -1]) <= 0.8 * 8.0
+    assert np.ptp(late[0]) < 1e-8
+    tube = comp.certify(reference=motion).tube
+    assert np.abs(motion.position - run.y[0]).max() <= tube
+
+
+def test_a_pid_hunts_where_the_compensated_loop_rests(comp):
+    """Static friction above Coulomb: the integral slips for ever."""
+    pid = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3, law="pid")
+    motion = dfc.motion_profile(
+        [0.0, 0.02], DT, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=[0.1, 12.0]
+    )
+    slips = {}
+    for name, one in (("pid", pid), ("learned", comp)):
+        run = dfc.simulate_loop(mismatched(0), one.controller, motion, quantum=QUANTUM)
+        slips[name] = np.count_nonzero(run.events.time > motion.duration - 10.0)
+    assert slips["learned"] == 0 < slips["pid"]
+    assert comp.certificate.no_hunting and not pid.certificate.no_hunting
+
+
+def test_certificate_names_what_fails():
+    shaken = NOMINAL.replace(effects=(fx.TimePeriodic(amplitude=3.0, frequency=0.37, phase=0.0),))
+    certificate = dfc.design_compensation(shaken, DT, QUANTUM).certificate
+    failed = [condition.name for condition in certificate.conditions if not condition.holds]
+    assert failed == ["other forces and levels do not change with time by more than is left"]
+    assert "FAILS" in certificate.summary()
+
+
+def test_an_unstable_corner_is_an_infinite_tube():
+    """Stable as designed, not with a mass 60 % lower."""
+    comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3)
+    certificate = comp.certify(mismatch=0.7)
+    assert certificate.tube == np.inf and not certificate.no_hunting
+    assert "stable" in next(c.name for c in certificate.conditions if not c.holds)
+
+
+@pytest.mark.parametrize("law", ["pid", "disturbance observer", "adrc"])
+@pytest.mark.parametrize("delay", [0.0, 1.4e-3])
+def test_linear_loop_is_that_of_the_simulation(law, delay):
+    """Without friction, a force of one sample through `simulate_loop` and the matrices."""
+    plant = dfc.FrictionAxis(
+        mass=1.7,
+        viscous=12.0,
+        coulomb=0.0,
+        stick_speed=1e-12,
+        effects=(fx.InputDelay(delay=delay),) if delay else (),
+    )
+    comp = dfc.design_compensation(NOMINAL, DT, 0.0, input_delay=3e-3, law=law)
+    n = 300
+    push = np.zeros(n)
+    push[0] = 1.0
+    # A disturbance passes the axis' delay as the drive does: it acts that much later.
+    run = dfc.simulate_loop(plant, comp.controller, np.zeros(n), disturbance=push)
+    A, B = loop_matrices(comp, 1.7, 12.0, delay)
+    state, expected = B[:, 0], [0.0]
+    for _ in range(n - 1):
+        expected.append(state[0])
+        state = A @ state
+    if delay == 0.0:
+        # Runge-Kutta in the plant against the exact sampled matrices.
+        np.testing.assert_allclose(run.y[0], expected, atol=1e-9 * np.abs(expected).max())
+    else:
+        # The pulse is late by one sample and 0.4: interpolated between its shifts.
+        shifted = np.concatenate([[0.0, 0.0], expected])[: n + 1]
+        late = 0.6 * shifted[1:] + 0.4 * shifted[:-1]
+        late = late[: n - 1]
+        near = run.y[0, : n - 1]
+        assert np.abs(near - late).max() < 0.05 * np.abs(late).max()
+
+
+def test_linear_loop_with_the_observer_is_that_of_the_simulation():
+    """Sliding at constant speed, a small force through the loop and the matrices."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, stick_speed=1e-3)
+    comp = dfc.design_compensation(axis, DT, 0.0, input_delay=3e-3, learning=0.0)
+    n, start = 1200, 600
+    reference = 0.05 * np.arange(n) * DT
+    push = np.zeros(n)
+    runs = []
+    for force in (0.0, 1e-3):
+        push[start] = force
+        runs.append(
+            dfc.simulate_loop(axis, comp.controller, reference, v0=0.05, disturbance=push).y[0]
+        )
+    seen = (runs[1] - runs[0])[start:] / 1e-3
+    A, B = loop_matrices(comp, 2.0, 15.0, 0.0)
+    # The slow filter by which the law judges the observer's friction is left out of the
+    # matrices; the rest agrees.
+    state, expected = B[:, 0], [0.0]
+    for _ in range(n - start - 1):
+        expected.append(state[0])
+        state = A @ state
+    assert np.abs(seen - expected).max() < 0.02 * np.abs(expected).max()
+
+
+def test_a_saved_compensation_is_the_same(comp, tmp_path):
+    extended = dfc.design_compensation(EXTENDED, DT, QUANTUM, 1e-3, bandwidth=80.0, limit=60.0)
+    for one in (comp, extended):
+        one.save(tmp_path / "compensation.json")
+        again = dfc.load_compensation(tmp_path / "compensation.json")
+        assert again.axis == one.axis and again.certificate.tube == one.certificate.tube
+        motion = moves(dwell=0.1)
+        runs = [
+            dfc.simulate_loop(one.axis, c.controller, motion, quantum=QUANTUM).y
+            for c in (one, again)
+        ]
+        np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "named"),
+    [
+        ("kp", -1.0, "kp"),
+        ("kp", 26000.0, "tube"),
+        ("law", "magic", "law"),
+        ("law", "pid", "observer"),
+        ("mismatch", 1.5, "mismatch"),
+        ("dt", 2e-3, "dt"),
+        ("lead", 1.5, "lead"),
+        ("format", "else", "format"),
+        ("version", 99, "version"),
+        ("axis", {}, "damaged"),
+        ("tube", 1e-6, "tube"),
+    ],
+)
+def test_a_changed_file_is_refused(comp, tmp_path, name, value, named):
+    path = tmp_path / "compensation.json"
+    comp.save(path)
+    data = json.loads(path.read_text())
+    data[name] = value
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=named):
+        dfc.load_compensation(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"axis": 1.0}, "axis"),
+        ({"dt": 0.0}, "dt"),
+        ({"encoder_quantum": -1e-6}, "encoder_quantum"),
+        ({"input_delay": np.nan}, "input_delay"),
+        ({"bandwidth": 1e4}, "bandwidth"),
+        ({"law": "magic"}, "law"),
+        ({"gains": (1.0, 2.0)}, "gains"),
+        ({"gains": (0.0, 1.0, 1.0)}, "gains"),
+        ({"limit": 0.0}, "limit"),
+        ({"tolerance": -1.0}, "tolerance"),
+        ({"learning": -1.0}, "learning"),
+        ({"mismatch": 1.0}, "mismatch"),
+        ({"gains": (1e9, 1.0, 1.0)}, "unstable"),
+    ],
+)
+def test_bad_arguments_are_named(change, named):
+    with pytest.raises(ValueError, match=named):
+        dfc.design_compensation(**({"axis": NOMINAL} | change))
+
+
+def test_a_bad_sample_leaves_the_stepper_as_it_was(comp):
+    stepper = comp.controller.stepper()
+    with pytest.raises(ValueError, match="vref"):
+        stepper.step(0.0, np.nan, 0.0, 0.0)
+    assert stepper.step(0.0, 0.0, 0.0, 0.0) == comp.controller.stepper().step(0.0, 0.0, 0.0, 0.0)
+
+
+def test_summary_and_plot(comp):
+    assert "tube" in comp.summary() and "128" not in comp._repr_html_()[:5]
+    plot = comp.plot()
+    assert plot.axes.shape == (3, 1)
+    assert plot.axes[1, 0].get_ylabel() == "error [m]"
+    assert replace(comp, law="fixed").summary() != comp.summary()

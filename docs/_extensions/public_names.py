@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 #: Classes of results, where they are made: nobody calls them, everybody reads them.
 RESULTS = (
+    "compensation.certificate.TrackingCertificate",
+    "compensation.runtime.CompensatedController",
+    "compensation.runtime.CompensationStepper",
     "diagnosis.experiment.Experiment",
     "model.axis.AxisStepper",
     "model.responses.Events",

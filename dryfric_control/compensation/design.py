@@ -29,7 +29,7 @@ _SOURCES = {"disturbance observer": kernel.DISTURBANCE, "adrc": kernel.EXTENDED}
 
 
 class _Tuning(NamedTuple):
-    """Numbers of the sliding loop, found on plants that no benchmark judges."""
+    """Numbers of the sliding loop, found on plants other than those of the benchmark."""
 
     phase: float  # bandwidth times the whole delay of the loop
     damping: float  # (kd + f)/(m w)
@@ -38,7 +38,7 @@ class _Tuning(NamedTuple):
 
 
 #: With the switched observer; with presliding, of which it knows nothing; without.
-_RIGID = _Tuning(0.55, 2.8, 0.35, 0.22)
+_RIGID = _Tuning(0.55, 3.2, 0.4, 0.22)
 _ELASTIC = _Tuning(0.5, 3.3, 0.5, 0.0)
 _BASELINE = _Tuning(0.55, 1.86, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.
@@ -69,7 +69,7 @@ _GROWTH = 1.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation:
-    """A position controller that compensates friction, with its certificate.
+    """A friction-compensating position controller, certified.
 
     Made by `design_compensation`.
 
@@ -224,12 +224,13 @@ class Compensation:
         return certify_tracking(self, mu, known, peak, *limits)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the design to a text file; `load_compensation` reads it back.
+        """Write the design to a text file.
 
         Parameters
         ----------
         path : str or path
-            File to write, replaced as a whole or not at all.
+            File to write, replaced as a whole or not at all; `load_compensation`
+            reads it back.
         """
         from dryfric_control.compensation.storage import save_compensation
 

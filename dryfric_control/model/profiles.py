@@ -137,7 +137,7 @@ def motion_profile(
     jerk: float,
     dwell: float | ArrayLike = 0.0,
 ) -> MotionProfile:
-    """Motion through points of rest, jerk bounded, as fast as allowed.
+    """Fastest motion of bounded jerk through points of rest.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import dryfric_control as dfc
+from dryfric_control.observer import filter_reference
 
 DT = 1e-3
 NOMINAL = dfc.FrictionAxis(
@@ -213,6 +214,7 @@ def diagnosis() -> None:
     machine = believed.replace(effects=hidden)
     t = np.arange(12_000) * DT
     wanted = 0.03 * np.sin(1.3 * t) + 0.008 * np.sin(5.1 * t) + 0.005 * (t.astype(int) % 2)
+    wanted = filter_reference(wanted, 40.0, DT)
     controller = dfc.PositionController.from_bandwidth(believed, 25.0, DT)
     run = dfc.simulate_loop(machine, controller, wanted, quantum=1e-6)
     found = dfc.diagnose(believed, dfc.Record(t=t, u=run.y[4], x=run.y[5], reference=wanted))

@@ -74,6 +74,8 @@ class TrackingCertificate:
         The bounds it was computed for.
     conditions : tuple of Condition
         Conditions of rest without hunting.
+    units : tuple of str
+        Units of position and force.
 
     Examples
     --------
@@ -296,7 +298,7 @@ def certify_tracking(
     a force that rises and falls once (peak, inertia) at most max h - min h.  The
     smaller bound of each part is taken: the certificate holds for reversals
     further apart than the memory of the loop.  Force effects that depend on place
-    enter by their slope, as a small gain; a feedforward that is early by the
+    enter by their slope, as a small gain, and otherwise count as known; a feedforward that is early by the
     whole delay pushes with m a at a reversal; the encoder is off by half an
     increment.
     """

@@ -173,7 +173,7 @@ class CompensatedController:
 
 
 class CompensationStepper:
-    """A compensated controller sample by sample, for a loop of one's own.
+    """A compensated controller, sample by sample.
 
     Parameters
     ----------
@@ -185,7 +185,8 @@ class CompensationStepper:
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> stepper = dfc.design_compensation(axis, dt=1e-3).controller.stepper()
-    >>> u = stepper.step(xref=1e-3, vref=0.0, aref=0.0, y=1e-3)
+    >>> stepper.step(xref=1e-3, vref=0.05, aref=0.0, y=1e-3) > 8.0   # friction and a little more
+    True
     """
 
     def __init__(self, controller: CompensatedController) -> None:

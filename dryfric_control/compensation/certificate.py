@@ -298,9 +298,9 @@ def certify_tracking(
     a force that rises and falls once (peak, inertia) at most max h - min h.  The
     smaller bound of each part is taken: the certificate holds for reversals
     further apart than the memory of the loop.  Force effects that depend on place
-    enter by their slope, as a small gain, and otherwise count as known; a feedforward that is early by the
-    whole delay pushes with m a at a reversal; the encoder is off by half an
-    increment.
+    enter by their slope, as a small gain, and otherwise count as known; a
+    feedforward that is early by the whole delay pushes with m a at a reversal; the
+    encoder is off by half an increment.
     """
     axis, mu = comp.rigid_axis, mismatch
     c = comp.controller.law.numbers

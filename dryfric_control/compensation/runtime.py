@@ -87,8 +87,9 @@ class CompensatedController:
         motion: MotionProfile,
         disturbance: Array,
         quantum: float,
+        room: int,
         out: Array,
-    ) -> Array:
+    ) -> tuple[Array, int]:
         """Run the compiled loop, see `simulate_loop`.
 
         Parameters
@@ -103,6 +104,8 @@ class CompensatedController:
             Force added to the drive [N].
         quantum : float
             Encoder increment [m].
+        room : int
+            Numbers that one sample may write into the list of switches.
         out : ndarray, shape (6, n)
             Filled with x, v, F, mode, u, y.
 
@@ -110,12 +113,12 @@ class CompensatedController:
         -------
         ndarray, shape (nswitches, 3)
             Located switches: time, mode before, mode after.
+        int
+            Switches for which there was no room.
         """
-        return np.asarray(
-            kernel.run_loop(
-                axis.numbers, axis.integers, state, self.law, self.memory(motion), motion.rows,
-                disturbance, quantum, self.dt, out,
-            )
+        return kernel.run_loop(  # type: ignore[no-any-return]
+            axis.numbers, axis.integers, state, self.law, self.memory(motion), motion.rows,
+            disturbance, quantum, self.dt, room, out,
         )  # fmt: skip
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:

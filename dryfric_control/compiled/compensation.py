@@ -369,23 +369,26 @@ def read_laws(numbers, integers, t, x):
 
 
 @njit(cache=True, error_model="numpy")
-def run_loop(numbers, integers, state, law, memory, reference, disturbance, quantum, dt, out):
+def run_loop(
+    numbers, integers, state, law, memory, reference, disturbance, quantum, dt, room, out
+):
     """Closed loop into `out`: rows x, v, friction, mode, u, y.
 
     `reference` holds the rows position, speed and acceleration.  Returns the
-    located switches.
+    located switches, and how many there was no room for.
     """
     plant = axis_step.point(numbers, integers)
     at = axis_step.pointer(state)
     n = reference.shape[1]
     lead = int(law.numbers[LEAD])
-    events = np.empty(64 * axis_step.ROOM)
-    count = np.zeros(1, np.int64)
+    events = np.empty(64 * room)
+    count = axis_step.tally(events)
     for k in range(n):
-        if 3 * count[0] + axis_step.ROOM > events.shape[0]:
+        if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
+            count[axis_step.HELD] = events.shape[0] // 3
         y = encode(state[axis_step.X], quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
         advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)
-    return axis_step.located(events, count[0])
+    return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]

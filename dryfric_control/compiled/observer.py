@@ -73,7 +73,7 @@ def _delayed(plant, dt, memory, u):
 
 
 @axis_step.internal(forceinline=True)
-def _mean_drive(plant, dt, memory, u):
+def mean_drive(plant, dt, memory, u):
     """Mean drive over the coming sample, behind delay and lag."""
     seen = _delayed(plant, dt, memory, u)
     lag = plant.numbers[axis_step.LAG]
@@ -83,7 +83,7 @@ def _mean_drive(plant, dt, memory, u):
 
 
 @axis_step.internal(forceinline=True)
-def _shift_drive(plant, dt, memory, u):
+def shift_drive(plant, dt, memory, u):
     """Delay and lag one sample on."""
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
@@ -185,7 +185,7 @@ def _decide(tables, memory, t, u, y):
     """
     plant, numbers = tables.plant, tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
-    seen = _mean_drive(plant, numbers[DT], memory, drive)
+    seen = mean_drive(plant, numbers[DT], memory, drive)
     first = memory[NODE] == 0.0
     if first:
         memory[PLACE], memory[COUNT] = y, 1.0
@@ -232,7 +232,7 @@ def _predict(tables, memory, w, believed, drive, y):
     else:
         i = _error_place(mode)
         memory[i] += (1.0 - numbers[KEEP]) * (-mode * integral - memory[i])
-    _shift_drive(tables.plant, numbers[DT], memory, drive)
+    shift_drive(tables.plant, numbers[DT], memory, drive)
 
 
 @axis_step.internal(forceinline=True)

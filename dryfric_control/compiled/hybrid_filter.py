@@ -51,9 +51,10 @@ from dryfric_control.compiled.observer import (
     HAZARD,  # chance in one sample to break away above the usual level
     MASS,  # first variance of the relative mass error
     RATE,  # uncertainty of the pace at which the excess goes, as a part of the excess
+    START,  # variance of the velocity at which a motion starts
     FIRST_RELEASE,  # breakaway force over the level, before one was seen
     NUMBERS,
-) = range(20)
+) = range(21)
 
 #: States of a mode: position, velocity, relative error of the level in either
 #: direction, excess over the level, relative error of 1 / mass.
@@ -80,12 +81,16 @@ SIZE = WORK + 2 * STATES
 #: vhat, log-likelihood of the reading.
 OUTPUTS = 7
 
-_LEAST = 1e-7  # probability that no mode falls below
+_STOPS = 1e-7  # least chance to stop in one sample
+_LEAST = 1e-30  # probability that no mode falls below
 _FIRST = (0.98, 0.01, 0.01)
 _FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
 _CELL = 1.0 / 12.0  # variance of a reading inside its cell
+_FAR = 5.0  # standard deviations beyond which a tail is no normal one
 _ADAPTS = 0.02  # pace at which the reading noise is followed, per sample
 _PIVOT = 1e-12  # least pivot, as a part of the variance
+_SMALLEST, _LARGEST = 1e-12, 1e20  # variances
+_MOST = 0.25  # the same, of a relative error
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -114,11 +119,13 @@ def _positive_part(mean, sd):
 def _cell(e, sd):
     """Likelihood, mean and variance of a normal N(0, sd^2) seen in the cell e -+ 1/2."""
     a, b = (e - 0.5) / sd, (e + 0.5) / sd
-    if min(abs(a), abs(b)) > 5.0 and a * b > 0.0:
-        # far out both tails underflow: a normal reading of the same variance
+    near = min(abs(a), abs(b))
+    if near > _FAR and a * b > 0.0:
+        # Both tails cancel: a normal reading of the same variance, and a tail that
+        # falls like a power, so that of modes that are all wrong the nearest counts.
         S = sd * sd
         total = S + _CELL
-        likelihood = 0.4 * math.exp(-0.5 * min(e * e / total, 600.0)) / math.sqrt(total)
+        likelihood = _density(_FAR) / math.sqrt(total) * (_FAR / near) ** 4
         return likelihood, S / total * e, S * _CELL / total
     mass = max(_below(b) - _below(a), 1e-12)
     pa, pb = _density(a), _density(b)
@@ -135,6 +142,16 @@ def _forget(s, at, k, mean, variance):
     for i in range(k + 1, STATES):
         s[P + i * (i + 1) // 2 + k] = 0.0
     s[at + k], s[P + k * (k + 3) // 2] = mean, variance
+
+
+@axis_step.internal
+def _shrink(s, P, k, factor):
+    """Scale the spread of state k of a covariance, its correlations kept."""
+    for j in range(k):
+        s[P + k * (k + 1) // 2 + j] *= factor
+    s[P + k * (k + 3) // 2] *= factor * factor
+    for i in range(k + 1, STATES):
+        s[P + i * (i + 1) // 2 + k] *= factor
 
 
 @axis_step.internal
@@ -181,34 +198,47 @@ def _condition(s, at, column, change, removed, variance):
 
 @axis_step.internal
 def _make_positive(s, at):
-    """Raise the pivots of a covariance that rounding has made negative."""
+    """Factor a covariance, L D L', and rebuild it where rounding has made it indefinite.
+
+    A pivot at the level of rounding errors is taken for zero, with the column
+    below it, as in any semidefinite matrix; a row that explains more than its
+    variance is scaled down to it.  So no variance grows.
+    """
     P, L = at + COVARIANCE, LEAVING
-    raised = False
+    rebuild = False
     for i in range(STATES):
         row = i * (i + 1) // 2
+        s[P + row + i] = min(max(s[P + row + i], _SMALLEST), _LARGEST)
         pivot = s[P + row + i]
-        least = max(_PIVOT * pivot, 1e-30)
         for j in range(i):
             other = j * (j + 1) // 2
             value = s[P + row + j]
             for k in range(j):
                 value -= s[L + row + k] * s[L + other + k] * s[L + k * (k + 3) // 2]
-            value /= s[L + other + j]
+            below = s[L + other + j]
+            value = value / below if below > 0.0 else 0.0
             s[L + row + j] = value
-            pivot -= value * value * s[L + other + j]
-        if pivot <= least:
-            pivot, raised = least, True
+            pivot -= value * value * below
+        if pivot < _PIVOT * s[P + row + i]:
+            fit = math.sqrt(s[P + row + i] / (s[P + row + i] - min(pivot, 0.0)))
+            for j in range(i):
+                s[L + row + j] *= fit
+            pivot, rebuild = 0.0, True
         s[L + row + i] = pivot
-    if not raised:
+    if not rebuild:
         return
     for i in range(STATES):
         row = i * (i + 1) // 2
-        for j in range(i + 1):
+        for j in range(i):
             other = j * (j + 1) // 2
-            value = s[L + row + j] * (1.0 if i == j else s[L + other + j])
+            value = s[L + row + j] * s[L + other + j]
             for k in range(j):
                 value += s[L + row + k] * s[L + other + k] * s[L + k * (k + 3) // 2]
             s[P + row + j] = value
+        value = s[L + row + i]
+        for k in range(i):
+            value += s[L + row + k] * s[L + row + k] * s[L + k * (k + 3) // 2]
+        s[P + row + i] = value + _PIVOT * s[P + row + i]
 
 
 @axis_step.internal
@@ -251,13 +281,13 @@ def _rest(numbers, s, push, hold, level):
         over = side * push / max(level[mode - 1], 0.05) - 1.0 - error
         _forget(s, LEAVING, OVER, max(over, 0.0), 0.05**2)
         pace = numbers[B2]
-        _forget(s, LEAVING, V, 0.015 * side * pace, (0.05 * pace) ** 2 + 0.01)
-        _arrive(s, mode, s[0] * chance, LEAVING)
+        _forget(s, LEAVING, V, 0.015 * side * pace, (0.05 * pace) ** 2 + numbers[START])
+        _arrive(s, mode, max(s[0] * chance, _LEAST), LEAVING)
     for k in range(GAUSSIAN):
         s[LEAVING + k] = s[BELIEFS + k]
-    _forget(s, LEAVING, V, 0.0, 1e-4)
+    _forget(s, LEAVING, V, 0.0, 0.01 * numbers[START])
     s[LEAVING + COVARIANCE] += 1e-5
-    _arrive(s, 0, s[0] * max(stay, 0.0), LEAVING)
+    _arrive(s, 0, max(s[0] * stay, _LEAST), LEAVING)
 
 
 @axis_step.internal
@@ -309,10 +339,7 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     # The excess is forgotten along the velocity.
     keep = numbers[FADE] * math.exp(-abs(ahead - v) / numbers[EXCESS_SPEED])
     s[AHEAD + OVER] *= keep
-    for k in range(OVER):
-        s[N + 10 + k] *= keep
-    s[N + 14] *= keep * keep
-    s[N + 19] *= keep
+    _shrink(s, N, OVER, keep)
     slow = v / numbers[EXCESS_SPEED]
     spread = numbers[EXCESS] * math.exp(-min(slow * slow, 50.0)) + numbers[EXCESS_FAST]
     over = numbers[RATE] * s[AHEAD + OVER]
@@ -328,16 +355,17 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     for k in range(GAUSSIAN):
         s[LEAVING + k] = s[AHEAD + k]
     # What stays on its side of zero velocity goes on.
-    _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
-    _arrive(s, mode, s[mode] * max(part, _LEAST), AHEAD)
+    if s[mode] * part > _LEAST:
+        _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
+        _arrive(s, mode, s[mode] * part, AHEAD)
     # The rest stops on the way, or turns round.
     if side * ahead < 0.0:
         s[LEAVING + X] = s[source + X] + 0.5 * v
     s[LEAVING + COVARIANCE] += 0.01
-    _forget(s, LEAVING, V, 0.0, 0.01 if turns else 1e-4)
+    _forget(s, LEAVING, V, 0.0, numbers[START] * (1.0 if turns else 0.01))
     if turns:
         _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
-    _arrive(s, 3 - mode if turns else 0, s[mode] * max(1.0 - part, _LEAST), LEAVING)
+    _arrive(s, 3 - mode if turns else 0, max(s[mode] * max(1.0 - part, _STOPS), _LEAST), LEAVING)
 
 
 @axis_step.internal
@@ -356,7 +384,7 @@ def _read(numbers, s, mode, y):
     S = s[P] + noise
     excess = e * (e - s[SURPRISE]) - s[P] - _CELL - numbers[CELL_NOISE] ** 2
     likelihood, moved, kept = _cell(e, math.sqrt(S))
-    if mode > 0 and weight > 0.5 and e * e > 12.0 * (S + _CELL):
+    if weight > 0.5 and e * e > 12.0 * (S + _CELL):
         # Lost: a prediction far outside the cell was too sure of itself.
         grow = min(e * e / (4.0 * (S + _CELL)), 30.0)
         for k in range(COVARIANCE, GAUSSIAN):
@@ -364,11 +392,12 @@ def _read(numbers, s, mode, y):
         S = s[P] + noise
         moved, kept = S / (S + _CELL) * e, S * _CELL / (S + _CELL)
     _condition(s, at, X, moved, S - kept, S)
+    for k in range(PLUS, STATES):
+        if s[P + k * (k + 3) // 2] > _MOST:
+            _shrink(s, P, k, math.sqrt(_MOST / s[P + k * (k + 3) // 2]))
     _make_positive(s, at)
-    s[at + PLUS] = min(max(s[at + PLUS], -0.5), 0.5)
-    s[at + MINUS] = min(max(s[at + MINUS], -0.5), 0.5)
-    s[at + OVER] = min(max(s[at + OVER], -0.5), 1.2)
-    s[at + RATIO] = min(max(s[at + RATIO], -0.4), 0.6)
+    for k in range(PLUS, STATES):
+        s[at + k] = min(max(s[at + k], -0.9), 4.0)
     for k in range(GAUSSIAN):
         s[BELIEFS + mode * GAUSSIAN + k] = s[at + k]
     s[mode] = weight * likelihood
@@ -409,9 +438,12 @@ def _move(numbers, plant, memory, s, t, y):
         friction = axis_step.sliding_level(plant, t, place, v, w, side)
         slope = 0.0
         if plant.numbers[axis_step.EXCESS] > 0.0:
-            near = v + side * 1e-3 / plant.numbers[axis_step.INVERSE_STRIBECK_SPEED]
-            slope = axis_step.sliding_level(plant, t, place, near, w, side) - friction
-            slope *= 1e3 * plant.numbers[axis_step.INVERSE_STRIBECK_SPEED] * pace * unit
+            # The secant over the spread of the velocity: the peak may be narrower.
+            near = 1e-3 / plant.numbers[axis_step.INVERSE_STRIBECK_SPEED]
+            spread = math.sqrt(s[BELIEFS + mode * GAUSSIAN + COVARIANCE + 2]) * pace
+            near = max(near, spread)
+            slope = axis_step.sliding_level(plant, t, place, v + side * near, w, side) - friction
+            slope *= unit * pace / near
         _slide(numbers, s, mode, w * unit, friction * unit, slope, turns)
     plus = push * unit / max(hold[0] * (1.0 + s[BELIEFS + PLUS]), 0.05)
     minus = -push * unit / max(hold[1] * (1.0 + s[BELIEFS + MINUS]), 0.05)
@@ -439,12 +471,12 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
             best, likely, surprise, unexpected = mode, s[mode], e, excess
     x = v = square = 0.0
     for mode in range(3):
-        s[mode] = max(s[mode] / total, _LEAST)
+        s[mode] /= total
         at = BELIEFS + mode * GAUSSIAN
         x += s[mode] * s[at + X]
         v += s[mode] * s[at + V]
         square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
-    s[NOISE] += _ADAPTS * (min(unexpected, 25.0) - s[NOISE])
+    s[NOISE] += _ADAPTS * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
     s[SURPRISE] = surprise
     now = 0 if best == 0 else 3 - 2 * best
     if before == 0 and now != 0:
@@ -482,6 +514,10 @@ def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
 def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
     """Whole record into `out`, one row a sample."""
     plant = axis_step.point(axis_numbers, axis_integers)
-    given, state, rows = axis_step.pointer(numbers), axis_step.pointer(memory), axis_step.pointer(out)
+    given, state, rows = (
+        axis_step.pointer(numbers),
+        axis_step.pointer(memory),
+        axis_step.pointer(out),
+    )
     for k in range(u.shape[0]):
         _sample(given, plant, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

@@ -14,12 +14,12 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.compiled import axis_step
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.checks import finite, positive, samples
-from dryfric_control.observer.error_model import axis_matrices
+from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.runtime import OUTPUTS, Estimate, ObserverResponse
 from dryfric_control.observer.weights import coulomb_level
@@ -392,6 +392,7 @@ def hybrid_filter(
         kernel.HAZARD: -math.expm1(-_HAZARD * pace),
         kernel.MASS: mass_error**2,
         kernel.RATE: _RATE,
+        kernel.START: (0.1 * pace) ** 2,
         kernel.FIRST_RELEASE: 1.0 if own.stribeck else 1.15,
     }.items():
         numbers[place] = number

@@ -37,7 +37,7 @@ PAPER, READING, FILIPPOV = 0, 1, 2
 ) = range(12)
 
 #: Places of the observer's numbers.
-(DT, STICK_SPEED, RESOLUTION, KEEP, RULE) = range(5)
+(DT, STICK_SPEED, RESOLUTION, KEEP, RULE, CURRENT) = range(6)
 #: Columns of the matrices of a mode (rows mode + 1), and how many.
 A12, A22, B1, B2, E1, E2, COLUMNS = range(7)
 #: Rows of what the observer states.
@@ -204,6 +204,11 @@ def _decide(tables, memory, t, u, y):
     if mode != before:
         memory[REST] = 0.0
         w = _load(plant, t, memory, seen, y, float(mode))
+    if numbers[CURRENT]:
+        g, error = 3 * (int(memory[NODE]) - 1), y - memory[XHAT]
+        memory[XHAT] += tables.gains[g] * error
+        memory[VHAT] += tables.gains[g + 1] * error
+        memory[WHAT] += tables.gains[g + 2] * error
     if mode == 0:
         return w, w, 0.0, drive
     believed = mode * _believed(plant, t, memory, w, y, float(mode))
@@ -212,11 +217,11 @@ def _decide(tables, memory, t, u, y):
 
 @axis_step.internal(forceinline=True)
 def _predict(tables, memory, w, believed, drive, y):
-    """Estimate one sample on, by (7); `memory` changes in place."""
+    """Estimate one sample on, by (7), or without its correction; `memory` in place."""
     numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
     mode, node = int(memory[MODE]), int(memory[NODE]) - 1
     x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
-    error, force = y - x, w - believed
+    error, force = 0.0 if numbers[CURRENT] else y - x, w - believed
     a, g = COLUMNS * (mode + 1), 3 * node
     memory[XHAT] = (
         x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral

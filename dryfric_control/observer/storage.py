@@ -16,15 +16,15 @@ from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
-from dryfric_control.observer.error_model import DISCRETIZATIONS, check_sampling, mode_classes
+from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, check_sampling, mode_classes
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.store.files import existing_file, replacing
 
-FORMAT, VERSION = "dryfric-control observer design", 1
+FORMAT, VERSION = "dryfric-control observer design", 2
 _ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
 _NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
 _MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
-_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS}
+_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
 def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:

@@ -20,13 +20,15 @@ from dryfric_control.observer.weights import default_weights
 
 DT = 1e-3
 #: The reference problem: z = v, one newton uncertain, 0.1 mm of noise.
-SPEC = {
+WEIGHTS = {
     "uncertainty": 1.0,
     "noise": 1e-4,
     "drift": 0.0,
     "decay": 0.995,
     "performance": (0.0, 1.0, 0.0),
 }
+#: As the paper has it.
+SPEC = WEIGHTS | {"discretization": "euler", "form": "prediction"}
 
 
 def reference_axis(stick_rate: float = 500.0, **changes) -> FrictionAxis:
@@ -36,7 +38,7 @@ def reference_axis(stick_rate: float = 500.0, **changes) -> FrictionAxis:
 
 
 def problem(graph=None, decay=0.995):
-    weights = default_weights(reference_axis(), DT, **(SPEC | {"decay": decay}))
+    weights = default_weights(reference_axis(), DT, **(WEIGHTS | {"decay": decay}))
     models = error_models(
         reference_axis(), DT, uncertainty=weights.uncertainty, noise=weights.noise,
         drift=0.0, performance=weights.performance,

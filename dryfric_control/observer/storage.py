@@ -16,7 +16,12 @@ from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
-from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, check_sampling, mode_classes
+from dryfric_control.observer.error_model import (
+    DISCRETIZATIONS,
+    FORMS,
+    check_sampling,
+    mode_classes,
+)
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.store.files import existing_file, replacing
 

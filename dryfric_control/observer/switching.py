@@ -313,8 +313,7 @@ def worst_switching(
     steps = {edge: place for place, edge in enumerate(graph.edges)}
     at = [models[graph.labels[i]] for i, _ in graph.edges]
     closed = [
-        model.closed(gains[model.node(i, j)])
-        for model, (i, j) in zip(at, graph.edges, strict=True)
+        model.closed(gains[model.node(i, j)]) for model, (i, j) in zip(at, graph.edges, strict=True)
     ]
     game = _Game(
         keys=list(steps),

@@ -573,28 +573,28 @@ class FrictionAxis:
             raise ValueError(
                 f"at[1] = {v:g} moves against mode {index:+d}: give it the mode's sign"
             )
-        arrays = self.arrays(1.0)
+        numbers, integers, _ = self.arrays(1.0)
+        far = float(max(self.breakaway(np.array([x]), s)[0] for s in (1, -1))) or self.mass
 
         def rate(x: float, v: float, u: float) -> float:
-            return float(
-                axis_step.mode_rate(arrays.numbers, arrays.integers, 0.0, x, v, u, index)[0]
-            )
+            return float(axis_step.mode_rate(numbers, integers, 0.0, x, v, u, index)[0])
 
-        breakaway = float(max(self.breakaway(np.array([x]), s)[0] for s in (1, -1)))
-        far = breakaway or self.mass
+        def by_drive(u: float) -> float:
+            return _slope(lambda change: rate(x, v, u + change), 0.1 * far)
+
         if drive:
             u = finite("at[2]", drive[0])
         else:
             u = 2.0 * index * far
-            for _ in range(8 * abs(index)):
-                gain = _slope(lambda change: rate(x, v, u + change), 0.1 * far)
+            for _ in range(8 * abs(index)):  # Newton; one step where the drive acts linearly
+                gain = by_drive(u)
                 u -= rate(x, v, u) / gain if gain > 0.0 else 0.0
         low, high = self.travel or (0.0, 0.0)
         reach = 1e-2 * (max(high - low, abs(x)) or 1.0)
         return (
             _slope(lambda change: rate(x + change, v, u), reach),
             _slope(lambda change: rate(x, v + change, u), 0.1 * max(abs(v), self.stick_speed)),
-            _slope(lambda change: rate(x, v, u + change), 0.1 * far),
+            by_drive(u),
         )
 
     def describe(self) -> str:

@@ -131,7 +131,8 @@ class PositionController:
         -----
         State feedback with integral action on the exactly sampled sliding mode:
         two poles at exp(-w dt), the third at exp(-w3 dt) with
-        w3 = max(w, f/m - 2 w) (f/m with `at`: the damping there), the slowest that needs no negative speed gain.
+        w3 = max(w, f/m - 2 w), the slowest that needs no negative speed gain; with
+        `at`, f/m is the damping there.
         """
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")

@@ -181,7 +181,8 @@ def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     Notes
     -----
     The Riccati recursion of the optimal H-infinity filter, a priori or (current
-    form) a posteriori, from a zero initial error (Hassibi, Sayed and Kailath, Indefinite-Quadratic Estimation
+    form) a posteriori, from a zero initial error (Hassibi, Sayed and Kailath,
+    Indefinite-Quadratic Estimation
     and Control, SIAM 1999).  A gamma counts only if the recursion breaks down
     within finitely many samples, which makes the bound strict.
     """

@@ -571,7 +571,7 @@ class FrictionAxis:
         x, v = finite("at[0]", x), finite("at[1]", v)
         if index * v < 0.0:
             raise ValueError(
-                f"at[1] = {v:g} moves against mode {index:+d}: give it the mode's sign"
+                f"at[1] = {v:g} moves against mode {index:+d}: give it the sign of the mode"
             )
         numbers, integers, _ = self.arrays(1.0)
         far = float(max(self.breakaway(np.array([x]), s)[0] for s in (1, -1))) or self.mass

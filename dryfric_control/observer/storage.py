@@ -105,7 +105,9 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
         raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ValueError(f"{path} is no observer design: it lacks format = {FORMAT!r}")
-    if data.get("version") != VERSION:
+    if data.get("version") == 1:  # before the current form
+        data["form"] = "prediction"
+    elif data.get("version") != VERSION:
         raise ValueError(
             f"{path} has version {data.get('version')!r}, this package reads {VERSION}: design "
             "again, or use a newer package"

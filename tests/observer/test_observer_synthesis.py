@@ -419,12 +419,25 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
     refused(text[: len(text) // 2], "damaged: not readable")
     refused("[1, 2]", "no observer design")
     refused(json.dumps(good | {"format": "other"}), "no observer design")
-    refused(json.dumps(good | {"version": 2}), "version 2")
+    refused(json.dumps(good | {"version": 3}), "version 3")
+    refused(json.dumps(good | {"form": "filtered"}), "form must be one of")
+    # the same gains in the other form prove something else
+    refused(json.dumps(good | {"form": "prediction"}), "condition fails|does not decrease")
     refused(json.dumps({k: v for k, v in good.items() if k != "gamma"}), "damaged.*gamma")
     refused(json.dumps(good | {"node_gains": [[1.0, 2.0]]}), "node_gains")
     refused(json.dumps(good | {"gamma": "large"}), "damaged")
     gains = [[value * 1.5 for value in row] for row in good["node_gains"]]
     refused(json.dumps(good | {"node_gains": gains}), "condition fails")
+
+
+def test_a_design_of_version_1_is_a_prediction(tmp_path):
+    file = tmp_path / "observer.json"
+    design = design_pi_observer(reference_axis(), DT, **SPEC)
+    design.save(file)
+    data = json.loads(file.read_text())
+    assert data.pop("form") == "prediction"
+    file.write_text(json.dumps(data | {"version": 1}))
+    assert load_design(file).summary() == design.summary()
 
 
 def test_summary_and_table_speak():

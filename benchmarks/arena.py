@@ -1,8 +1,9 @@
 """Which observer follows velocity and friction best, over plants it does not know.
 
 Run ``python benchmarks/arena.py``; words pick observers by name, ``--budget N`` sets the
-tuning.  Three families of plants (the clutch actuator on one increment, a stage on 1 um and
-on 20 um), five records each: the nominal plant and four at random, with levels, mass,
+tuning; ``--wild N`` runs the hybrid filter alone on N random plants.  Three families of
+plants (the clutch actuator on one increment, a stage on 1 um and on 20 um), five records
+each: the nominal plant and four at random, with levels, mass,
 viscous friction, Stribeck peak and stick speed off.  Every peer is tuned per family, with
 the same budget, on one more plant that is not scored: half of the budget by a Sobol
 sequence over the ranges, half by a random walk from the best.  The package's observers run
@@ -352,11 +353,40 @@ def rows(names: list[str], budget: int) -> Iterator[tuple[str, str, list[dict[st
             yield family, observer.name, errors
 
 
+def wild(count: int) -> None:
+    """The hybrid filter on random plants, every other far from the nominal one."""
+    rng = np.random.default_rng(5)
+    errors, broken = [], 0
+    for k in range(count):
+        quantum = 10 ** rng.uniform(-9, -3.5)
+        plant = rng
+        if k % 2:
+            plant = dfc.FrictionAxis(
+                mass=2 * rng.uniform(0.5, 2),
+                viscous=15 * rng.uniform(0.1, 5),
+                coulomb=8 * rng.uniform(0.4, 2),
+                stribeck=dfc.Stribeck(rng.uniform(0.02, 1), 10 ** rng.uniform(-4, -1)),
+                stick_speed=10 ** rng.uniform(-5, -2.5),
+            )
+        case = stage(plant, quantum, k)
+        estimate = dfc.hybrid_filter(STAGE, DT, quantum).run(*case.record[4:6])
+        every = (estimate.outputs, estimate.vhat_sd, estimate.log_likelihood)
+        broken += not all(np.isfinite(one).all() for one in every)
+        errors.append(score(case, estimate.outputs[[0, 1, 2, 4]])["velocity"])
+    middle, most, worst = 100 * np.quantile(errors, (0.5, 0.95, 1.0))
+    print(f"{count} closed loops, encoders of 1 nm to 0.3 mm: {broken} with a number that is none")
+    print(f"velocity error: median {middle:.2f} %, 95 % {most:.2f} %, largest {worst:.1f} %")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="part of an observer's name")
     parser.add_argument("--budget", type=int, default=80, help="evaluations to tune with")
+    parser.add_argument("--wild", type=int, default=0, help="random loops, for robustness alone")
     given = parser.parse_args()
+    if given.wild:
+        wild(given.wild)
+        return
     found: dict[str, dict[str, list[dict[str, float]]]] = {}
     for family, name, errors in rows(given.names, given.budget):
         found.setdefault(name, {})[family] = errors

@@ -282,7 +282,7 @@ def hybrid_filter(
     force_noise: float = 2.4e-3,
     mass_error: float = 0.055,
 ) -> HybridFilter:
-    """Hybrid filter of an axis: the most accurate observer, and the dearest.
+    """Observer that filters position, velocity, friction and mode.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def estimators() -> dict[str, Estimator]:
     )
     euler = presets.clutch_observer(discretization="euler")
     slower = presets.clutch_observer(drift=0.5 * design.drift)
-    printed = presets.clutch_observer(discretization="euler", method="paper")
+    printed = presets.clutch_observer(discretization="euler", form="prediction", method="paper")
     q = presets.QUANTUM
     return {
         "switched": SwitchedEstimator(design, "reading", q),

@@ -119,10 +119,9 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
     dt : float, optional
         Sampling time [s].
     **options
-        For `design_pi_observer`.  The default specifications are used, which
-        follow from the encoder increment and the Coulomb level, with the exact
-        discretisation: Euler's rule misses half a sample of acceleration, and
-        on this loop that is a third of the speed error.
+        For `design_pi_observer`.  The defaults are used: specifications that
+        follow from the encoder increment and the Coulomb level, and the exact
+        discretisation.
 
     Returns
     -------
@@ -137,7 +136,6 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
     axis = clutch_observer_axis()
     settings: dict[str, Any] = {
         "encoder_quantum": QUANTUM,
-        "discretization": "zoh",
         "stick_speed": axis.stick_speed,
     }
     return design_pi_observer(axis, dt, **(settings | options))
@@ -228,8 +226,8 @@ def clutch_experiment(
     --------
     >>> from dryfric_control import presets
     >>> run = presets.clutch_experiment(duration=2.0)
-    >>> float(run.estimate.y[0, 0])
-    1000.0
+    >>> bool(0.0 < run.estimate.y[0, 0] < 100.0)  # after the first reading
+    True
     """
     design = clutch_observer() if design is None else design
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")

@@ -198,6 +198,7 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "write_axis": (dfc.write_axis, dict(axis=AXIS, path="/nowhere/axis.toml")),
     "load_design": (dfc.load_design, dict(path="observer.json")),
     "design_pi_observer": (dfc.design_pi_observer, dict(axis=AXIS, dt=DT)),
+    "hybrid_filter": (dfc.hybrid_filter, dict(axis=AXIS)),
     "ObserverDesign.mode_matrices": (lambda **k: design().mode_matrices(**k), dict(mode=1)),
     "ObserverDesign.error_dynamics": (lambda **k: design().error_dynamics(**k), dict(mode=1)),
     "ObserverDesign.save": (lambda **k: design().save(**k), dict(path="/nowhere/observer.json")),
@@ -437,6 +438,9 @@ rows(
     (dict(method="tustin"), '"euler" or "zoh"'),
     (dict(input="u"), '"drive" or "force"'),
     (dict(index=0, dt=0.01), 'lower dt|method="zoh"', "stick_rate"),
+    (dict(at=0.1), "position, velocity"),
+    (dict(at=(NAN, 0.1)), NUMBER, "at"),
+    (dict(at=(0.0, -0.1)), "sign of the mode", "at"),
 )
 rows(
     "AxisStepper",
@@ -944,8 +948,8 @@ files(
     ("other.json", '{"format": "a"}', "other.json", "lacks format"),
     (
         "newer.json",
-        '{"format": "dryfric-control observer design", "version": 2}',
-        "version 2",
+        '{"format": "dryfric-control observer design", "version": 3}',
+        "version 3",
         "newer package",
     ),
     (
@@ -977,7 +981,8 @@ rows(
     (dict(dt=NAN), NUMBER),
     (dict(dt="1 ms"), "number"),
     (dict(dt=True), "number"),
-    (dict(dt=1.0), "lower dt", "dt"),
+    (dict(dt=1.0, discretization="euler"), "lower dt", "dt"),
+    (dict(form="filtered"), "must be one of"),
     (dict(method="lqr"), "must be one of"),
     (dict(solver="mosek"), "must be one of"),
     (dict(method=["paper"]), "must be one of"),
@@ -1019,6 +1024,20 @@ rows(
     (dict(integral_modes=(0,)), "integral_modes", "detectable"),
     (dict(axis=AXIS.replace(coulomb=0.0)), "amplitude of the unknown force", "uncertainty"),
     (dict(encoder_quantum=1e-6, noise=HUGE), NUMBER, "noise"),
+)
+rows(
+    "hybrid_filter",
+    (dict(axis=2.0), "FrictionAxis"),
+    (dict(axis=AXIS.replace(coulomb=0.0)), "design_pi_observer", "no Coulomb friction"),
+    (dict(dt=0.0), POSITIVE),
+    (dict(dt="1 ms"), "number"),
+    (dict(encoder_quantum=0.0), POSITIVE),
+    (dict(encoder_quantum=NAN), NUMBER),
+    (dict(excess=0.0), POSITIVE),
+    (dict(excess_speed=-1.0), POSITIVE),
+    (dict(level_walk=-0.1), NOT_NEGATIVE),
+    (dict(force_noise=0.0), POSITIVE),
+    (dict(mass_error="much"), NUMBER),
 )
 for _method in ("mode_matrices", "error_dynamics"):
     rows(f"ObserverDesign.{_method}", (dict(mode=2), r"0, \+1 or -1"), (dict(mode=None), r"0, \+1"))

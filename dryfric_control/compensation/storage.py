@@ -8,15 +8,12 @@ from typing import Any
 
 from dryfric_control.checks import finite, positive, whole
 from dryfric_control.compensation.design import LAWS, Compensation, certified
-from dryfric_control.observer.storage import (
-    design_data,
-    design_of,
-    read_json,
-    write_json,
-)
+from dryfric_control.observer.certificate import CertificateError
+from dryfric_control.observer.storage import design_data, design_of
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
+from dryfric_control.store.files import load_document, write_document
 
-FORMAT, VERSION = "dryfric-control friction compensation", 1
+KIND, VERSION = "friction compensation", 1
 _POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
 _MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch")
 
@@ -31,13 +28,13 @@ def save_compensation(comp: Compensation, path: str | os.PathLike[str]) -> None:
     path : str or path
         File to write.
     """
-    data: dict[str, Any] = {"format": FORMAT, "version": VERSION, "axis": axis_to_dict(comp.axis)}
+    data: dict[str, Any] = {"axis": axis_to_dict(comp.axis)}
     plain = (*_POSITIVE, *_MAY_BE_ZERO, "law", "kd", "lead")
     data |= {name: getattr(comp, name) for name in plain}
     data["limit"] = None if math.isinf(comp.limit) else comp.limit
     data["observer"] = None if comp.observer is None else design_data(comp.observer)
     data["tube"] = comp.certificate.tube if math.isfinite(comp.certificate.tube) else None
-    write_json(data, path)
+    write_document(path, KIND, VERSION, data)
 
 
 def load_compensation(path: str | os.PathLike[str]) -> Compensation:
@@ -71,7 +68,7 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     >>> again.certificate.tube == comp.certificate.tube
     True
     """
-    return read_json(path, FORMAT, VERSION, "friction compensation", _rebuild)
+    return load_document(path, KIND, VERSION, _rebuild, CertificateError)
 
 
 def _rebuild(data: dict[str, Any]) -> Compensation:

@@ -369,9 +369,7 @@ def read_laws(numbers, integers, t, x):
 
 
 @njit(cache=True, error_model="numpy")
-def run_loop(
-    numbers, integers, state, law, memory, reference, disturbance, quantum, dt, room, out
-):
+def run_loop(numbers, integers, state, law, memory, reference, disturbance, quantum, dt, room, out):
     """Closed loop into `out`: rows x, v, friction, mode, u, y.
 
     `reference` holds the rows position, speed and acceleration.  Returns the

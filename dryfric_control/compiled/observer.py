@@ -37,7 +37,7 @@ PAPER, READING, FILIPPOV = 0, 1, 2
 ) = range(12)
 
 #: Places of the observer's numbers.
-(DT, STICK_SPEED, RESOLUTION, KEEP, RULE) = range(5)
+(DT, STICK_SPEED, RESOLUTION, KEEP, RULE, CURRENT) = range(6)
 #: Columns of the matrices of a mode (rows mode + 1), and how many.
 A12, A22, B1, B2, E1, E2, COLUMNS = range(7)
 #: Rows of what the observer states.
@@ -73,7 +73,7 @@ def _delayed(plant, dt, memory, u):
 
 
 @axis_step.internal(forceinline=True)
-def _mean_drive(plant, dt, memory, u):
+def mean_drive(plant, dt, memory, u):
     """Mean drive over the coming sample, behind delay and lag."""
     seen = _delayed(plant, dt, memory, u)
     lag = plant.numbers[axis_step.LAG]
@@ -83,7 +83,7 @@ def _mean_drive(plant, dt, memory, u):
 
 
 @axis_step.internal(forceinline=True)
-def _shift_drive(plant, dt, memory, u):
+def shift_drive(plant, dt, memory, u):
     """Delay and lag one sample on."""
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
@@ -185,7 +185,7 @@ def _decide(tables, memory, t, u, y):
     """
     plant, numbers = tables.plant, tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
-    seen = _mean_drive(plant, numbers[DT], memory, drive)
+    seen = mean_drive(plant, numbers[DT], memory, drive)
     first = memory[NODE] == 0.0
     if first:
         memory[PLACE], memory[COUNT] = y, 1.0
@@ -204,6 +204,11 @@ def _decide(tables, memory, t, u, y):
     if mode != before:
         memory[REST] = 0.0
         w = _load(plant, t, memory, seen, y, float(mode))
+    if numbers[CURRENT]:
+        g, error = 3 * (int(memory[NODE]) - 1), y - memory[XHAT]
+        memory[XHAT] += tables.gains[g] * error
+        memory[VHAT] += tables.gains[g + 1] * error
+        memory[WHAT] += tables.gains[g + 2] * error
     if mode == 0:
         return w, w, 0.0, drive
     believed = mode * _believed(plant, t, memory, w, y, float(mode))
@@ -212,11 +217,11 @@ def _decide(tables, memory, t, u, y):
 
 @axis_step.internal(forceinline=True)
 def _predict(tables, memory, w, believed, drive, y):
-    """Estimate one sample on, by (7); `memory` changes in place."""
+    """Estimate one sample on, by (7), or without its correction; `memory` in place."""
     numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
     mode, node = int(memory[MODE]), int(memory[NODE]) - 1
     x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
-    error, force = y - x, w - believed
+    error, force = 0.0 if numbers[CURRENT] else y - x, w - believed
     a, g = COLUMNS * (mode + 1), 3 * node
     memory[XHAT] = (
         x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral
@@ -232,7 +237,7 @@ def _predict(tables, memory, w, believed, drive, y):
     else:
         i = _error_place(mode)
         memory[i] += (1.0 - numbers[KEEP]) * (-mode * integral - memory[i])
-    _shift_drive(tables.plant, numbers[DT], memory, drive)
+    shift_drive(tables.plant, numbers[DT], memory, drive)
 
 
 @axis_step.internal(forceinline=True)

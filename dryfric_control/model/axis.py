@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import control as ct
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, places, positive, samples
@@ -480,7 +481,12 @@ class FrictionAxis:
         )
 
     def mode_ss(
-        self, index: int, dt: float = 0.0, method: str = "euler", input: str = "drive"
+        self,
+        index: int,
+        dt: float = 0.0,
+        method: str = "euler",
+        input: str = "drive",
+        at: tuple[float, ...] | None = None,
     ) -> ct.StateSpace:
         """Linear part of one mode as a state space, to analyse.
 
@@ -497,6 +503,10 @@ class FrictionAxis:
             friction cancels the drive.  "force": the matrix E_i of an unknown
             force on the mass, (0, dt/m) in every mode; the integral action of
             an observer enters here.
+        at : (float, float) or (float, float, float), optional
+            Position [m] and velocity [m/s], and drive [N], at which the effects
+            and the Stribeck peak are linearised.  Without the drive: the one that
+            keeps the velocity.  Default: effects and peak are left out.
 
         Returns
         -------
@@ -513,8 +523,15 @@ class FrictionAxis:
         -----
         ``A = [[1, dt], [0, 1 - dt a]]`` with a = f/m when sliding and a = p when
         stuck (Euler).  Friction itself is no part of it: Coulomb's level is the
-        constant Q_i of (4).  Effects are left out; use `control.linearize` on
-        `mode` for the slope at a point of operation.
+        constant Q_i of (4).  With `at` the states are deviations from that point,
+        ::
+
+            x' = v,  v' = a_x x + a_v v + b u
+
+        with the slopes of the acceleration that `mode` gives: gravity, spring and
+        cogging enter a_x, drag and the Stribeck peak a_v, input gain b.  At rest
+        friction cancels all of them.  A delay or lag of the input, presliding, a play
+        and a compliance have no place in these states.
 
         Examples
         --------
@@ -523,6 +540,14 @@ class FrictionAxis:
         >>> print(axis.mode_ss(0, dt=1e-3).A)
         [[1.    0.001]
          [0.    0.5  ]]
+
+        A pendulum that hangs, in rad and N m, swings at sqrt(9 / 0.25) rad/s:
+
+        >>> from dryfric_control.effects import Gravity
+        >>> arm = dfc.FrictionAxis(mass=0.25, viscous=0.0, coulomb=0.1,
+        ...                        effects=Gravity(amplitude=9.0))
+        >>> print(arm.mode_ss(+1, at=(0.0, 0.1)).poles().imag.round(6))
+        [ 6. -6.]
         """
         _check_mode(index)
         dt = positive("dt", dt, unit="s", zero=True)
@@ -533,8 +558,14 @@ class FrictionAxis:
         axis = self.effective()
         rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
         gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
+        pull = 0.0
+        if at is not None:
+            slopes = self._slopes(index, at)
+            if index != 0:
+                pull, rate = slopes[0], -slopes[1]
+                gain = slopes[2] if input == "drive" else gain
         if dt == 0.0:
-            a = np.array([[0.0, 1.0], [0.0, -rate]])
+            a = np.array([[0.0, 1.0], [pull, -rate]])
             b = np.array([[0.0], [gain]])
         elif method == "euler":
             if dt * rate >= 2.0:
@@ -543,8 +574,13 @@ class FrictionAxis:
                     f"Euler needs dt * {what} < 2, got {dt * rate:.4g}: "
                     f'lower dt or {what}, or take method="zoh"'
                 )
-            a = np.array([[1.0, dt], [0.0, 1.0 - dt * rate]])
+            a = np.array([[1.0, dt], [dt * pull, 1.0 - dt * rate]])
             b = np.array([[0.0], [dt * gain]])
+        elif pull != 0.0 or rate < 0.0:
+            held = scipy.linalg.expm(
+                dt * np.array([[0.0, 1.0, 0.0], [pull, -rate, gain], [0.0, 0.0, 0.0]])
+            )
+            a, b = held[:2, :2], held[:2, 2:]
         else:
             fall = -np.expm1(-rate * dt)
             moved = fall / rate if rate * dt > 1e-8 else dt * (1.0 - 0.5 * rate * dt)
@@ -561,6 +597,43 @@ class FrictionAxis:
             outputs=["x"],
             states=["x", "v"],
             name=f"{self.name}_{mode_label(index)}",
+        )
+
+    def _slopes(self, index: int, at: Any) -> tuple[float, float, float]:
+        """Slopes of a mode's acceleration by position, velocity and drive."""
+        try:
+            x, v, *drive = at
+        except (TypeError, ValueError):
+            drive = [0.0, 0.0]
+        if len(drive) > 1:
+            raise ValueError(f"at must be (position, velocity) or with a drive, got {at!r}")
+        x, v = finite("at[0]", x), finite("at[1]", v)
+        if index * v < 0.0:
+            raise ValueError(
+                f"at[1] = {v:g} moves against mode {index:+d}: give it the sign of the mode"
+            )
+        numbers, integers, _ = self.arrays(1.0)
+        far = float(max(self.breakaway(np.array([x]), s)[0] for s in (1, -1))) or self.mass
+
+        def rate(x: float, v: float, u: float) -> float:
+            return float(axis_step.mode_rate(numbers, integers, 0.0, x, v, u, index)[0])
+
+        def by_drive(u: float) -> float:
+            return _slope(lambda change: rate(x, v, u + change), 0.1 * far)
+
+        if drive:
+            u = finite("at[2]", drive[0])
+        else:
+            u = 2.0 * index * far
+            for _ in range(8 * abs(index)):  # Newton; one step where the drive acts linearly
+                gain = by_drive(u)
+                u -= rate(x, v, u) / gain if gain > 0.0 else 0.0
+        low, high = self.travel or (0.0, 0.0)
+        reach = 1e-2 * (max(high - low, abs(x)) or 1.0)
+        return (
+            _slope(lambda change: rate(x + change, v, u), reach),
+            _slope(lambda change: rate(x, v + change, u), 0.1 * max(abs(v), self.stick_speed)),
+            by_drive(u),
         )
 
     def _rows(self) -> list[tuple[str, str]]:
@@ -590,6 +663,15 @@ class FrictionAxis:
 
     def _repr_html_(self) -> str:
         return table([(self.name, ""), *self._rows()], as_html=True)
+
+
+def _slope(function: Callable[[float], float], reach: float) -> float:
+    """Derivative at zero: central differences, extrapolated, where two steps agree best."""
+    ratio = 3.7  # no whole number: steps must not all be multiples of one period
+    steps = reach * ratio ** -np.arange(14.0)
+    plain = np.array([(function(h) - function(-h)) / (2.0 * h) for h in steps])
+    better = plain[1:] + (plain[1:] - plain[:-1]) / (ratio**2 - 1.0)
+    return float(better[1:][np.argmin(np.abs(np.diff(better)))])
 
 
 class ModeStateSpace(ct.StateSpace):

@@ -142,7 +142,12 @@ class PositionController:
 
     @classmethod
     def from_bandwidth(
-        cls, axis: FrictionAxis, bandwidth: float, dt: float, limit: float | None = None
+        cls,
+        axis: FrictionAxis,
+        bandwidth: float,
+        dt: float,
+        limit: float | None = None,
+        at: tuple[float, ...] | None = None,
     ) -> PositionController:
         """Controller that puts the sliding mode's poles at a bandwidth.
 
@@ -156,6 +161,9 @@ class PositionController:
             Sampling time [s].
         limit : float, optional
             Largest force [N].  Default: five times the largest breakaway level.
+        at : tuple of float, optional
+            Point at which the effects are linearised, see `FrictionAxis.mode_ss`;
+            a pendulum needs it.  Default: effects are left out.
 
         Returns
         -------
@@ -171,7 +179,8 @@ class PositionController:
         -----
         State feedback with integral action on the exactly sampled sliding mode:
         two poles at exp(-w dt), the third at exp(-w3 dt) with
-        w3 = max(w, f/m - 2 w), the slowest that needs no negative speed gain.
+        w3 = max(w, f/m - 2 w), the slowest that needs no negative speed gain; with
+        `at`, f/m is the damping there.
         """
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
@@ -185,8 +194,9 @@ class PositionController:
             places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
             level = max(axis.breakaway(places, s).max() for s in (1, -1))
             limit = 5.0 * float(level) if level > 0.0 else math.inf
-        sliding = axis.mode_ss(+1, dt, "zoh")
-        third = max(bandwidth, axis.viscous / axis.mass - 2.0 * bandwidth)
+        sliding = axis.mode_ss(+1, dt, "zoh", at=at)
+        damping = -float(axis.mode_ss(+1, at=at).A[1, 1])
+        third = max(bandwidth, damping - 2.0 * bandwidth)
         poles = np.exp(-dt * np.array([bandwidth, bandwidth, third]))
         # States x, v and the integral of -x (reference at zero).
         a = np.block([[sliding.A, np.zeros((2, 1))], [-dt * sliding.C, np.ones((1, 1))]])
@@ -264,7 +274,7 @@ class PositionController:
             Switches for which there was no room.
         """
         memory = self.memory(encode(state[0], quantum), state[1])
-        return run_loop(  # type: ignore[no-any-return]
+        return run_loop(
             axis.numbers, axis.integers, state, self.gains, memory, motion.position, disturbance,
             quantum, self.dt, room, out,
         )  # fmt: skip

@@ -8,6 +8,7 @@ from dryfric_control.observer.closed_loop import (
     simulate_observed_loop,
 )
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
+from dryfric_control.observer.hybrid_filter import HybridFilter, HybridStepper, hybrid_filter
 from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
 from dryfric_control.observer.own_axis import ObserverWarning
 from dryfric_control.observer.runtime import (
@@ -25,6 +26,8 @@ __all__ = [
     "CertificateError",
     "Estimate",
     "EstimateScore",
+    "HybridFilter",
+    "HybridStepper",
     "MonteCarlo",
     "ObservedLoop",
     "ObserverDesign",
@@ -33,6 +36,7 @@ __all__ = [
     "ObserverWarning",
     "design_pi_observer",
     "filter_reference",
+    "hybrid_filter",
     "load_design",
     "monte_carlo",
     "observe",

@@ -154,7 +154,11 @@ class OneModeObserver:
         -------
         OneModeObserver
         """
-        lx, lv, g = (float(value) for value in design.gains[1])
+        gain = design.gains[1]
+        if design.form == "current":  # the prediction that starts after that correction
+            A, _, E = design.mode_matrices(1)
+            gain = np.append(A @ gain[:2] + E * gain[2], gain[2])
+        lx, lv, g = (float(value) for value in gain)
         return cls(design.axis, design.dt, (lx, lv, g), band, design.discretization)
 
     @classmethod

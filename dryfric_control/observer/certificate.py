@@ -213,7 +213,7 @@ def proved_gain(
     worst = 0.0
     for i, j in graph.edges:
         model = models[graph.labels[i]]
-        F, G = model.closed(gains[i])
+        F, G = model.closed(gains[model.node(i, j)])
         inverse = np.linalg.inv(factors[i]).T
         step, enter, out = factors[j].T @ F @ inverse, factors[j].T @ G, model.Z @ inverse
         kept = np.eye(3) - out.T @ out - step.T @ step
@@ -273,7 +273,7 @@ def evaluate_blocks(
     blocks = []
     for i, j in graph.edges:
         model = models[graph.labels[i]]
-        F, G = model.closed(gains[i])
+        F, G = model.closed(gains[model.node(i, j)])
         inverse = np.linalg.inv(P[i]).T
         T = P[j].T @ np.hstack([F @ inverse, G / gamma])
         U = np.hstack([model.Z @ inverse, np.zeros((len(model.Z), G.shape[1]))])

@@ -321,8 +321,8 @@ def observed_loop(
     >>> start = np.zeros(loop.nstates)
     >>> start[loop.find_state("observer_xhat")] = 1000.0
     >>> run = ct.input_output_response(loop, np.arange(3) * 1e-3, 0.0, start)
-    >>> float(run.outputs[loop.find_output("xhat"), 0])
-    1000.0
+    >>> bool(run.outputs[loop.find_output("xhat"), 0] < 100.0)  # after the first reading
+    True
     """
     check_loop(controller, design)
     dt = design.dt

@@ -15,6 +15,7 @@ from dryfric_control.checks import whole
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
+    FORMS,
     ErrorModel,
     axis_matrices,
     check_detectable,
@@ -40,7 +41,7 @@ METHODS = ("paper", "slack", "path", "dwell")
 DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ObserverDesign:
     """A switched PI observer: gains, specifications, certificate.
 
@@ -59,6 +60,8 @@ class ObserverDesign:
         Memory of past modes [samples].
     discretization : str
         "euler" or "zoh".
+    form : str
+        "current" or "prediction".
     uncertainty : dict of int to float
         Amplitude of the force uncertainty in each mode [N].
     noise : float
@@ -77,7 +80,8 @@ class ObserverDesign:
     graph : ModeGraph
         Memory states and the steps between them.
     node_gains : ndarray, shape (nnodes, 3)
-        Gains L_x [1], L_v [1/s] and G [N/m] of each memory state.
+        Gains L_x [1], L_v [1/s] and G [N/m] of each memory state: of the
+        prediction, or of the correction before it (current form).
     gamma : float
         Certified gain from the stacked disturbances to z, SI units.
     state_scale : ndarray, shape (3,)
@@ -105,6 +109,7 @@ class ObserverDesign:
     method: str
     window: int
     discretization: str
+    form: str
     uncertainty: dict[int, float]
     noise: float
     encoder_quantum: float
@@ -237,15 +242,21 @@ class ObserverDesign:
         A2, _, integral = self.mode_matrices(mode)
         force = axis_matrices(self.axis, mode, self.dt, self.discretization)[1]
         gain = self.gains[mode]
-        F = np.eye(3)
-        F[:2, :2], F[:2, 2] = A2, integral
-        F[:, 0] -= gain
+        A, keep = np.eye(3), np.eye(3)
+        A[:2, :2], A[:2, 2] = A2, integral
+        output, direct = np.eye(3), np.zeros((3, 3))
+        if self.form == "current":
+            # State: the error before the correction; what counts is the one after it.
+            keep[:, 0] -= gain
+            output, direct[:, 1] = keep, -gain
+            gain = A @ gain
+        F = A - np.outer(gain, [1.0, 0.0, 0.0])
         B = np.column_stack([[*force, 0.0], -gain, [0.0, 0.0, 1.0]])
         return control.ss(
             F,
             B,
-            np.eye(3),
-            np.zeros((3, 3)),
+            output,
+            direct,
             self.dt,
             inputs=["force", "noise", "drift"],
             outputs=["e_x", "e_v", "e_w"],
@@ -303,7 +314,7 @@ class ObserverDesign:
         length, force = self.axis.units
         lines = [
             f"Switched PI observer, method {self.method!r}, memory {self.window} samples, "
-            f"dt = {self.dt:g} s, {self.discretization}",
+            f"dt = {self.dt:g} s, {self.discretization}, {self.form} form",
             f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} {force} (modes 0, +1, -1), "
             f"noise {self.noise:.4g} {length}, drift {self.drift:.4g} {force}/sample, weights "
             + ", ".join(f"{q:.4g}" for q in self.performance),
@@ -347,6 +358,7 @@ def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
         performance=design.performance,
         discretization=design.discretization,
         integral_modes=design.integral_modes,
+        form=design.form,
     )
 
 
@@ -363,7 +375,8 @@ def design_pi_observer(
     encoder_quantum: float | None = None,
     window: int | None = None,
     pairs: Iterable[tuple[int, int]] | None = None,
-    discretization: str = "euler",
+    discretization: str = "zoh",
+    form: str = "current",
     coulomb: CoulombMap | float | None = None,
     stick_speed: float | None = None,
     integral_modes: Iterable[int] = (0, 1, -1),
@@ -401,7 +414,11 @@ def design_pi_observer(
     pairs : iterable of (int, int), optional
         Allowed changes of mode.  Default: all.
     discretization : str
-        "euler", the paper's, or "zoh", exact for held input.
+        "zoh", exact for held input at any sampling time, or "euler", the
+        paper's.
+    form : str
+        "current": the estimate at a sample uses its reading; or "prediction",
+        the paper's, which is a sample behind.
     coulomb : CoulombMap or float, optional
         The observer's own Coulomb levels.  Default: those of `axis`.
     stick_speed : float, optional
@@ -439,8 +456,8 @@ def design_pi_observer(
     slope of a force with position or speed is no part of the certificate.
 
     Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
-    the Coulomb level; the noise is the quantization error quantum / sqrt(12),
-    kept in the range in which the observer is neither near-deadbeat nor blind;
+    the Coulomb level; the noise is four times the quantization error
+    quantum / sqrt(12), kept in the range in which the observer is neither deadbeat nor blind;
     drift, decay and performance follow from the bandwidth these two fix.  No
     default depends on units.
 
@@ -473,6 +490,8 @@ def design_pi_observer(
         )
     if whole("refine", refine, least=0) and method == "paper":
         raise ValueError(f"refine must be 0 for 'paper', which has no rounds, got {refine!r}")
+    if not isinstance(form, str) or form not in FORMS:
+        raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     own = own_axis(axis, coulomb, stick_speed)
     check_sampling(own, dt, discretization)
     if not isinstance(integral_modes, Iterable):
@@ -487,6 +506,7 @@ def design_pi_observer(
     models = error_models(
         own, dt, uncertainty=weights.uncertainty, noise=weights.noise, drift=weights.drift,
         performance=weights.performance, discretization=discretization, integral_modes=modes,
+        form=form,
     )  # fmt: skip
     classes = mode_classes(weights.uncertainty)
     scales = scales_of(models, weights)
@@ -508,6 +528,7 @@ def design_pi_observer(
         method=method,
         window=int(window),
         discretization=discretization,
+        form=form,
         uncertainty=weights.uncertainty,
         noise=weights.noise,
         encoder_quantum=float(

@@ -4,7 +4,17 @@ The error of one mode, with e = (x - xhat, v - vhat, b - w), is::
 
     e+ = (A - L C) e + (W - L D) d        z = Z e
 
-where b is the friction error in force units (believed friction minus true
+in the prediction form, whose estimate at a sample uses the readings before it.  In
+the current form, which corrects the estimate by the reading of its own sample, e is
+the error after that correction, M the gain of the mode that holds then, and ::
+
+    e+ = (I - M C) (A e + W d) - M D d+      z = Z e
+
+The reading noise being an entry of d of its own, the date on it does not matter: this
+is the prediction form with C A for C and C W + D for D, and with the gain of the mode
+to come.
+
+Here b is the friction error in force units (believed friction minus true
 friction), w the integral term that estimates it, and d the disturbances: force
 uncertainty, measurement noise and drift of the friction error, each present
 only if its amplitude is not zero.
@@ -14,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +36,7 @@ Array = NDArray[np.float64]
 
 STICK, SLIDE = 0, 1
 DISCRETIZATIONS = ("euler", "zoh")
+FORMS = ("current", "prediction")
 #: What is measured: the position alone.
 C = np.array([1.0, 0.0, 0.0])
 
@@ -44,12 +55,31 @@ class ErrorModel:
         How the disturbances enter the measurement.
     Z : ndarray, shape (nweights, 3)
         Performance output.
+    C : ndarray, shape (3,)
+        How the error enters the measurement.
+    current : bool
+        The current form; C and D are then those of the reading to come.
     """
 
     A: Array
     W: Array
     D: Array
     Z: Array
+    C: Array = field(default_factory=lambda: C)
+    current: bool = False
+
+    def corrected(self) -> ErrorModel:
+        """The same dynamics in the current form."""
+        return replace(self, C=self.C @ self.A, D=self.C @ self.W + self.D, current=True)
+
+    def node(self, before: int, after: int) -> int:
+        """Memory state whose gain acts in the step from one to another."""
+        return after if self.current else before
+
+    @property
+    def noise(self) -> float:
+        """Amplitude of the reading noise."""
+        return float(np.linalg.norm(self.D - self.W[0] if self.current else self.D))
 
     def scaled(self, state: Array, output: float) -> ErrorModel:
         """The same dynamics in units of `state` and z times `output`.
@@ -70,11 +100,13 @@ class ErrorModel:
             W=self.W / state[:, None],
             D=self.D / state[0],
             Z=self.Z * state[None, :] * output,
+            C=self.C * state / state[0],
+            current=self.current,
         )
 
     def closed(self, gain: Array) -> tuple[Array, Array]:
         """Closed matrices F = A - L C and G = W - L D for a gain (3,)."""
-        return self.A - np.outer(gain, C), self.W - np.outer(gain, self.D)
+        return self.A - np.outer(gain, self.C), self.W - np.outer(gain, self.D)
 
 
 def mode_matrices(
@@ -189,6 +221,7 @@ def error_models(
     performance: tuple[float, float, float],
     discretization: str = "euler",
     integral_modes: Iterable[int] = (0, 1, -1),
+    form: str = "prediction",
 ) -> dict[int, ErrorModel]:
     """Error dynamics of each class of modes, in physical units.
 
@@ -210,6 +243,8 @@ def error_models(
         "euler" (the paper's) or "zoh".
     integral_modes : iterable of int
         Modes in which the integral term acts on the speed estimate.
+    form : str
+        "prediction" or "current".
 
     Returns
     -------
@@ -235,7 +270,8 @@ def error_models(
         if drift:
             columns.append([0.0, 0.0, drift])
             measured.append(0.0)
-        models[key] = ErrorModel(A, np.array(columns).T, np.array(measured), weights)
+        model = ErrorModel(A, np.array(columns).T, np.array(measured), weights)
+        models[key] = model.corrected() if form == "current" else model
     return models
 
 

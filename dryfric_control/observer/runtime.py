@@ -97,6 +97,7 @@ def tables(
             _INCREMENTS * quantum + axis.stick_speed / axis.stick_rate,
             slowest ** (1.0 / _LEARNING),
             SWITCHING[switching],
+            float(design.form == "current"),
         ]
     )
     matrices = np.empty((3, 6))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +13,21 @@ from dryfric_control.checks import positive, whole
 from dryfric_control.model.axis import MODES
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.design import METHODS, ObserverDesign
-from dryfric_control.observer.error_model import DISCRETIZATIONS, check_sampling, mode_classes
+from dryfric_control.observer.error_model import (
+    DISCRETIZATIONS,
+    FORMS,
+    check_sampling,
+    mode_classes,
+)
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
-from dryfric_control.store.files import existing_file, replacing
+from dryfric_control.store.files import load_document, write_document
 
-FORMAT, VERSION = "dryfric-control observer design", 1
+KIND, VERSION = "observer design", 2
 _ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
 _NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
 _MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
-_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS}
+_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
 def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
@@ -36,23 +40,7 @@ def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
     path : str or path
         File to write.
     """
-    write_json({"format": FORMAT, "version": VERSION} | design_data(design), path)
-
-
-def write_json(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write numbers and words to a text file, as a whole or not at all.
-
-    Parameters
-    ----------
-    data : dict
-        What to write.
-    path : str or path
-        File to write.
-    """
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        # repr of a float is exact, so a design survives bit by bit
-        json.dump(data, file, indent=1, allow_nan=False)
-        file.write("\n")
+    write_document(path, KIND, VERSION, design_data(design))
 
 
 def design_data(design: ObserverDesign) -> dict[str, Any]:
@@ -107,62 +95,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     >>> bool((again.node_gains == design.node_gains).all())
     True
     """
-    return read_json(path, FORMAT, VERSION, "observer design", design_of)
-
-
-T = TypeVar("T")
-
-
-def read_json(
-    path: str | os.PathLike[str],
-    written: str,
-    version: int,
-    what: str,
-    rebuild: Callable[[dict[str, Any]], T],
-) -> T:
-    """Read a design back, with errors that name the file.
-
-    Parameters
-    ----------
-    path : str or path
-        File to read.
-    written, version : str, int
-        Format and version that the file must state.
-    what : str
-        What the file should hold, for messages.
-    rebuild : callable
-        Makes the object of the numbers and words in the file.
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    ValueError
-        If the file holds something else or is damaged.
-    """
-    try:
-        data = json.loads(existing_file(path).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
-    if not isinstance(data, dict) or data.get("format") != written:
-        raise ValueError(f"{path} is no {what}: it lacks format = {written!r}")
-    if data.get("version") != version:
-        raise ValueError(
-            f"{path} has version {data.get('version')!r}, this package reads {version}: design "
-            "again, or use a newer package"
-        )
-    try:
-        # Numbers beyond all reason overflow somewhere; a sound design does nowhere.
-        with np.errstate(over="raise", divide="raise", invalid="raise"):
-            return rebuild(data)
-    except CertificateError as error:
-        raise CertificateError(f"{path} was changed: {error}") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
-        raise ValueError(
-            f"{path} is damaged: {type(error).__name__}: {error}; save the design again"
-        ) from None
+    return load_document(path, KIND, VERSION, design_of, CertificateError)
 
 
 def design_of(data: dict[str, Any]) -> ObserverDesign:
@@ -193,6 +126,11 @@ def _rebuild(data: dict[str, Any]) -> ObserverDesign:
     nodes = len(graph["labels"])
     if len(graph["names"]) != nodes or not all(0 <= k < nodes for edge in edges for k in edge):
         raise ValueError("graph does not fit together")
+    following: dict[int, set[int]] = {}
+    for node, label in enumerate(graph["labels"]):
+        after = {graph["labels"][j] for i, j in edges if i == node}
+        if label not in after or following.setdefault(label, after) != after:
+            raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
     arrays: dict[str, Any] = {name: np.array(data[name], dtype=float) for name in _ARRAYS}
     shapes = {
         "node_gains": (nodes, 3), "state_scale": (3,),

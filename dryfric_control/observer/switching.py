@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -59,11 +60,29 @@ def _move(S, F, N, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _correct(S, noise):  # type: ignore[no-untyped-def]
+    """Correction by a reading of the first state, with the best gain."""
+    power = S[0, 0] + noise * noise
+    if power > 0.0:
+        a, b, c = S[0, 0], S[1, 0], S[2, 0]
+        S[0, 0] -= a * a / power
+        S[0, 1] -= a * b / power
+        S[0, 2] -= a * c / power
+        S[1, 0] = S[0, 1]
+        S[1, 1] -= b * b / power
+        S[1, 2] -= b * c / power
+        S[2, 0] = S[0, 2]
+        S[2, 1] = S[1, 2]
+        S[2, 2] -= c * c / power
+
+
+@njit(cache=True, error_model="numpy")
 def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-untyped-def]
     """Whether some disturbance along the repeated word beats `gamma`.
 
     `word` holds places in F (n,3,3), N (n,3,3), Z (n,nz,3).  With `best` each
-    step first corrects by the best gain for measurement noise `noise` (n,).
+    step corrects by the best gain for measurement noise `noise` (n,): after its
+    error counts (1, an observer that predicts), or before (2).
     """
     S = np.zeros((3, 3))
     out = np.empty((3, 3))
@@ -72,21 +91,12 @@ def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-unt
     place = 0
     for _ in range(longest):
         i = word[place]
+        if best == 2:
+            _correct(S, noise[i])
         if not _grow(S, Z[i], level):
             return True
-        if best:
-            power = S[0, 0] + noise[i] * noise[i]
-            if power > 0.0:
-                a, b, c = S[0, 0], S[1, 0], S[2, 0]
-                S[0, 0] -= a * a / power
-                S[0, 1] -= a * b / power
-                S[0, 2] -= a * c / power
-                S[1, 0] = S[0, 1]
-                S[1, 1] -= b * b / power
-                S[1, 2] -= b * c / power
-                S[2, 0] = S[0, 2]
-                S[2, 1] = S[1, 2]
-                S[2, 2] -= c * c / power
+        if best == 1:
+            _correct(S, noise[i])
         _move(S, F[i], N[i], out)
         S, out = out, S
         place += 1
@@ -120,12 +130,12 @@ def _gain_along(word, F, N, Z, noise, best, low, high, width, longest):  # type:
 class _Game:
     """One of the two recursions with its arrays; `keys` names the places."""
 
-    keys: list[int]
+    keys: list[Any]
     F: Array
     N: Array
     Z: Array
     noise: Array
-    best: bool
+    best: int
 
     def exceeds(self, place: NDArray[np.int64], gamma: float, longest: int) -> bool:
         return bool(_exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest))
@@ -147,8 +157,8 @@ def _best_game(models: Mapping[int, ErrorModel]) -> _Game:
         F=np.array([models[key].A for key in keys]),
         N=np.array([models[key].W @ models[key].W.T for key in keys]),
         Z=np.array([models[key].Z for key in keys]),
-        noise=np.array([math.sqrt(float(models[key].D @ models[key].D)) for key in keys]),
-        best=True,
+        noise=np.array([models[key].noise for key in keys]),
+        best=2 if models[keys[0]].current else 1,
     )
 
 
@@ -170,8 +180,9 @@ def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
 
     Notes
     -----
-    The Riccati recursion of the optimal a-priori H-infinity filter from a zero
-    initial error (Hassibi, Sayed and Kailath, Indefinite-Quadratic Estimation
+    The Riccati recursion of the optimal H-infinity filter, a priori or (current
+    form) a posteriori, from a zero initial error (Hassibi, Sayed and Kailath,
+    Indefinite-Quadratic Estimation
     and Control, SIAM 1999).  A gamma counts only if the recursion breaks down
     within finitely many samples, which makes the bound strict.
     """
@@ -300,17 +311,28 @@ def worst_switching(
     tuple of int
         The sequence of mode classes, repeated, that reaches it.
     """
-    closed = [models[key].closed(gain) for key, gain in zip(graph.labels, gains, strict=True)]
+    steps = {edge: place for place, edge in enumerate(graph.edges)}
+    at = [models[graph.labels[i]] for i, _ in graph.edges]
+    closed = [
+        model.closed(gains[model.node(i, j)]) for model, (i, j) in zip(at, graph.edges, strict=True)
+    ]
     game = _Game(
-        keys=list(range(len(closed))),
+        keys=list(steps),
         F=np.array([f for f, _ in closed]),
         N=np.array([g @ g.T for _, g in closed]),
-        Z=np.array([models[key].Z for key in graph.labels]),
+        Z=np.array([model.Z for model in at]),
         noise=np.zeros(len(closed)),
-        best=False,
+        best=0,
     )
+
+    def places(word: tuple[int, ...]) -> list[int] | None:
+        path = path_of(graph, word)
+        if path is None:
+            return None
+        return [steps[step] for step in zip(path, path[1:] + path[:1], strict=True)]
+
     start = (graph.labels[0],)
-    return _search(game, _words(graph), lambda word: path_of(graph, word), 1e-9 * high, start, high)
+    return _search(game, _words(graph), places, 1e-9 * high, start, high)
 
 
 def hardest_switching(

@@ -31,7 +31,7 @@ from dryfric_control.observer.certificate import (
     evaluate_blocks,
     proved_gain,
 )
-from dryfric_control.observer.error_model import C, ErrorModel
+from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.inequalities import MatrixProgram
 from dryfric_control.observer.memory import ModeGraph
 
@@ -93,7 +93,7 @@ def _block(
     out[:6, :3, :3] = -factor * _SYMMETRIC
     s, v = slice(6, 6 + ns), slice(6 + ns, 9 + ns)
     out[s, :3, last] = (basis @ model.A).transpose(0, 2, 1)
-    out[v, :3, last] = -C[None, :, None] * column[:, None, :]
+    out[v, :3, last] = -model.C[None, :, None] * column[:, None, :]
     if performance:
         out[s, 3 : 3 + nd, last] = (basis @ model.W).transpose(0, 2, 1)
         out[v, 3 : 3 + nd, last] = -model.D[None, :, None] * column[:, None, :]
@@ -175,11 +175,12 @@ def solve_lmi(
 
     def index(i: int, j: int, name: str) -> NDArray[np.intp]:
         here, there = i * size, j * size
+        acting = models[graph.labels[i]].node(i, j) * size
         return np.concatenate(
             [
                 here + offsets[name] + np.arange(6),
-                here + np.arange(slack_at, slack_at + (6 if paper else 9)),
-                here + np.arange(gain_at, gain_at + 3),
+                acting + np.arange(slack_at, slack_at + (6 if paper else 9)),
+                acting + np.arange(gain_at, gain_at + 3),
                 there + offsets[name] + np.arange(6),
             ]
         )

@@ -21,8 +21,11 @@ from dryfric_control.checks import finite, positive
 UNCERTAIN_FRACTION = 0.2
 #: Natural frequency [rad/sample] without knowledge of the sensor, and its range
 #: with it: above, the observer is near-deadbeat and copies the noise into the
-#: speed; below, it takes thousands of samples to forget its start.
-BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.03, 0.3
+#: velocity; below, it takes thousands of samples to forget its start.
+BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.01, 1.0
+#: With a known increment, the natural frequency that force and rounding amount to is
+#: lowered to this share of itself: rounding is no white noise while the axis is slow.
+QUANTIZED = 0.5
 #: Drift of the friction error per sample, relative to bandwidth times d.
 DRIFT_FRACTION = 0.5
 #: Certified decay: an error shrinks at this fraction of the bandwidth.
@@ -126,8 +129,8 @@ def default_weights(
 
     Notes
     -----
-    With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = quantum / sqrt(12),
-    moved if need be until 0.03 <= beta <= 0.3, or such that beta = 0.15 if no
+    With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = 4 quantum / sqrt(12),
+    moved if need be until 0.01 <= beta <= 1, or such that beta = 0.15 if no
     quantum is given; drift = beta d / 2 per sample; decay = 1 - beta / 20; and
     z weighs the speed error by 1 and, by what they are worth as a speed at the
     frequency beta, the position error by 2 and the friction error by 0.3:
@@ -150,7 +153,8 @@ def default_weights(
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
     elif encoder_quantum is not None:
         quantum = positive("encoder_quantum", encoder_quantum, unit="m")
-        bandwidth = min(max(math.sqrt(step * math.sqrt(12.0) / quantum), SLOWEST), FASTEST)
+        bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
+        bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2
     else:
         bandwidth = BANDWIDTH

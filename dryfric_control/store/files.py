@@ -5,12 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from dryfric_control.text import did_you_mean
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -97,8 +101,7 @@ def read_document(
     data : dict
         The data, without checksum.
     intact : bool
-        Whether the checksum fits; where it does not, check the parts for a better
-        message and end with `edited`.
+        Whether the checksum fits.
 
     Raises
     ------
@@ -122,12 +125,50 @@ def read_document(
     return data, seal == _checksum(data)
 
 
-def edited(path: str | os.PathLike[str]) -> ValueError:
-    """Error for a file whose checksum does not fit."""
-    return ValueError(
-        f"{path} was changed after it was written: its checksum does not fit. Make and save it "
-        "again in place of editing the file"
-    )
+def load_document(
+    path: str | os.PathLike[str],
+    kind: str,
+    version: int,
+    rebuild: Callable[[dict[str, Any]], T],
+    broken: type[ValueError] = ValueError,
+) -> T:
+    """Make an object of what `write_document` wrote, with errors that name the file.
+
+    Parameters
+    ----------
+    path, kind, version
+        As for `read_document`.
+    rebuild : callable
+        Makes the object of the data, and checks them.
+    broken : type
+        Error of `rebuild` for data that fit together and do not keep their promise.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ValueError
+        If the file holds something else, is damaged, or was edited.
+    """
+    data, intact = read_document(path, kind, version)
+    try:
+        # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            made = rebuild(data)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
+        if broken is not ValueError and isinstance(error, broken):
+            raise broken(f"{path} was changed: {error}") from None
+        raise ValueError(
+            f"{path} is damaged: {type(error).__name__}: {error}; make and save it again"
+        ) from None
+    if not intact:
+        raise ValueError(
+            f"{path} was changed after it was written: its checksum does not fit. Make and save "
+            "it again in place of editing the file"
+        )
+    return made
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

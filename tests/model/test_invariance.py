@@ -316,8 +316,9 @@ GAINS = ((0, 0, 0), RATE, (1, -1, 0))
 def designed(method, spec, units=Units()):
     given = {name: value * units.of(kind) for name, (value, kind) in SPECS[spec].items()}
     memory = {"path": 2, "dwell": 4}.get(method)
+    form = "prediction" if method == "paper" else "current"
     return dfc.design_pi_observer(
-        units.axis(DESIGNED), DT * units.time, method=method, window=memory, **given
+        units.axis(DESIGNED), DT * units.time, method=method, window=memory, form=form, **given
     )
 
 

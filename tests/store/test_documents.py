@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dryfric_control.store.files import edited, read_document, write_document
+from dryfric_control.store.files import load_document, read_document, write_document
 
 DATA = {"b": [0.1, 1e-300, (1, 2)], "a": {"x": "µm", "none": None}}
 
@@ -42,7 +42,8 @@ def test_an_edit_shows(path, edit):
     edit(data)
     path.write_text(json.dumps(data))
     assert not read_document(path, "thing", 3)[1]
-    assert "checksum" in str(edited(path)) and "thing.json" in str(edited(path))
+    with pytest.raises(ValueError, match="thing.json was changed .*checksum"):
+        load_document(path, "thing", 3, dict)
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,7 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("version",), 2, "version 2, this package reads 1: .* newer package"),
+        (("version",), 3, "version 3, this package reads 2: .* newer package"),
         (("version",), "1", "version '1'"),
         (("axis", "mass"), -2.0, "mass must be more than zero"),
         (
@@ -175,7 +175,7 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("axis", "effects", 0, "effect"), "warp", "warp"),
         (("axis", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
         (("dt",), 0.0, "dt must be more than zero"),
-        (("dt",), 1.0, "stick_rate"),
+        (("dt",), 1.0, "changed: the gain condition fails"),
         (("decay",), 1.5, "decay must be at most 1"),
         (("noise",), -1e-6, "noise must be zero or more"),
         (("encoder_quantum",), -1e-6, "encoder_quantum must be zero or more"),
@@ -194,6 +194,13 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("graph", "edges", 0), [0, 99], "graph does not fit"),
         (("method",), "magic", "method must be one of"),
         (("window",), 1.5, "window must be a whole number"),
+        # sound each, and not what was designed: another machine, another promise
+        (("axis", "coulomb", "plus"), [80.0], "checksum does not fit"),
+        (("axis", "stick_speed"), 3e-4, "checksum does not fit"),
+        (("axis", "effects", 0, "parameters", "stiffness"), 250.0, "checksum does not fit|fails"),
+        (("gamma",), 30.0, "checksum does not fit"),
+        (("noise",), 0.0, "checksum does not fit|fails"),
+        (("graph", "edges"), [[0, 0], [1, 1], [2, 2]], "checksum does not fit"),
     ],
 )
 def test_a_changed_design_is_refused(tmp_path, place, value, words):
@@ -285,7 +292,7 @@ _TRAPS = {
     "pickle.csv": b"cos\nsystem\n(S'touch executed'\ntR.",
     "axis.toml": f'mass = "{_MARK}"\nviscous = 15.0\ncoulomb = 8.0\n',
     "effect.toml": 'mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n[[effects]]\neffect = "__class__"\n',
-    "observer.json": json.dumps({"format": "dryfric-control observer design", "version": 1,
+    "observer.json": json.dumps({"format": "dryfric-control observer design", "version": 2,
                                  "axis": {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0,
                                           "effects": [{"effect": _MARK}]}}),
     "log.json": json.dumps({"entries": [{"timestamp": _MARK}]}),

@@ -1,0 +1,523 @@
+"""Compiled one-sample step of the hybrid cell filter.
+
+Three modes (stuck, sliding +, sliding -), each with a probability and a
+Gaussian of six states.  A sample predicts each mode, moves the part of its
+density that crosses zero velocity, or breaks away, to another mode, merges
+what arrives in a mode, and corrects it by the reading, which is a cell of one
+increment and no point.
+
+Inside, position is counted in increments, velocity in increments per sample,
+force in mean Coulomb levels.  The filter's state follows the delay line in the
+memory of an observer (`observer.kernel`); its last places are scratch, so that
+a sample takes no memory of its own.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.observer import (
+    LINE,
+    MODE,
+    NODE,
+    REST,
+    VHAT,
+    WHAT,
+    XHAT,
+    mean_drive,
+    shift_drive,
+)
+
+#: Places of the filter's numbers.
+(
+    DT,
+    QUANTUM,
+    FORCE,  # unit of force: mean Coulomb level
+    A12,  # sliding mode in the filter's units: x+ = x + A12 v + B1 f, v+ = A22 v + B2 f
+    A22,
+    B1,
+    B2,
+    FORCE_NOISE,  # white force, standard deviation
+    ACCELERATION_NOISE,  # the same as a part of the net force
+    LEVEL_WALK,  # walk of the level error in one sample
+    EXCESS,  # spread of the excess at low velocity
+    EXCESS_FAST,  # and at any velocity
+    EXCESS_SPEED,  # velocity over which the excess changes, increments per sample
+    FADE,  # part of the excess that survives a sample at constant velocity
+    CELL_NOISE,  # reading noise beyond the cell
+    HAZARD,  # chance in one sample to break away above the usual level
+    MASS,  # first variance of the relative mass error
+    RATE,  # uncertainty of the pace at which the excess goes, as a part of the excess
+    START,  # variance of the velocity at which a motion starts
+    FIRST_RELEASE,  # breakaway force over the level, before one was seen
+    NUMBERS,
+) = range(21)
+
+#: States of a mode: position, velocity, relative error of the level in either
+#: direction, excess over the level, relative error of 1 / mass.
+X, V, PLUS, MINUS, OVER, RATIO, STATES = range(7)
+#: A Gaussian: its states, then the lower triangle of its covariance.
+COVARIANCE, GAUSSIAN = STATES, STATES + STATES * (STATES + 1) // 2
+
+#: Places of the filter's state: three probabilities (0, +1, -1), then
+(
+    RELEASE,  # breakaway force over the level, as last seen
+    DRIVE,  # mean drive over the past sample
+    READING,  # the reading before
+    NOISE,  # reading noise beyond the cell, variance as seen
+    SURPRISE,  # innovation of the likeliest mode
+    BELIEFS,  # a Gaussian a mode
+) = range(3, 9)
+ARRIVED = BELIEFS + 3 * GAUSSIAN  # a probability and a Gaussian a mode
+LEAVING = ARRIVED + 3 * (GAUSSIAN + 1)  # one Gaussian
+AHEAD = LEAVING + GAUSSIAN  # another, the prediction of a sliding mode
+WORK = AHEAD + GAUSSIAN  # two rows of its covariance
+SIZE = WORK + 2 * STATES
+
+#: What a sample states: xhat, vhat, Fhat, what, mode, standard deviation of
+#: vhat, log-likelihood of the reading.
+OUTPUTS = 7
+
+_STOPS = 1e-7  # least chance to stop in one sample
+_LEAST = 1e-30  # probability that no mode falls below
+_FIRST = (0.98, 0.01, 0.01)
+_FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
+_CELL = 1.0 / 12.0  # variance of a reading inside its cell
+_FAR = 5.0  # standard deviations beyond which a tail is no normal one
+_ADAPTS = 0.02  # pace at which the reading noise is followed, per sample
+_PIVOT = 1e-12  # least pivot, as a part of the variance
+_SMALLEST, _LARGEST = 1e-12, 1e20  # variances
+_MOST = 0.25  # the same, of a relative error
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _below(x):
+    """Standard normal distribution function."""
+    return 0.5 * math.erfc(-x * 0.7071067811865476)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _density(x):
+    return 0.3989422804014327 * math.exp(-0.5 * x * x)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _positive_part(mean, sd):
+    """Mass, mean and variance of a normal density above zero."""
+    a = mean / sd
+    if a < -6.0:
+        return 0.0, 0.05 * sd, (0.05 * sd) ** 2
+    mass = _below(a)
+    r = _density(a) / mass
+    return mass, mean + sd * r, sd * sd * max(1.0 - a * r - r * r, 1e-4)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _cell(e, sd):
+    """Likelihood, mean and variance of a normal N(0, sd^2) seen in the cell e -+ 1/2."""
+    a, b = (e - 0.5) / sd, (e + 0.5) / sd
+    near = min(abs(a), abs(b))
+    if near > _FAR and a * b > 0.0:
+        # Both tails cancel: a normal reading of the same variance, and a tail that
+        # falls like a power, so that of modes that are all wrong the nearest counts.
+        S = sd * sd
+        total = S + _CELL
+        likelihood = _density(_FAR) / math.sqrt(total) * (_FAR / near) ** 4
+        return likelihood, S / total * e, S * _CELL / total
+    mass = max(_below(b) - _below(a), 1e-12)
+    pa, pb = _density(a), _density(b)
+    g = (pa - pb) / mass
+    return mass, sd * g, sd * sd * max(1.0 + (a * pa - b * pb) / mass - g * g, 1e-6)
+
+
+@axis_step.internal(forceinline=True)
+def _forget(s, at, k, mean, variance):
+    """State k of a Gaussian anew: `mean`, `variance`, independent of the others."""
+    P = at + COVARIANCE
+    for j in range(k):
+        s[P + k * (k + 1) // 2 + j] = 0.0
+    for i in range(k + 1, STATES):
+        s[P + i * (i + 1) // 2 + k] = 0.0
+    s[at + k], s[P + k * (k + 3) // 2] = mean, variance
+
+
+@axis_step.internal
+def _shrink(s, P, k, factor):
+    """Scale the spread of state k of a covariance, its correlations kept."""
+    for j in range(k):
+        s[P + k * (k + 1) // 2 + j] *= factor
+    s[P + k * (k + 3) // 2] *= factor * factor
+    for i in range(k + 1, STATES):
+        s[P + i * (i + 1) // 2 + k] *= factor
+
+
+@axis_step.internal
+def _arrive(s, mode, probability, new):
+    """Merge the Gaussian at `new` into what has arrived in a mode, by moments."""
+    at = ARRIVED + mode * (GAUSSIAN + 1)
+    into = at + 1
+    if s[at] == 0.0:
+        s[at] = probability
+        for k in range(GAUSSIAN):
+            s[into + k] = s[new + k]
+        return
+    s[at] += probability
+    share = probability / s[at]
+    keep = 1.0 - share
+    P, N = into + COVARIANCE, new + COVARIANCE
+    for i in range(STATES):
+        row = i * (i + 1) // 2
+        away = keep * share * (s[new + i] - s[into + i])
+        for j in range(i + 1):
+            k = row + j
+            s[P + k] = keep * s[P + k] + share * s[N + k] + away * (s[new + j] - s[into + j])
+    for i in range(STATES):
+        s[into + i] += share * (s[new + i] - s[into + i])
+
+
+@axis_step.internal
+def _condition(s, at, column, change, removed, variance):
+    """Correct a Gaussian by one of its states, position or velocity.
+
+    That state moves by `change`; the part `removed` of `variance`, its own
+    (and that of the noise it is seen through), goes.
+    """
+    P, c = at + COVARIANCE, WORK
+    for i in range(STATES):
+        low, high = min(i, column), max(i, column)
+        s[c + i] = s[P + high * (high + 1) // 2 + low] / variance
+    for i in range(STATES):
+        row, scaled = P + i * (i + 1) // 2, removed * s[c + i]
+        for j in range(i + 1):
+            s[row + j] -= scaled * s[c + j]
+        s[at + i] += s[c + i] * change
+
+
+@axis_step.internal
+def _make_positive(s, at):
+    """Factor a covariance, L D L', and rebuild it where rounding has made it indefinite.
+
+    A pivot at the level of rounding errors is taken for zero, with the column
+    below it, as in any semidefinite matrix; a row that explains more than its
+    variance is scaled down to it.  So no variance grows.
+    """
+    P, L = at + COVARIANCE, LEAVING
+    rebuild = False
+    for i in range(STATES):
+        row = i * (i + 1) // 2
+        s[P + row + i] = min(max(s[P + row + i], _SMALLEST), _LARGEST)
+        pivot = s[P + row + i]
+        for j in range(i):
+            other = j * (j + 1) // 2
+            value = s[P + row + j]
+            for k in range(j):
+                value -= s[L + row + k] * s[L + other + k] * s[L + k * (k + 3) // 2]
+            below = s[L + other + j]
+            value = value / below if below > 0.0 else 0.0
+            s[L + row + j] = value
+            pivot -= value * value * below
+        if pivot < _PIVOT * s[P + row + i]:
+            fit = math.sqrt(s[P + row + i] / (s[P + row + i] - min(pivot, 0.0)))
+            for j in range(i):
+                s[L + row + j] *= fit
+            pivot, rebuild = 0.0, True
+        s[L + row + i] = pivot
+    if not rebuild:
+        return
+    for i in range(STATES):
+        row = i * (i + 1) // 2
+        for j in range(i):
+            other = j * (j + 1) // 2
+            value = s[L + row + j] * s[L + other + j]
+            for k in range(j):
+                value += s[L + row + k] * s[L + other + k] * s[L + k * (k + 3) // 2]
+            s[P + row + j] = value
+        value = s[L + row + i]
+        for k in range(i):
+            value += s[L + row + k] * s[L + row + k] * s[L + k * (k + 3) // 2]
+        s[P + row + i] = value + _PIVOT * s[P + row + i]
+
+
+@axis_step.internal
+def _begin(numbers, s, y):
+    """Filter at rest at the first reading."""
+    s[0], s[1], s[2] = _FIRST
+    s[RELEASE] = numbers[FIRST_RELEASE]
+    for mode in range(3):
+        at = ARRIVED + mode * (GAUSSIAN + 1)
+        s[at] = s[mode]
+        at += 1
+        s[at + X] = y
+        for k in range(STATES):
+            s[at + COVARIANCE + k * (k + 3) // 2] = (*_FIRST_VARIANCE, numbers[MASS])[k]
+
+
+@axis_step.internal
+def _rest(numbers, s, push, hold, level):
+    """Stuck mode one sample on: stay, or break away in either direction.
+
+    `push` is the net force without friction; `hold` the breakaway levels and
+    `level` the sliding levels at zero velocity, in the order +, -.
+    """
+    stay = 1.0
+    for mode in (1, 2):
+        side = 1.0 if mode == 1 else -1.0
+        error = s[BELIEFS + PLUS - 1 + mode]
+        ratio = side * push / max(hold[mode - 1] * (1.0 + error), 0.05)
+        if ratio < 0.85:
+            chance = 1e-6
+        elif ratio > 1.7:
+            chance = 0.5
+        else:
+            usual = _below(25.0 * (ratio - s[RELEASE]))
+            chance = min(1e-5 + numbers[HAZARD] * (usual + 0.02), 0.5)
+        stay -= chance
+        for k in range(GAUSSIAN):
+            s[LEAVING + k] = s[BELIEFS + k]
+        # Friction starts at the drive, so the motion starts slowly.
+        over = side * push / max(level[mode - 1], 0.05) - 1.0 - error
+        _forget(s, LEAVING, OVER, max(over, 0.0), 0.05**2)
+        pace = numbers[B2]
+        _forget(s, LEAVING, V, 0.015 * side * pace, (0.05 * pace) ** 2 + numbers[START])
+        _arrive(s, mode, max(s[0] * chance, _LEAST), LEAVING)
+    for k in range(GAUSSIAN):
+        s[LEAVING + k] = s[BELIEFS + k]
+    _forget(s, LEAVING, V, 0.0, 0.01 * numbers[START])
+    s[LEAVING + COVARIANCE] += 1e-5
+    _arrive(s, 0, max(s[0] * stay, _LEAST), LEAVING)
+
+
+@axis_step.internal
+def _slide(numbers, s, mode, load, level, slope, turns):
+    """Sliding mode one sample on: go on, or stop, or turn round.
+
+    `load` is the net force without friction, `level` the friction level and
+    `slope` its change by velocity; `turns` says that the load would start the
+    other direction.
+    """
+    side = 1.0 if mode == 1 else -1.0
+    own = PLUS - 1 + mode
+    source = BELIEFS + mode * GAUSSIAN
+    v = s[source + V]
+    net = load - side * level * (1.0 + s[source + own] + s[source + OVER])
+    ratio = 1.0 + s[source + RATIO]
+    a12, a22, b1, b2 = numbers[A12], numbers[A22], numbers[B1], numbers[B2]
+    gain = b2 * ratio
+    change = gain * net
+    ahead = a22 * v + change
+    moved = a12 * v + b1 * ratio * net
+    # Covariance A P A' of the first two rows; the others stay.
+    a12 -= b1 * ratio * slope
+    a22 -= gain * slope
+    f1, f2 = -side * level * b1 * ratio, -side * level * gain
+    m1, m2 = b1 * net, b2 * net
+    P, N, w = source + COVARIANCE, AHEAD + COVARIANCE, WORK
+    for k in range(STATES):
+        pv = s[P + (1 if k == 0 else k * (k + 1) // 2 + 1)]
+        px = s[P + k * (k + 1) // 2]
+        low, high = min(k, own), max(k, own)
+        po = s[P + high * (high + 1) // 2 + low]
+        low, high = min(k, OVER), max(k, OVER)
+        pe = s[P + high * (high + 1) // 2 + low]
+        pr = s[P + 15 + k]
+        s[w + k] = px + a12 * pv + f1 * (po + pe) + m1 * pr
+        s[w + STATES + k] = a22 * pv + f2 * (po + pe) + m2 * pr
+    for k in range(GAUSSIAN):
+        s[AHEAD + k] = s[source + k]
+    s[AHEAD + X] += moved
+    s[AHEAD + V] = ahead
+    for k in range(PLUS, STATES):
+        s[N + k * (k + 1) // 2] = s[w + k]
+        s[N + k * (k + 1) // 2 + 1] = s[w + STATES + k]
+    z = w + STATES
+    s[N] = s[w] + a12 * s[w + V] + f1 * (s[w + own] + s[w + OVER]) + m1 * s[w + RATIO]
+    s[N + 1] = s[z] + a12 * s[z + V] + f1 * (s[z + own] + s[z + OVER]) + m1 * s[z + RATIO]
+    s[N + 2] = a22 * s[z + V] + f2 * (s[z + own] + s[z + OVER]) + m2 * s[z + RATIO]
+    # The excess is forgotten along the velocity.
+    keep = numbers[FADE] * math.exp(-abs(ahead - v) / numbers[EXCESS_SPEED])
+    s[AHEAD + OVER] *= keep
+    _shrink(s, N, OVER, keep)
+    slow = v / numbers[EXCESS_SPEED]
+    spread = numbers[EXCESS] * math.exp(-min(slow * slow, 50.0)) + numbers[EXCESS_FAST]
+    over = numbers[RATE] * s[AHEAD + OVER]
+    s[N + 14] += (spread * spread + over * over) * (1.0 - keep * keep) + 1e-9
+    s[N + own * (own + 3) // 2] += numbers[LEVEL_WALK] ** 2
+    noise = numbers[FORCE_NOISE] * b2 + numbers[ACCELERATION_NOISE] * abs(change)
+    noise *= noise
+    s[N] += 0.25 * noise + 1e-6
+    s[N + 1] += 0.5 * noise
+    s[N + 2] += noise
+    variance = max(s[N + 2], 1e-12)
+    part, mean, kept = _positive_part(side * ahead, math.sqrt(variance))
+    for k in range(GAUSSIAN):
+        s[LEAVING + k] = s[AHEAD + k]
+    # What stays on its side of zero velocity goes on.
+    if s[mode] * part > _LEAST:
+        _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
+        _arrive(s, mode, s[mode] * part, AHEAD)
+    # The rest stops on the way, or turns round.
+    if side * ahead < 0.0:
+        s[LEAVING + X] = s[source + X] + 0.5 * v
+    s[LEAVING + COVARIANCE] += 0.01
+    _forget(s, LEAVING, V, 0.0, numbers[START] * (1.0 if turns else 0.01))
+    if turns:
+        _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
+    _arrive(s, 3 - mode if turns else 0, max(s[mode] * max(1.0 - part, _STOPS), _LEAST), LEAVING)
+
+
+@axis_step.internal
+def _read(numbers, s, mode, y):
+    """Correct what has arrived in a mode by the reading; the innovation and excess.
+
+    The excess is its square less what the filter expects and less what it has in
+    common with the innovation before: noise is white, an error of the model is not.
+    """
+    at = ARRIVED + mode * (GAUSSIAN + 1)
+    weight = s[at]
+    at += 1
+    P = at + COVARIANCE
+    noise = numbers[CELL_NOISE] ** 2 + max(s[NOISE], 0.0)
+    e = min(max(y - s[at + X], -1e8), 1e8)
+    S = s[P] + noise
+    excess = e * (e - s[SURPRISE]) - s[P] - _CELL - numbers[CELL_NOISE] ** 2
+    likelihood, moved, kept = _cell(e, math.sqrt(S))
+    if weight > 0.5 and e * e > 12.0 * (S + _CELL):
+        # Lost: a prediction far outside the cell was too sure of itself.
+        grow = min(e * e / (4.0 * (S + _CELL)), 30.0)
+        for k in range(COVARIANCE, GAUSSIAN):
+            s[at + k] *= grow
+        S = s[P] + noise
+        moved, kept = S / (S + _CELL) * e, S * _CELL / (S + _CELL)
+    _condition(s, at, X, moved, S - kept, S)
+    for k in range(PLUS, STATES):
+        if s[P + k * (k + 3) // 2] > _MOST:
+            _shrink(s, P, k, math.sqrt(_MOST / s[P + k * (k + 3) // 2]))
+    _make_positive(s, at)
+    for k in range(PLUS, STATES):
+        s[at + k] = min(max(s[at + k], -0.9), 4.0)
+    for k in range(GAUSSIAN):
+        s[BELIEFS + mode * GAUSSIAN + k] = s[at + k]
+    s[mode] = weight * likelihood
+    return e, excess
+
+
+@axis_step.internal(forceinline=True)
+def _load(plant, t, drive, place, v, direction, rest):
+    held = axis_step.Drive(drive, 0.0, 0.0, 0.0)
+    return axis_step.load(plant, held, t, 0.0, place, v, direction, rest)
+
+
+@axis_step.internal
+def _move(numbers, plant, memory, s, t, y):
+    """Predict every mode to the sample at t; the breakaway ratios +, -."""
+    for mode in range(3):
+        s[ARRIVED + mode * (GAUSSIAN + 1)] = 0.0
+    unit, pace = 1.0 / numbers[FORCE], numbers[QUANTUM] / numbers[DT]
+    drive, place, rest = s[DRIVE], 0.5 * (s[READING] + y), memory[REST]
+    t -= 0.5 * numbers[DT]
+    push = w = _load(plant, t, drive, place, 0.0, 0.0, rest)
+    hold = (
+        axis_step.breakaway_level(plant, t, place, w, 1.0, rest) * unit,
+        axis_step.breakaway_level(plant, t, place, w, -1.0, rest) * unit,
+    )
+    level = (
+        axis_step.sliding_level(plant, t, place, 0.0, w, 1.0) * unit,
+        axis_step.sliding_level(plant, t, place, 0.0, w, -1.0) * unit,
+    )
+    _rest(numbers, s, w * unit, hold, level)
+    for mode in (1, 2):
+        side = 1.0 if mode == 1 else -1.0
+        v = side * max(side * s[BELIEFS + mode * GAUSSIAN + V], 0.0) * pace
+        w = _load(plant, t, drive, place, v, side, 0.0)
+        back = 2 - mode
+        error = s[BELIEFS + mode * GAUSSIAN + PLUS + back]
+        turns = -side * w * unit > hold[back] * (1.0 + error) * s[RELEASE]
+        friction = axis_step.sliding_level(plant, t, place, v, w, side)
+        slope = 0.0
+        if plant.numbers[axis_step.EXCESS] > 0.0:
+            # The secant over the spread of the velocity: the peak may be narrower.
+            near = 1e-3 / plant.numbers[axis_step.INVERSE_STRIBECK_SPEED]
+            spread = math.sqrt(s[BELIEFS + mode * GAUSSIAN + COVARIANCE + 2]) * pace
+            near = max(near, spread)
+            slope = axis_step.sliding_level(plant, t, place, v + side * near, w, side) - friction
+            slope *= unit * pace / near
+        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns)
+    plus = push * unit / max(hold[0] * (1.0 + s[BELIEFS + PLUS]), 0.05)
+    minus = -push * unit / max(hold[1] * (1.0 + s[BELIEFS + MINUS]), 0.05)
+    return plus, minus
+
+
+@axis_step.internal
+def _sample(numbers, plant, memory, t, u, y, out, row):
+    s = axis_step.further(memory, LINE + plant.integers[axis_step.N_HISTORY])
+    dt, cell = numbers[DT], y / numbers[QUANTUM]
+    drive = axis_step.input_map(plant, t, memory, u)
+    ratio_plus, ratio_minus = 0.0, 0.0
+    before = int(memory[MODE])
+    if memory[NODE] == 0.0:
+        memory[NODE] = 1.0
+        _begin(numbers, s, cell)
+    else:
+        ratio_plus, ratio_minus = _move(numbers, plant, memory, s, t, y)
+    total, best, surprise, unexpected = 0.0, 0, 0.0, 0.0
+    likely = -1.0
+    for mode in range(3):
+        e, excess = _read(numbers, s, mode, cell)
+        total += s[mode]
+        if s[mode] > likely:
+            best, likely, surprise, unexpected = mode, s[mode], e, excess
+    x = v = square = 0.0
+    for mode in range(3):
+        s[mode] /= total
+        at = BELIEFS + mode * GAUSSIAN
+        x += s[mode] * s[at + X]
+        v += s[mode] * s[at + V]
+        square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
+    s[NOISE] += _ADAPTS * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
+    s[SURPRISE] = surprise
+    now = 0 if best == 0 else 3 - 2 * best
+    if before == 0 and now != 0:
+        ratio = ratio_plus if now > 0 else ratio_minus
+        if 0.9 < ratio < 2.0:
+            s[RELEASE] += 0.3 * (ratio - s[RELEASE])
+    pace = numbers[QUANTUM] / dt
+    memory[XHAT], memory[VHAT], memory[MODE] = x * numbers[QUANTUM], v * pace, now
+    memory[REST] = memory[REST] + dt if now == 0 else 0.0
+    s[DRIVE], s[READING] = mean_drive(plant, dt, memory, drive), y
+    shift_drive(plant, dt, memory, drive)
+    w = _load(plant, t, s[DRIVE], y, memory[VHAT], float(now), memory[REST])
+    if now == 0:
+        friction, memory[WHAT] = w, 0.0
+    else:
+        at = BELIEFS + best * GAUSSIAN
+        level = now * axis_step.sliding_level(plant, t, y, memory[VHAT], w, float(now))
+        memory[WHAT] = -level * (s[at + PLUS - 1 + best] + s[at + OVER])
+        friction = level - memory[WHAT]
+    out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
+    out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
+    out[row + 5] = math.sqrt(max(square - v * v, 0.0)) * pace
+    out[row + 6] = math.log(max(total, 1e-300))
+
+
+@njit(cache=True, error_model="numpy")
+def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
+    """One sample: what the filter states into `out`, `memory` moved on."""
+    plant = axis_step.point(axis_numbers, axis_integers)
+    pointers = axis_step.pointer(numbers), axis_step.pointer(memory), axis_step.pointer(out)
+    _sample(pointers[0], plant, pointers[1], t, u, y, pointers[2], 0)
+
+
+@njit(cache=True, error_model="numpy")
+def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
+    """Whole record into `out`, one row a sample."""
+    plant = axis_step.point(axis_numbers, axis_integers)
+    given, state, rows = (
+        axis_step.pointer(numbers),
+        axis_step.pointer(memory),
+        axis_step.pointer(out),
+    )
+    for k in range(u.shape[0]):
+        _sample(given, plant, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

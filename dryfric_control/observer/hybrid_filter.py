@@ -1,0 +1,411 @@
+"""The hybrid cell filter: three Gaussians, one a mode, and the reading as a cell.
+
+Block, whole-record run and stepper are faces of the compiled sample in
+`dryfric_control.compiled.hybrid_filter` and agree to round-off.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.checks import finite, positive, samples
+from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import hybrid_filter as kernel
+from dryfric_control.compiled.observer import LINE
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.observer.error_model import axis_matrices
+from dryfric_control.observer.own_axis import own_axis
+from dryfric_control.observer.runtime import OUTPUTS, Estimate, ObserverResponse
+from dryfric_control.observer.weights import coulomb_level
+
+Array = NDArray[np.float64]
+
+#: What has no argument; tuned with the defaults of `hybrid_filter` on plants that
+#: are not in the benchmark (`benchmarks/arena.py`), for one sample of 1 ms.
+_SAMPLE = 1e-3
+_ACCELERATION_NOISE = 4e-3
+_EXCESS_FAST = 0.018
+_CELL_NOISE = 0.05
+_HAZARD = 0.35
+_RATE = 0.5
+#: Time constant at which the excess is forgotten at constant velocity [s].
+_FADE = 0.3
+#: Velocity over which the excess changes where no Stribeck speed is known, in stick speeds.
+_STICK_SPEEDS = 11.0
+
+
+class Tables(NamedTuple):
+    """A filter as the arrays that the compiled sample reads."""
+
+    numbers: Array
+    axis_numbers: Array
+    axis_integers: NDArray[np.int64]
+
+
+class HybridResponse(ObserverResponse):
+    """Estimates of a hybrid filter over a record.
+
+    Attributes
+    ----------
+    vhat_sd : ndarray, shape (n,)
+        Standard deviation of the velocity that the filter expects of itself [m/s].
+    log_likelihood : ndarray, shape (n,)
+        Logarithm of the probability of each reading, given those before.
+    """
+
+    def __init__(self, time: Array, rows: Array, *given: Any) -> None:
+        super().__init__(time, np.ascontiguousarray(rows[:, :5].T), *given)
+        self.vhat_sd, self.log_likelihood = rows[:, 5].copy(), rows[:, 6].copy()
+
+
+@dataclass(frozen=True)
+class HybridFilter:
+    """A filter of three modes for position, velocity, friction and mode.
+
+    Made by `hybrid_filter`, which explains the attributes.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The model that the filter runs.
+    dt : float
+        Sampling time [s].
+    encoder_quantum : float
+        Increment of the position sensor [m].
+    excess, excess_speed, level_walk, force_noise, mass_error : float
+        What the filter expects to be wrong with the model.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).excess_speed
+    0.0011
+    """
+
+    axis: FrictionAxis
+    dt: float
+    encoder_quantum: float
+    excess: float
+    excess_speed: float
+    level_walk: float
+    force_noise: float
+    mass_error: float
+    tables: Tables = field(repr=False, compare=False)
+
+    @property
+    def memory_size(self) -> int:
+        """Places of the memory: estimate, delay line, filter."""
+        return LINE + int(self.tables.axis_integers[axis_step.N_HISTORY]) + kernel.SIZE
+
+    def run(self, u: Any, y: ArrayLike | None = None) -> HybridResponse:
+        """Run the filter over a whole record, compiled.
+
+        Parameters
+        ----------
+        u : array_like, shape (n,), or Record
+            Drive force at the samples, held to the next [N]; or a record.
+        y : array_like, shape (n,), optional
+            Position read at the samples [m]; not with a record.
+
+        Returns
+        -------
+        HybridResponse
+            Outputs xhat, vhat, Fhat, what, mode.  Each uses the reading of its
+            own sample.
+
+        Raises
+        ------
+        ValueError
+            If `u` and `y` are not finite records of one length, or the record
+            was sampled at another time step.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> u = 12.0 * np.sin(np.arange(4000) * 3e-3)
+        >>> plant = axis.simulate(u, dt=1e-3)
+        >>> y = 1e-5 * np.round(plant.y[0] / 1e-5)
+        >>> estimate = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-5).run(u, y)
+        >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
+        True
+        """
+        if hasattr(u, "dt") and hasattr(u, "x"):
+            if y is not None:
+                raise ValueError("y must be left out where u is a record: it holds its positions")
+            if abs(u.dt - self.dt) > 0.01 * self.dt:
+                raise ValueError(
+                    f"the record has dt = {u.dt:g} s and the filter dt = {self.dt:g} s: "
+                    "make the filter with the record's dt, or use record.resampled"
+                )
+            u, y = u.u, u.x
+        elif y is None:
+            raise ValueError("y is missing: give u and y, or one record")
+        drive, reading = samples("u", u), samples("y", y)
+        if drive.size != reading.size:
+            raise ValueError(
+                f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
+            )
+        out = np.empty((drive.size, kernel.OUTPUTS))
+        kernel.run(*self.tables, np.zeros(self.memory_size), drive, reading, out)
+        return HybridResponse(
+            np.asarray(np.arange(drive.size) * self.dt, dtype=float),
+            out,
+            drive,
+            reading,
+            self.axis.units,
+            f"{self.axis.name}: hybrid filter",
+        )
+
+    def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
+        """The filter as a sampled block.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the block.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  Only Fhat depends
+            on u of the same sample, and only at rest, where friction is the drive.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> block = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).block()
+        >>> block.input_labels, block.output_labels
+        (['u', 'y'], ['xhat', 'vhat', 'Fhat', 'what', 'mode'])
+        """
+        tables, size = self.tables, self.memory_size
+
+        def sample(t: float, x: Any, u: Any) -> tuple[Array, Array]:
+            memory, out = np.array(x, dtype=float), np.empty(kernel.OUTPUTS)
+            kernel.step(*tables, memory, t, u[0], u[1], out)
+            return memory, out
+
+        return ct.nlsys(
+            lambda t, x, u, params: sample(t, x, u)[0],
+            lambda t, x, u, params: sample(t, x, u)[1][:5],
+            inputs=["u", "y"],
+            outputs=list(OUTPUTS),
+            states=["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, size))],
+            dt=self.dt,
+            name=name,
+        )
+
+    def stepper(self) -> HybridStepper:
+        """The filter sample by sample, for a loop of your own.
+
+        Returns
+        -------
+        HybridStepper
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> stepper = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).stepper()
+        >>> stepper.step(u=5.0, y=0.0).mode
+        0
+        """
+        return HybridStepper(self)
+
+
+class HybridStepper:
+    """A hybrid filter sample by sample.
+
+    Made by `HybridFilter.stepper`.
+
+    Attributes
+    ----------
+    filter : HybridFilter
+        The filter.
+    vhat_sd : float
+        Standard deviation of the velocity after the last sample [m/s].
+    log_likelihood : float
+        Logarithm of the probability of the last reading.
+    """
+
+    def __init__(self, filter: HybridFilter) -> None:
+        self.filter = filter
+        self.vhat_sd = self.log_likelihood = 0.0
+        self._memory, self._out = np.zeros(filter.memory_size), np.empty(kernel.OUTPUTS)
+        self._samples = 0
+
+    def step(self, u: float, y: float) -> Estimate:
+        """Take one sample and move on to the next.
+
+        Parameters
+        ----------
+        u : float
+            Drive force from this sample on [N].
+        y : float
+            Position read at this sample [m].
+
+        Returns
+        -------
+        Estimate
+            x, v, F, w and mode at this sample.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `y` is not a finite number; the filter stays as it was.
+        """
+        drive, reading = finite("u", u), finite("y", y)
+        t = self._samples * self.filter.dt
+        kernel.step(*self.filter.tables, self._memory, t, drive, reading, self._out)
+        self._samples += 1
+        x, v, friction, w, mode, self.vhat_sd, self.log_likelihood = self._out.tolist()
+        return Estimate(x, v, friction, w, int(mode))
+
+
+def hybrid_filter(
+    axis: FrictionAxis,
+    dt: float = 1e-3,
+    encoder_quantum: float = 1e-6,
+    *,
+    excess: float = 0.07,
+    excess_speed: float | None = None,
+    level_walk: float = 0.03,
+    force_noise: float = 2.4e-3,
+    mass_error: float = 0.055,
+) -> HybridFilter:
+    """Observer that filters position, velocity, friction and mode.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The nominal axis; with a Stribeck peak where one is known.
+    dt : float, optional
+        Sampling time [s].
+    encoder_quantum : float, optional
+        Increment of the position sensor [m].
+    excess : float, optional
+        Spread of the friction above the model at low velocity, as a part of
+        the Coulomb level.
+    excess_speed : float, optional
+        Velocity over which that excess changes [m/s].  Default: the Stribeck
+        speed, or eleven times the stick speed without one.
+    level_walk : float, optional
+        Change of the Coulomb level in 1 s, standard deviation, as a part of it.
+    force_noise : float, optional
+        Random force, standard deviation of its mean over 1 ms, as a part of the
+        Coulomb level.
+    mass_error : float, optional
+        Relative uncertainty of the mass, standard deviation.
+
+    Returns
+    -------
+    HybridFilter
+        With `run`, `block` and `stepper`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the axis has no Coulomb friction.
+
+    Warns
+    -----
+    ObserverWarning
+        If the axis has effects that the filter leaves out: presliding,
+        backlash, compliance.
+
+    Notes
+    -----
+    Each mode i (stuck, sliding in either direction) has a probability and a
+    Gaussian of (x, v, c_plus, c_minus, e, r): position, velocity, relative error
+    of the Coulomb level in either direction, excess over it, relative error of
+    1 / mass.  While sliding in direction s, over one sample with the drive held ::
+
+        m v' = (1 + r) (W - s F_s(x, v) (1 + c_s + e)) - f v
+
+    The excess is forgotten with the distance in velocity, exp(-|dv| / excess_speed).
+    The part of a sliding density that crosses v = 0 (truncated moments) goes to
+    rest, or to the other direction if W exceeds the breakaway force there.  At
+    rest the chance to break away rises where W nears the force at which the axis
+    broke away before; the motion then starts with friction equal to W.  A reading
+    y says that the position lies in y -+ quantum / 2 (truncated normal); noise
+    beyond that is seen from innovations that are too large and white, and
+    followed.  Densities that arrive in one mode are merged by their moments.
+
+    Effects of the axis act as in `design_pi_observer`.  The levels are learned
+    while sliding alone; creeping below an increment in many samples is taken
+    for rest.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> observer = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6)
+    >>> observer.stepper().step(u=5.0, y=0.0)
+    Estimate(x=0.0, v=0.0, F=5.0, w=0.0, mode=0)
+    """
+    own = own_axis(axis)
+    acting = axis.effective()
+    own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
+    dt = positive("dt", dt, unit="s")
+    quantum = positive("encoder_quantum", encoder_quantum, unit="m")
+    excess = positive("excess", excess)
+    if excess_speed is None:
+        excess_speed = own.stribeck.speed if own.stribeck else _STICK_SPEEDS * own.stick_speed
+    excess_speed = positive("excess_speed", excess_speed, unit="m/s")
+    level_walk = positive("level_walk", level_walk, zero=True)
+    force_noise = positive("force_noise", force_noise)
+    mass_error = positive("mass_error", mass_error, zero=True)
+    level = coulomb_level(own)
+    if level <= 0.0:
+        raise ValueError(
+            "axis has no Coulomb friction: a hybrid filter has no modes then, use "
+            "dfc.design_pi_observer with an uncertainty"
+        )
+    A, B = axis_matrices(own, 1, dt, "zoh")
+    pace = dt / _SAMPLE
+    numbers = np.zeros(kernel.NUMBERS)
+    for place, number in {
+        kernel.DT: dt,
+        kernel.QUANTUM: quantum,
+        kernel.FORCE: level,
+        kernel.A12: A[0, 1] / dt,
+        kernel.A22: A[1, 1],
+        kernel.B1: B[0] * level / quantum,
+        kernel.B2: B[1] * level * dt / quantum,
+        kernel.FORCE_NOISE: force_noise / math.sqrt(pace),
+        kernel.ACCELERATION_NOISE: _ACCELERATION_NOISE,
+        kernel.LEVEL_WALK: level_walk * math.sqrt(dt),
+        kernel.EXCESS: excess,
+        kernel.EXCESS_FAST: _EXCESS_FAST,
+        kernel.EXCESS_SPEED: excess_speed * dt / quantum,
+        kernel.FADE: math.exp(-dt / _FADE),
+        kernel.CELL_NOISE: _CELL_NOISE,
+        kernel.HAZARD: -math.expm1(-_HAZARD * pace),
+        kernel.MASS: mass_error**2,
+        kernel.RATE: _RATE,
+        kernel.START: (0.1 * pace) ** 2,
+        kernel.FIRST_RELEASE: 1.0 if own.stribeck else 1.15,
+    }.items():
+        numbers[place] = number
+    numbers.setflags(write=False)
+    arrays = own.arrays(dt)
+    return HybridFilter(
+        own,
+        dt,
+        quantum,
+        excess,
+        excess_speed,
+        level_walk,
+        force_noise,
+        mass_error,
+        Tables(numbers, arrays.numbers, arrays.integers),
+    )

@@ -1,0 +1,386 @@
+"""The hybrid filter against closed forms, its own faces, and plants it does not know."""
+
+from __future__ import annotations
+
+import math
+
+import control as ct
+import numpy as np
+import pytest
+from dryfric_control.effects import Cogging, Gravity, InputDelay, Presliding, Spring
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy.stats import norm, truncnorm
+
+import dryfric_control as dfc
+from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import hybrid_filter as kernel
+from dryfric_control.observer import ObserverWarning, filter_reference
+
+DT = 1e-3
+# The reading's rounding makes the estimate jump where two ways of writing the same
+# numbers differ in the last digit; the filter forgets a jump of 1e-16 at once.
+ROUND_OFF = 1e-9
+
+
+def stage(**changes):
+    given = {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0, "stick_speed": 1e-3}
+    return dfc.FrictionAxis(**(given | changes))
+
+
+def reference(n=6000):
+    """Reversals of a sine, steps and rests."""
+    t = np.arange(n) * DT
+    r = np.where(t < 2.5, 0.02 * np.sin(5.0 * t), np.where((t - 2.5) % 1.0 < 0.5, 0.05, 0.01))
+    return filter_reference(r, 40.0, DT)
+
+
+def loop(plant, quantum, bandwidth=25.0, n=6000):
+    controller = dfc.PositionController.from_bandwidth(stage(), bandwidth, DT, limit=80.0)
+    return dfc.simulate_loop(plant, controller, reference(n), quantum=quantum)
+
+
+def speed_error(estimate, run):
+    v = run.outputs[1]
+    return np.sqrt(np.mean((estimate.outputs[1] - v)[200:] ** 2)) / np.std(v[200:])
+
+
+def mismatched(rng):
+    """A stage with everything off by a fifth, levels of its own, and a Stribeck peak."""
+    off = lambda: rng.uniform(0.8, 1.2)  # noqa: E731
+    return stage(
+        mass=2.0 * off(),
+        viscous=15.0 * off(),
+        coulomb=(8.0 * off(), 8.0 * off()),
+        stribeck=dfc.Stribeck(rng.uniform(0.02, 0.6), 0.01 * rng.uniform(0.5, 2.0)),
+        stick_speed=1e-3 * rng.uniform(1.0, 3.0),
+    )
+
+
+# --- the pieces ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("e", [-4.0, -0.6, 0.0, 0.3, 2.5])
+@pytest.mark.parametrize("sd", [0.05, 0.4, 2.0, 30.0])
+def test_a_cell_cuts_the_normal_density(e, sd):
+    low, high = (e - 0.5) / sd, (e + 0.5) / sd
+    mass, mean, variance = kernel._cell(e, sd)
+    if min(abs(low), abs(high)) > 5.0 and low * high > 0.0:
+        # far out, a normal reading of the cell's variance
+        total = sd**2 + 1 / 12
+        assert mean == pytest.approx(sd**2 / total * e)
+        assert variance == pytest.approx(sd**2 / 12 / total)
+        assert 0.0 < mass < 1e-5 / sd
+    else:
+        exact = truncnorm(low, high, scale=sd)
+        assert mass == pytest.approx(norm.cdf(high) - norm.cdf(low), rel=1e-9)
+        assert mean == pytest.approx(exact.mean(), rel=1e-6, abs=1e-9)
+        # the cancellation of a variance near 1/12 in one of sd^2
+        assert variance == pytest.approx(exact.var(), rel=1e-4)
+
+
+@pytest.mark.parametrize("mean", [-2.0, -0.1, 0.0, 0.7, 9.0])
+def test_what_has_not_crossed_zero(mean):
+    mass, centre, variance = kernel._positive_part(mean, 1.3)
+    exact = truncnorm(-mean / 1.3, np.inf, loc=mean, scale=1.3)
+    assert mass == pytest.approx(0.5 * math.erfc(-mean / 1.3 / math.sqrt(2.0)))
+    assert centre == pytest.approx(exact.mean(), rel=1e-6)
+    assert variance == pytest.approx(exact.var(), rel=1e-4)
+
+
+@njit
+def make_positive(s):
+    kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
+
+
+@njit
+def arrive(s, mode, probability):
+    kernel._arrive(axis_step.pointer(s), mode, probability, kernel.LEAVING)
+
+
+@njit
+def condition(s, column, change, removed, variance):
+    kernel._condition(axis_step.pointer(s), kernel.BELIEFS, column, change, removed, variance)
+
+
+LOWER = np.tril_indices(kernel.STATES)
+
+
+def covariance_at(s, at):
+    P = np.zeros((kernel.STATES, kernel.STATES))
+    P[LOWER] = s[at + kernel.COVARIANCE : at + kernel.GAUSSIAN]
+    return P + np.tril(P, -1).T
+
+
+def put(s, at, mean, P):
+    s[at : at + kernel.STATES] = mean
+    s[at + kernel.COVARIANCE : at + kernel.GAUSSIAN] = P[LOWER]
+
+
+def spread(rng):
+    scale = 10.0 ** rng.uniform(-4, 3, kernel.STATES)
+    root = rng.standard_normal((kernel.STATES, kernel.STATES)) * scale[:, None]
+    return root @ root.T
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_covariance_is_kept_or_made_positive(seed):
+    rng = np.random.default_rng(seed)
+    P = spread(rng)
+    s = np.zeros(kernel.SIZE)
+    put(s, kernel.BELIEFS, 0.0, P)
+    make_positive(s)
+    np.testing.assert_array_equal(covariance_at(s, kernel.BELIEFS), P)
+    # one direction negative, as a downdate that cancels leaves it
+    d = np.sqrt(np.diag(P))
+    values, vectors = np.linalg.eigh(P / np.outer(d, d))
+    values[0] = -1e-3 * rng.uniform()
+    bad = np.outer(d, d) * (vectors * values @ vectors.T)
+    put(s, kernel.BELIEFS, 0.0, bad)
+    make_positive(s)
+    mended = covariance_at(s, kernel.BELIEFS)
+    assert np.linalg.eigvalsh(mended / np.outer(d, d))[0] > -1e-14
+    # nothing grows: a small pivot must not become a large column
+    assert np.all(np.diag(mended) <= np.diag(bad) * (1.0 + 1e-9))
+
+
+def test_moments_of_two_densities_that_meet():
+    rng = np.random.default_rng(3)
+    s = np.zeros(kernel.SIZE)
+    means, spreads, parts = rng.standard_normal((2, 6)), [spread(rng), spread(rng)], (0.3, 0.5)
+    for mean, P, part in zip(means, spreads, parts, strict=True):
+        put(s, kernel.LEAVING, mean, P)
+        arrive(s, 1, part)
+    at = kernel.ARRIVED + kernel.GAUSSIAN + 1
+    share = np.array(parts) / 0.8
+    mean = share @ means
+    total = sum(
+        w * (P + np.outer(m - mean, m - mean))
+        for w, P, m in zip(share, spreads, means, strict=True)
+    )
+    assert s[at] == pytest.approx(0.8)
+    np.testing.assert_allclose(s[at + 1 : at + 7], mean)
+    np.testing.assert_allclose(covariance_at(s, at + 1), total)
+
+
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_correction_moves_all_states_by_their_correlation(column):
+    rng = np.random.default_rng(4)
+    P, mean = spread(rng), rng.standard_normal(6)
+    s = np.zeros(kernel.SIZE)
+    put(s, kernel.BELIEFS, mean, P)
+    variance, removed = P[column, column] + 0.1, 0.6
+    condition(s, column, 0.7, removed, variance)
+    k = P[:, column] / variance
+    np.testing.assert_allclose(s[kernel.BELIEFS : kernel.BELIEFS + 6], mean + k * 0.7)
+    expected = P - np.outer(k, k) * removed
+    np.testing.assert_allclose(covariance_at(s, kernel.BELIEFS), expected, rtol=1e-9)
+
+
+# --- the faces -------------------------------------------------------------------------
+
+FULL = stage(
+    coulomb=dfc.CoulombMap(plus=[8.0, 4.0], minus=[7.0, -3.0]),
+    travel=(-0.3, 0.3),
+    stribeck=dfc.Stribeck(0.3, 0.01),
+    effects=(Spring(stiffness=40.0), Cogging(amplitude=0.5, period=0.01), InputDelay(delay=2.3e-3)),
+)
+
+
+@pytest.mark.parametrize("axis", [stage(), FULL], ids=["plain", "effects"])
+def test_run_block_and_stepper_agree(axis):
+    run = loop(axis, 1e-5, n=1500)
+    u, y = run.outputs[4], run.outputs[5]
+    observer = dfc.hybrid_filter(axis, DT, 1e-5)
+    whole = observer.run(u, y)
+    stepper = observer.stepper()
+    by_hand = np.array([stepper.step(*sample) for sample in zip(u, y, strict=True)]).T
+    np.testing.assert_allclose(by_hand, whole.outputs, rtol=ROUND_OFF, atol=ROUND_OFF)
+    assert stepper.vhat_sd == pytest.approx(whole.vhat_sd[-1], rel=1e-6)
+    assert stepper.log_likelihood == pytest.approx(whole.log_likelihood[-1], rel=1e-6)
+    block = observer.block()
+    response = ct.input_output_response(block, whole.time, np.vstack([u, y]))
+    np.testing.assert_allclose(response.outputs, whole.outputs, rtol=ROUND_OFF, atol=ROUND_OFF)
+
+
+def test_a_record_is_run_like_its_columns():
+    run = loop(stage(), 1e-5, n=1500)
+    u, y = run.outputs[4], run.outputs[5]
+    observer = dfc.hybrid_filter(stage(), DT, 1e-5)
+    record = dfc.Record(t=run.time, u=u, x=y)
+    np.testing.assert_array_equal(observer.run(record).outputs, observer.run(u, y).outputs)
+    with pytest.raises(ValueError, match="y must be left out"):
+        observer.run(record, y)
+    with pytest.raises(ValueError, match=r"record has dt = 0\.001 s and the filter dt = 0\.002 s"):
+        dfc.hybrid_filter(stage(), 2 * DT, 1e-5).run(record)
+
+
+def test_a_loop_over_the_estimates_needs_no_algebraic_solution():
+    """Position and velocity do not depend on the drive of their own sample."""
+    observer = dfc.hybrid_filter(stage(), DT, 1e-5).block()
+    gain = ct.nlsys(
+        None,
+        lambda t, x, u, params: np.array([3000.0 * (0.01 - u[0]) - 100.0 * u[1]]),
+        inputs=["x", "v"],
+        outputs=["u"],
+        dt=DT,
+        name="gain",
+    )
+    plant = dfc.axis_block(stage(), DT, name="plant")
+    encoder = dfc.encoder(1e-5, DT)
+    closed = ct.interconnect(
+        [observer, gain, plant, encoder],
+        connections=[
+            ["observer.u", "gain.u"],
+            ["observer.y", "encoder.y"],
+            ["gain.x", "observer.xhat"],
+            ["gain.v", "observer.vhat"],
+            ["plant.u", "gain.u"],
+            ["encoder.x", "plant.x"],
+        ],
+        inplist=[],
+        outlist=["plant.v", "observer.vhat"],
+        inputs=[],
+        outputs=["v", "vhat"],
+        dt=DT,
+    )
+    response = ct.input_output_response(closed, np.arange(400) * DT, 0.0)
+    v, estimate = response.outputs
+    assert np.max(np.abs(v)) > 0.01
+    assert np.sqrt(np.mean((v - estimate) ** 2)) < 0.1 * np.std(v)
+
+
+# --- how good --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("quantum", "most"), [(1e-6, 0.0016), (2e-5, 0.007)])
+def test_velocity_of_plants_it_does_not_know(quantum, most):
+    """The median the benchmark asks for, on plants of this test alone."""
+    rng = np.random.default_rng(11)
+    errors, plain = [], []
+    observer = dfc.hybrid_filter(stage(), DT, quantum)
+    design = dfc.design_pi_observer(stage(), DT, encoder_quantum=quantum)
+    for _ in range(5):
+        run = loop(mismatched(rng), quantum)
+        u, y = run.outputs[4], run.outputs[5]
+        errors.append(speed_error(observer.run(u, y), run))
+        plain.append(speed_error(dfc.observe(design, u, y), run))
+    assert np.median(errors) < most
+    assert all(mine < other for mine, other in zip(errors, plain, strict=True))
+
+
+def test_known_effects_are_used():
+    plant = stage(effects=(Gravity(amplitude=3.0, phase=0.4), InputDelay(delay=2.5e-3)))
+    run = loop(plant, 1e-5)
+    u, y = run.outputs[4], run.outputs[5]
+    knows = speed_error(dfc.hybrid_filter(plant, DT, 1e-5).run(u, y), run)
+    ignores = speed_error(dfc.hybrid_filter(stage(), DT, 1e-5).run(u, y), run)
+    assert knows < 0.6 * ignores
+
+
+def test_noise_beyond_the_cell_is_followed():
+    run = loop(stage(stribeck=dfc.Stribeck(0.3, 0.01)), 1e-6)
+    rng = np.random.default_rng(2)
+    y = 1e-6 * np.round((run.outputs[0] + 5e-6 * rng.standard_normal(6000)) / 1e-6)
+    estimate = dfc.hybrid_filter(stage(), DT, 1e-6).run(run.outputs[4], y)
+    assert speed_error(estimate, run) < 0.02
+
+
+def test_units_do_not_matter():
+    """The same machine in millimetres."""
+    run = loop(stage(), 1e-5)
+    u, y = run.outputs[4], run.outputs[5]
+    small = stage(mass=2e-3, viscous=15e-3, stick_speed=1.0)
+    metres = dfc.hybrid_filter(stage(), DT, 1e-5).run(u, y).outputs
+    millimetres = dfc.hybrid_filter(small, DT, 1e-2).run(u, 1e3 * y).outputs
+    np.testing.assert_allclose(millimetres[1], 1e3 * metres[1], atol=1e-6)
+    np.testing.assert_array_equal(millimetres[4], metres[4])
+
+
+@pytest.mark.parametrize("dt", [5e-3, 5e-5])
+def test_sampling_rates(dt):
+    plant = stage(stribeck=dfc.Stribeck(0.3, 0.01))
+    controller = dfc.PositionController.from_bandwidth(stage(), 25.0, dt, limit=80.0)
+    r = np.interp(np.arange(int(5.0 / dt)) * dt, np.arange(6000) * DT, reference())
+    run = dfc.simulate_loop(plant, controller, r, quantum=1e-6)
+    estimate = dfc.hybrid_filter(stage(), dt, 1e-6).run(run.outputs[4], run.outputs[5])
+    assert speed_error(estimate, run) < 0.01
+
+
+# --- nothing breaks it -----------------------------------------------------------------
+
+
+def test_wild_plants_leave_it_finite_and_near():
+    """Plants that the nominal axis has nothing to do with, encoders of 1 nm to 0.3 mm."""
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        plant = stage(
+            mass=2.0 * rng.uniform(0.5, 2.0),
+            viscous=15.0 * rng.uniform(0.1, 5.0),
+            coulomb=8.0 * rng.uniform(0.4, 2.0),
+            stribeck=dfc.Stribeck(rng.uniform(0.02, 1.0), 10.0 ** rng.uniform(-4, -1)),
+            stick_speed=10.0 ** rng.uniform(-5, -2.5),
+        )
+        quantum = 10.0 ** rng.uniform(-9, -3.5)
+        run = loop(plant, quantum)
+        estimate = dfc.hybrid_filter(stage(), DT, quantum).run(run.outputs[4], run.outputs[5])
+        assert np.isfinite(estimate.outputs).all()
+        assert np.isfinite(estimate.vhat_sd).all()
+        assert speed_error(estimate, run) < 0.3
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    drive=st.floats(-3, 9),
+    reading=st.floats(-9, 9),
+    quantum=st.floats(-9, -1),
+    dt=st.floats(-5, -1),
+    walk=st.booleans(),
+)
+def test_any_signals_leave_it_finite(seed, drive, reading, quantum, dt, walk):
+    rng = np.random.default_rng(seed)
+    u, y = 10.0**drive * rng.standard_normal(300), 10.0**reading * rng.standard_normal(300)
+    observer = dfc.hybrid_filter(stage(), 10.0**dt, 10.0**quantum)
+    estimate = observer.run(u, np.cumsum(y) if walk else y)
+    assert np.isfinite(estimate.outputs).all()
+    assert np.isfinite(estimate.vhat_sd).all()
+    assert np.isfinite(estimate.log_likelihood).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dt": 0.0}, "dt must be more than zero"),
+        ({"encoder_quantum": 0.0}, "encoder_quantum must be more than zero"),
+        ({"excess": -1.0}, "excess must be more than zero"),
+        ({"excess_speed": 0.0}, "excess_speed must be more than zero"),
+        ({"level_walk": -0.1}, "level_walk must be zero or more"),
+        ({"force_noise": 0.0}, "force_noise must be more than zero"),
+        ({"mass_error": "much"}, "mass_error must be a number"),
+        ({"axis": 3}, "axis must be a FrictionAxis"),
+        ({"axis": stage(coulomb=0.0)}, "axis has no Coulomb friction"),
+    ],
+)
+def test_bad_arguments_are_named(changes, message):
+    with pytest.raises(ValueError, match=message):
+        dfc.hybrid_filter(**({"axis": stage()} | changes))
+
+
+def test_bad_samples_leave_the_stepper_as_it_was():
+    stepper = dfc.hybrid_filter(stage()).stepper()
+    twin = stepper.filter.stepper()
+    assert stepper.step(1.0, 0.0) == twin.step(1.0, 0.0)
+    with pytest.raises(ValueError, match="y must be a finite number"):
+        stepper.step(1.0, math.nan)
+    assert stepper.step(9.0, 1e-6) == twin.step(9.0, 1e-6)
+    with pytest.raises(ValueError, match="u has 3 samples and y 2"):
+        stepper.filter.run([1.0, 2.0, 3.0], [0.0, 0.0])
+    with pytest.raises(ValueError, match="y is missing"):
+        stepper.filter.run([1.0, 2.0])
+
+
+def test_what_is_left_out_is_said():
+    with pytest.warns(ObserverWarning, match="leaves out presliding"):
+        dfc.hybrid_filter(stage(effects=(Presliding(distance=1e-5),)))

@@ -116,7 +116,7 @@ class CompensatedController:
         int
             Switches for which there was no room.
         """
-        return kernel.run_loop(  # type: ignore[no-any-return]
+        return kernel.run_loop(
             axis.numbers, axis.integers, state, self.law, self.memory(motion), motion.rows,
             disturbance, quantum, self.dt, room, out,
         )  # fmt: skip

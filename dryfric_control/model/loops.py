@@ -264,7 +264,7 @@ class PositionController:
             Switches for which there was no room.
         """
         memory = self.memory(encode(state[0], quantum), state[1])
-        return run_loop(  # type: ignore[no-any-return]
+        return run_loop(
             axis.numbers, axis.integers, state, self.gains, memory, motion.position, disturbance,
             quantum, self.dt, room, out,
         )  # fmt: skip

@@ -279,15 +279,18 @@ def _rest(c, memory, mode, error, moving, forces, level):
 
 
 @axis_step.internal
-def _begin(c, memory, x, y, watch):
-    """First sample: everything rests where it is."""
-    memory[READING], memory[AHEAD] = y, x
-    memory[INNER], memory[watch + observer.XHAT] = y, y
+def _begin(c, memory, x, v, y, watch):
+    """First sample: the axis has followed the reference so far, or rests."""
     if memory[DIRECTION] == 0.0:
-        memory[DIRECTION] = 1.0
+        v, memory[DIRECTION] = 0.0, 1.0
         memory[SHARE] = c[EXCESS]
         for i in range(int(c[LEAD])):
             memory[LINE + 2 * i] = x
+    elif c[LEAD] > 0.0:
+        v = memory[watch - 1]
+    memory[READING], memory[SPEED], memory[AHEAD] = y - v * c[DT], v, x
+    memory[INNER], memory[INNER + 1] = y, v
+    memory[watch + observer.XHAT], memory[watch + observer.VHAT] = y, v
 
 
 @njit(cache=True, error_model="numpy")
@@ -302,7 +305,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     seen = memory[watch:]
     t = memory[SAMPLES] * c[DT]
     if memory[SAMPLES] == 0.0:
-        _begin(c, memory, ahead, y, watch)
+        _begin(c, memory, ahead, speed_ahead, y, watch)
     x, v, moving = _follow_reference(c, memory, ahead, speed_ahead)
     difference = (y - memory[READING]) / c[DT]
     memory[SPEED] = c[KEEP] * memory[SPEED] + (1.0 - c[KEEP]) * difference

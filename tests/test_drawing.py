@@ -106,7 +106,7 @@ def test_title_set_later_keeps_the_layout(plots):
 
 
 def test_start_of_the_estimate_does_not_set_the_scale():
-    run = presets.clutch_experiment(duration=2.0)
+    run = presets.clutch_experiment(presets.clutch_observer(form="prediction"), duration=2.0)
     # It starts 1000 increments off, the plant stays below 500.
     assert run.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
     assert np.max(run.estimate.y[0]) >= 1000.0

@@ -47,7 +47,7 @@ from dryfric_control.observer import (
     pi_observer,
     simulate_observed_loop,
 )
-from dryfric_control.records import Record, RecordWarning, read_bam, read_record
+from dryfric_control.records import Record, RecordWarning, Scaling, read_bam, read_record
 from dryfric_control.store.axis_file import read_axis, write_axis
 from dryfric_control.store.batch import run_batch
 
@@ -65,6 +65,7 @@ __all__ = [
     "PositionController",
     "Record",
     "RecordWarning",
+    "Scaling",
     "Stribeck",
     "__version__",
     "axis_block",

@@ -114,7 +114,7 @@ def _demo(chosen: argparse.Namespace) -> None:
 def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.records.record import read_record
+    from dryfric_control.records import read_record
     from dryfric_control.store.axis_file import read_axis
 
     folder = Path(chosen.out)

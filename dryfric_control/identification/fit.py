@@ -33,6 +33,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, plain_data
 from dryfric_control.ties import SQUARES, ranked
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -342,6 +343,7 @@ def fit(
     whole("jobs", jobs)
     parts = [cut(r, window, hold) for r in records]
     for r in records:
+        check_units(axis, r)
         warn_if_implausible(axis, r)
     return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
 

@@ -80,8 +80,8 @@ def mat4_variables(data: bytes) -> dict[str, Any]:
         kind, rows, columns, is_complex, length = struct.unpack_from(order + "IIIII", data, at)
         machine, rest = divmod(kind, 1000)
         layout, storage = divmod(rest, 10)
-        number = np.dtype(order + _V4_TYPES.get(layout // 10, "f8"))
-        if machine != (order == ">") or layout // 10 not in _V4_TYPES or layout % 10 or storage > 2:
+        number = np.dtype(order + _V4_TYPES.get(layout, "f8"))
+        if machine != (order == ">") or layout not in _V4_TYPES or storage > 2:
             raise DamagedMatError("its header is not one")
         size = rows * columns * number.itemsize * (2 if is_complex else 1)
         start = at + 20 + length

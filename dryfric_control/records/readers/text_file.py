@@ -34,7 +34,7 @@ _NUMBER = re.compile(
 )
 _WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
 # Whole numbers that may lie beyond 2^53, where float64 leaves some out.
-_LONG = re.compile(r"(?<![\d.,])\d{16,19}(?![\d.,eE])", re.ASCII)
+_LONG = re.compile(r"(?<![\d.])\d{16,19}(?![\d.eE])", re.ASCII)
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 
 _DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
@@ -255,6 +255,8 @@ def _sniff(
     last = [row for row in rows[first:][-20:] if any(map(_is_number, row))] or [rows[-1]]
     trailing = all(len(row) > 1 and row[-1] == "" for row in last)
     start = _first_numbers(where, chunk, rows, first, len(last[0]))
+    if trailing and start > first:  # unless the empty column has a name
+        trailing = not any(_fitting(lines[start - 1], delimiter, len(last[0]), cut=False)[-1:])
     width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
     headings = _headings(lines[first:start], comments, delimiter, width)
     needed = 3 if timed else 2

@@ -11,12 +11,14 @@ from dryfric_control.diagnosis import (
     diagnose_batch,
     next_experiment,
 )
+from dryfric_control.diagnosis.saved import load_diagnosis
 from dryfric_control.identification import (
     Fit,
     FitWarning,
     fit,
     identify_coulomb,
     identify_stribeck,
+    load_fit,
     replay,
     replay_loop,
     slow_ramp_experiment,
@@ -79,6 +81,8 @@ __all__ = [
     "identify_stribeck",
     "laws",
     "load_design",
+    "load_diagnosis",
+    "load_fit",
     "monte_carlo",
     "next_experiment",
     "observe",

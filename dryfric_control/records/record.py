@@ -228,7 +228,7 @@ class Record:
         return part
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (
+        return restored, (
             self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
             self.notes, self.quantum, dict(self.channels), dict(self.raw),
         )  # fmt: skip
@@ -894,8 +894,9 @@ class Record:
         return control_plot(axes)
 
 
-def _restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
+def restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
               quantum: float | None, channels: Any, raw: Any) -> Record:  # fmt: skip
+    """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
     record._set(t, u, x, r, dt, units, name, notes, channels, raw)
     record.__dict__["quantum"] = quantum

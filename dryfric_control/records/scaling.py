@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, positive
+from dryfric_control.store.files import existing_file
 from dryfric_control.text import did_you_mean
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
@@ -116,6 +119,46 @@ class Scaling:
             return cls(gain=gain)
         number = _gain("gain", gain)
         return cls() if number == 1 else cls(gain={"u": number})
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> Scaling:
+        """Scaling in the table ``[record]`` of an axis file (TOML).
+
+        Parameters
+        ----------
+        path : path-like
+            The file that `read_axis` reads; without the table nothing is scaled.
+
+        Returns
+        -------
+        Scaling
+
+        Raises
+        ------
+        ValueError
+            If the table holds an unknown key or a number out of its range.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import dryfric_control as dfc
+        >>> text = "[record]\\ncounts_per_turn = 4096\\nlead = 5e-3\\ngain = {u = 35.0}\\n"
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "axis.toml")
+        ...     _ = path.write_text(text)
+        ...     dfc.Scaling.from_file(path).lead
+        0.005
+        """
+        try:
+            data = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("record", {})
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+            raise ValueError(f"{path} is no TOML: {problem}") from None
+        if not isinstance(data, dict):
+            raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
+        try:
+            return cls.from_dict(data)
+        except ValueError as problem:
+            raise ValueError(f"{path}: {problem}") from None
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scaling:

@@ -50,7 +50,7 @@ def test_a_fit_comes_back_as_it_was(fit, tmp_path):
     assert again.axis == fit.axis and again.axis.name == fit.axis.name
     assert again.parameters == fit.parameters and again.interval() == fit.interval()
     assert again.summary() == fit.summary()
-    assert again.bootstrap_interval(repeats=20) == fit.bootstrap_interval(repeats=20)
+    assert again.bootstrap(repeats=20) == fit.bootstrap(repeats=20)
     record = again.training[0].windows.record
     assert record == RECORD and record.raw == RECORD.raw and record.quantum == RECORD.quantum
     assert not record.x.flags.writeable

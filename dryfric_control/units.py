@@ -42,7 +42,7 @@ _ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DE
 _FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "MN": 1e6, "lbf": _POUND,
            "lb": _POUND, "ozf": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
 _TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}  # fmt: skip
+          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "min": 60.0}  # fmt: skip
 _TABLE: dict[str, Unit] = {
     **{k: Unit(f, "s", "time") for k, f in _TIMES.items()},
     **{k: Unit(f, "m", "length") for k, f in _LENGTHS.items()},
@@ -161,7 +161,8 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
     Parameters
     ----------
     axis : FrictionAxis
-        The axis, with ``units`` of position and force.
+        The axis, with ``units`` of position and force; with an input gain among its
+        effects it takes a drive in any unit.
     record : Record
         The record; a channel without a unit is taken to be in the axis's.
     name : str, optional
@@ -176,12 +177,15 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
         unit = record.units.get(role, "")
         if not unit or not wanted or _same(unit, wanted):
             continue
+        if role == "u" and any(effect.slug == "input_gain" for effect in axis.effects):
+            continue
         have = (record.units.get("x") or axis.units[0], record.units.get("u") or axis.units[1])
         raise ValueError(
             f"{name}: {role} is in {unit!r}, the axis has {wanted!r} (axis.units = {axis.units}). "
             f"Convert the record as it is read, gain={{'{role}': ...}} [{wanted} per {unit}] and "
             f"units={{'{role}': '{wanted}'}}, or give the axis its numbers in {have[0]} and "
             f"{have[1]} with units={have}"
+            + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
         )
 
 

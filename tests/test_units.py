@@ -206,6 +206,15 @@ def test_the_same_unit_under_another_name_is_no_mismatch():
     dfc.replay(axis, dfc.Record(T, U, X))  # no unit is stated: that of the axis
 
 
+def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():
+    axis = AXIS.replace(effects=(dfc.effects.InputGain(0.2),))
+    dfc.replay(axis, dfc.Record(T, U, X, units={"u": "V"}))
+    with pytest.raises(ValueError, match="or an effect InputGain .N per V"):
+        dfc.replay(AXIS, dfc.Record(T, U, X, units={"u": "V"}))
+    with pytest.raises(ValueError, match="x is in 'rad'"):
+        dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad"}))
+
+
 def test_an_observer_is_held_to_the_step_of_a_record():
     record = dfc.Record(T, U, X)
     by_arrays = dfc.observe(DESIGN, U, X)

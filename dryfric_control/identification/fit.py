@@ -186,7 +186,9 @@ class Fit(Result):
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the fit with its records to a JSON file that `load_fit` reads.
+        """Write the fit with its records to a JSON file.
+
+        `load_fit` reads it.
 
         Parameters
         ----------

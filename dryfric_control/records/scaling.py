@@ -29,7 +29,7 @@ class Conversion(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Numbers of a machine that turn raw readings into position and force.
+    """Factors of a machine from raw readings to SI units.
 
     Parameters
     ----------
@@ -112,7 +112,17 @@ class Scaling:
 
     @classmethod
     def of(cls, gain: Any) -> Scaling:
-        """Scaling from what `read_record` takes as its gain."""
+        """Scaling from what `read_record` takes as its gain.
+
+        Parameters
+        ----------
+        gain : float, mapping or Scaling
+            Factor on the input, factors by channel, or a scaling as it is.
+
+        Returns
+        -------
+        Scaling
+        """
         if isinstance(gain, Scaling):
             return gain
         if isinstance(gain, Mapping):
@@ -122,7 +132,7 @@ class Scaling:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> Scaling:
-        """Scaling in the table ``[record]`` of an axis file (TOML).
+        """Scaling in the table ``[record]`` of an axis file.
 
         Parameters
         ----------
@@ -162,7 +172,17 @@ class Scaling:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scaling:
-        """Scaling from keys and values, such as the table ``[record]`` of an axis file."""
+        """Scaling from the keys and values of a table.
+
+        Parameters
+        ----------
+        data : mapping
+            Such as the table ``[record]`` of an axis file.
+
+        Returns
+        -------
+        Scaling
+        """
         known = [item.name for item in fields(cls)]
         for key in data:
             if key not in known:
@@ -173,7 +193,7 @@ class Scaling:
         return cls(**data)
 
     def conversion(self, role: str, unit: str) -> Conversion | None:
-        """How a channel in SI or raw units becomes one of the axis; None if it is one.
+        """Factor that brings a channel to the axis, if it takes one.
 
         Parameters
         ----------

@@ -118,7 +118,9 @@ class Diagnosis(Result, Findings):
         return text
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the diagnosis with its record to a JSON file that `load_diagnosis` reads.
+        """Write the diagnosis with its record to a JSON file.
+
+        `load_diagnosis` reads it.
 
         Parameters
         ----------

@@ -292,7 +292,10 @@ def to_si(
 def scaled(values: Any, factor: float) -> Any:
     """Values times factor; what cannot be scaled is left to be judged later."""
     array = np.asarray(values)
-    return array * factor if array.dtype.kind in "biuf" else values
+    if array.dtype.kind not in "iuf":
+        return values
+    with np.errstate(over="ignore"):  # beyond float64 becomes inf, refused later
+        return np.asarray(array, dtype=np.float64) * factor
 
 
 def too_long(where: str, max_rows: int) -> str:

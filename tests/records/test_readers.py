@@ -378,11 +378,11 @@ def test_a_column_that_is_no_channel_does_not_stop_the_reading(tmp_path):
 
 
 def test_decimals_make_a_quantum():
-    fast = np.round(5.0 * np.sin(1.0 + 11 * T) + 3.0 * np.sin(40 * T), 4)  # far apart, none twice
-    assert dfc.Record(T, U, fast).quantum == pytest.approx(1e-4)
-    assert dfc.read_record({"t": T, "u": U, "x [deg]": fast}).quantum == pytest.approx(
-        np.pi / 180e4
-    )
+    """Where steps are thousands of them, no difference shows the grid."""
+    fast = np.round(5.0 * np.sin(1.0 + 11 * T) + 3.0 * np.sin(40 * T), 7)
+    assert dfc.Record(T, U, fast).quantum == pytest.approx(1e-7)
+    degrees = dfc.read_record({"t": T, "u": U, "x [deg]": fast})
+    assert degrees.quantum == pytest.approx(np.pi / 180e7)
     assert dfc.Record(T, U, np.sin(11 * T) + 3.0 * np.sin(40 * T)).quantum is None
 
 
@@ -398,6 +398,11 @@ def test_decimals_make_a_quantum():
 def test_what_cannot_be_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         dfc.Record(**({"t": T, "u": U, "x": X} | changes))
+
+
+def test_a_gain_makes_no_numbers_of_true_and_false():
+    with pytest.raises(ValueError, match="u holds true and false"):
+        dfc.read_record({"t": T, "u": U > 0, "x": X}, gain=2.0)
 
 
 def test_control_characters_do_not_reach_a_page():

@@ -72,7 +72,7 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
                     continue
                 rows += 1
                 if rows > max_rows:
-                    raise ValueError(too_long(path.name, max_rows))
+                    break
                 kept = found.setdefault(channel.topic, {key: [] for key in fields})
                 stamps.setdefault(channel.topic, []).append(message.log_time)
                 for key in list(kept):
@@ -80,15 +80,13 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
                         kept[key].append(fields[key])
                     else:
                         del kept[key]  # not in every message
-    except ValueError:
-        raise
-    except MemoryError:
-        raise
     except Exception as problem:  # whatever the library raises on a damaged file
         words = " ".join(str(problem).split())[:120]
         raise ValueError(
             f"{path.name} is damaged or no MCAP file ({type(problem).__name__}: {words})"
         ) from None
+    if rows > max_rows:
+        raise ValueError(too_long(path.name, max_rows))
     start = min((times[0] for times in stamps.values()), default=0)
     return {
         topic: (np.array([t - start for t in times], dtype=np.float64) * 1e-9, found[topic])

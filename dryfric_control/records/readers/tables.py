@@ -38,8 +38,6 @@ def _read(path: Path, function: str, engine: str) -> Any:
             f"{path.name}: reading {path.suffix} needs pandas and {engine}: "
             f"pip install pandas {engine}"
         ) from None
-    except MemoryError:
-        raise
     except Exception as problem:  # whatever the library raises on a damaged file
         words = " ".join(str(problem).split())[:120]
         raise ValueError(

@@ -275,6 +275,15 @@ def test_spreadsheets_and_parquet(tmp_path):
             dfc.read_record(write(tmp_path, (tmp_path / name).read_bytes()[:-300], name))
 
 
+def test_a_table_of_too_many_rows_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    """Equal values take no room in the file: a kilobyte may hold a million rows."""
+    pytest.importorskip("pyarrow")
+    PD.DataFrame({"t": T, "u": U, "x": X}).to_parquet(tmp_path / "run.parquet")
+    monkeypatch.setattr(PD, "read_parquet", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(ValueError, match="more than 100 rows"):
+        dfc.read_record(tmp_path / "run.parquet", max_rows=100)
+
+
 def test_a_missing_library_is_named(tmp_path, monkeypatch):
     for name, library in (("a.parquet", "pandas"), ("a.mcap", "mcap")):
         monkeypatch.setitem(sys.modules, library, None)
@@ -351,6 +360,15 @@ def test_known_channels_are_kept_and_cut_with_the_rest(tmp_path):
     assert record.compare("x2").rms < 1e-6
     with pytest.raises(ValueError, match="no channel 'w'; it has v, a, x2"):
         record.compare("w")
+
+
+def test_quantum_and_raw_unit_go_with_a_second_gain(tmp_path):
+    counts = np.round(1e4 * X)
+    record = dfc.read_record({"t": T, "u": U, "x [counts]": counts}, gain={"x": 1e-4})
+    record.to_csv(tmp_path / "run.csv")
+    doubled = dfc.read_record(tmp_path / "run.csv", gain={"x": 2.0})
+    assert record.quantum == pytest.approx(1e-4) and doubled.quantum == pytest.approx(2e-4)
+    assert doubled.raw["x"] == ("counts", pytest.approx(2e-4))
 
 
 def test_a_delay_of_a_channel_is_measured():

@@ -90,7 +90,7 @@ def read_channels(
         if suffix == ".mcap":
             table = read_mcap(path, columns, max_rows)
         elif suffix in _TABLES:
-            table = _TABLES[suffix](path)
+            table = _TABLES[suffix](path, max_rows)
         else:
             raise ValueError(_unsupported(path))
     elif isinstance(source, Mapping):
@@ -156,13 +156,21 @@ def _finished(
         notes += (f"time from a step of {step:g} s",)
     values, said = _from_first(values)
     found = to_si(values, stored, gain, units, where)
+    # What is known of the source goes with what is done to it now.
+    if isinstance(quantum, (int, float)):
+        quantum = float(quantum) * abs(found.raw.get("x", ("", 1.0))[1])
+    else:
+        quantum = None
+    for role, (unit, factor) in found.raw.items():
+        before = raw.get(role, (unit, 1.0))
+        raw = raw | {role: (before[0], before[1] * factor)}
     return Channels(
         found.values,
         found.units,
         notes + said + found.notes,
         name if isinstance(name, str) else None,
-        float(quantum) if isinstance(quantum, (int, float)) else None,
-        {**raw, **found.raw},
+        quantum,
+        raw,
         own,
     )
 
@@ -294,8 +302,8 @@ def _plain(series: Any) -> Any:
     return getattr(utc, "dt", utc).tz_localize(None).to_numpy()
 
 
-_TABLES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    ".mat": read_mat,
-    ".xlsx": lambda path: frame_columns(read_xlsx(path)),
-    ".parquet": lambda path: frame_columns(read_parquet(path)),
+_TABLES: dict[str, Callable[[Path, int], dict[str, Any]]] = {
+    ".mat": lambda path, _: read_mat(path),
+    ".xlsx": lambda path, _: frame_columns(read_xlsx(path)),
+    ".parquet": lambda path, max_rows: frame_columns(read_parquet(path, max_rows)),
 }

@@ -6,6 +6,8 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+from dryfric_control.records.readers.channels import too_long
+
 # Bytes that a spreadsheet may unpack to, at least, and per byte of the file: XML shrinks ten times.
 _ROOM, _RATIO = 2**26, 100
 
@@ -22,17 +24,19 @@ def read_xlsx(path: Path) -> Any:
     return _read(path, "read_excel", "openpyxl")
 
 
-def read_parquet(path: Path) -> Any:
-    """A Parquet file as a data frame."""
-    return _read(path, "read_parquet", "pyarrow")
+def read_parquet(path: Path, max_rows: int) -> Any:
+    """A Parquet file as a data frame, if it does not claim too many rows."""
+    return _read(path, "read_parquet", "pyarrow", max_rows)
 
 
-def _read(path: Path, function: str, engine: str) -> Any:
+def _read(path: Path, function: str, engine: str, max_rows: int | None = None) -> Any:
     """What pandas makes of a file, its many errors as one."""
     try:
         import pandas
 
-        return getattr(pandas, function)(path, engine=engine)
+        # Equal values take no room in a file, but do in memory.
+        rows = 0 if max_rows is None else _rows(path)
+        frame = None if rows > (max_rows or 0) else getattr(pandas, function)(path, engine=engine)
     except ImportError:
         raise ImportError(
             f"{path.name}: reading {path.suffix} needs pandas and {engine}: "
@@ -43,3 +47,13 @@ def _read(path: Path, function: str, engine: str) -> Any:
         raise ValueError(
             f"{path.name} is damaged or no {path.suffix} file ({type(problem).__name__}: {words})"
         ) from None
+    if frame is None:
+        raise ValueError(too_long(path.name, max_rows or 0))
+    return frame
+
+
+def _rows(path: Path) -> int:
+    """Rows that a Parquet file claims."""
+    from pyarrow.parquet import read_metadata
+
+    return int(read_metadata(path).num_rows)

@@ -340,6 +340,28 @@ def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
         dfc.read_record(write(tmp_path, log, "run.mcap"), columns={"x": "/encoder.x"})
 
 
+def test_mcap_of_ros_2(tmp_path):
+    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
+    file = io.BytesIO()
+    writer = writer_of(file)
+    text = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
+    for k in range(N):
+        joints = {
+            "name": ["a", "b"],
+            "position": [0.0, X[k]],
+            "velocity": [],
+            "effort": [0.0, U[k]],
+        }
+        stamp = 10**18 + 10**6 * k
+        writer.write_message("/joint_states", schema, joints, log_time=stamp, publish_time=stamp)
+    writer.finish()
+    path = write(tmp_path, file.getvalue(), "run.mcap")
+    record = dfc.read_record(path, columns={"u": "effort.1", "x": "position.1"})
+    same(record)
+    assert record.notes[0] == "left out: 'position.0', 'effort.0'"
+
+
 # -- what is kept ------------------------------------------------------------------------------------
 
 

@@ -183,8 +183,8 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
         raise ValueError(
             f"{name}: {role} is in {unit!r}, the axis has {wanted!r} (axis.units = {axis.units}). "
             f"Convert the record as it is read, gain={{'{role}': ...}} [{wanted} per {unit}] and "
-            f"units={{'{role}': '{wanted}'}}, or give the axis its numbers in {have[0]} and "
-            f"{have[1]} with units={have}"
+            f"units={{'{role}': '{wanted}'}}, or gain=dfc.Scaling(...), or give "
+            f"the axis its numbers in {have[0]} and {have[1]} with units={have}"
             + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
         )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record, restored
-from dryfric_control.store.axis_file import axis_from_dict, axis_text
+from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
 from dryfric_control.store.files import edited, read_document, write_document
 
 _PLAIN = (str, bool, int, type(None))
@@ -87,7 +86,7 @@ def _data(value: Any, known: set[str]) -> Any:
             "items": [[_data(k, known), _data(v, known)] for k, v in value.items()],
         }
     if isinstance(value, FrictionAxis):
-        return {"is": "axis", "toml": axis_text(value)}
+        return {"is": "axis", "of": axis_to_dict(value)}
     if isinstance(value, Record):
         return {"is": "record", "parts": [_data(part, known) for part in value.__reduce__()[1]]}
     name = type(value).__name__
@@ -113,7 +112,7 @@ def _value(data: Any, classes: dict[str, type]) -> Any:
     if kind == "dict":
         return {_value(k, classes): _value(v, classes) for k, v in data["items"]}
     if kind == "axis":
-        return axis_from_dict(tomllib.loads(data["toml"]))
+        return axis_from_dict(data["of"])
     if kind == "record":
         return restored(*(_value(part, classes) for part in data["parts"]))
     return classes[kind](**{k: _value(v, classes) for k, v in data["fields"].items()})

@@ -7,7 +7,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
-from dryfric_control.diagnosis.report.diagnosis import Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import Gain, Unexplained
 from dryfric_control.records.saved import load_object, save_object
 
 T = 1e-3 * np.arange(3000)
@@ -75,7 +75,7 @@ def test_what_was_changed_or_is_something_else_is_refused(fit, diagnosis, tmp_pa
         dfc.load_fit(tmp_path / "fti.json")
     text = (tmp_path / "fit.json").read_text()
     for changed in (
-        text.replace("mass = 2.0", "mass = 3.0"),
+        text.replace('"mass": 2.0', '"mass": 3.0'),
         text[:-40],
         text.replace("zero", "one"),
     ):
@@ -89,7 +89,7 @@ def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
     from dryfric_control.store.files import write_document
 
     for content in ({"is": "Fit", "fields": {}}, {"is": "os.system"}, {"no": 1}, [1], 3, "x",
-                    {"is": "axis", "toml": "mass = -1"}, {"is": "array", "dtype": "O", "shape": [1],
+                    {"is": "axis", "of": {"mass": -1}}, {"is": "array", "dtype": "O", "shape": [1],
                                                           "values": [None]}):  # fmt: skip
         write_document(tmp_path / "fit.json", "fit", 1, {"content": content})
         with pytest.raises(ValueError, match="is damaged"):

@@ -131,7 +131,7 @@ def test_the_result_is_printed_before_it_is_written(tmp_path, monkeypatch, capsy
     from types import SimpleNamespace
 
     import dryfric_control.diagnosis.diagnose
-    import dryfric_control.diagnosis.report.page  # noqa: F401
+    import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
 
     def full(found, folder):
         raise OSError(28, "No space left on device")
@@ -141,7 +141,7 @@ def test_the_result_is_printed_before_it_is_written(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(
         modules["dryfric_control.diagnosis.diagnose"], "diagnose", lambda *_, **__: found
     )
-    monkeypatch.setattr(modules["dryfric_control.diagnosis.report.page"], "write_report", full)
+    monkeypatch.setattr(modules["dryfric_control.diagnosis.report.diagnosis"], "write_report", full)
     (tmp_path / "axis.toml").write_text(AXIS)
     (tmp_path / "run.csv").write_text(table("t;u;x", (T, X, X)))
     files = [str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]

@@ -20,7 +20,7 @@ import numpy as np
 import dryfric_control as dfc
 from dryfric_control.diagnosis import evidence
 from dryfric_control.identification import FitWarning
-from dryfric_control.records.record import Record, read_bam, read_record
+from dryfric_control.records import Record, read_bam, read_record
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -25,7 +25,7 @@ from dryfric_control.identification import (
     identify_stribeck,
     replay_loop,
 )
-from dryfric_control.records.record import Record, read_bam, read_record
+from dryfric_control.records import Record, read_bam, read_record
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"

@@ -12,12 +12,14 @@ from dryfric_control.diagnosis import (
     diagnose_batch,
     next_experiment,
 )
+from dryfric_control.diagnosis.saved import load_diagnosis
 from dryfric_control.identification import (
     Fit,
     FitWarning,
     fit,
     identify_coulomb,
     identify_stribeck,
+    load_fit,
     replay,
     replay_loop,
     slow_ramp_experiment,
@@ -50,7 +52,7 @@ from dryfric_control.observer import (
     pi_observer,
     simulate_observed_loop,
 )
-from dryfric_control.records import Record, RecordWarning, read_bam, read_record
+from dryfric_control.records import Record, RecordWarning, Scaling, read_bam, read_record
 from dryfric_control.store.axis_file import read_axis, write_axis
 from dryfric_control.store.batch import run_batch
 
@@ -70,6 +72,7 @@ __all__ = [
     "PositionController",
     "Record",
     "RecordWarning",
+    "Scaling",
     "Stribeck",
     "__version__",
     "axis_block",
@@ -86,6 +89,8 @@ __all__ = [
     "laws",
     "load_compensation",
     "load_design",
+    "load_diagnosis",
+    "load_fit",
     "monte_carlo",
     "motion_profile",
     "next_experiment",

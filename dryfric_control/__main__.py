@@ -6,9 +6,13 @@ import argparse
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 from dryfric_control._version import __version__
+from dryfric_control.store.files import replacing
+
+_ROOM = 4_000_000  # bytes, more than a report takes
 
 
 def parser() -> argparse.ArgumentParser:
@@ -35,9 +39,13 @@ def parser() -> argparse.ArgumentParser:
     diagnose = commands.add_parser(
         "diagnose",
         help="find what a simulated axis gets wrong about a record, and why",
-        description="Writes report.html, report.png, diagnosis.json and extended.toml.",
+        description="Writes report.html, report.png, diagnosis.json and extended.toml. What the "
+        "options say of counts, gear and motor may also stand in the table [record] of the axis "
+        "file; an option goes before it.",
     )
-    diagnose.add_argument("record", metavar="RUN.csv", help="measured record (CSV or MAT)")
+    diagnose.add_argument(
+        "record", metavar="RUN.csv", help="measured record (CSV, MAT, xlsx, parquet)"
+    )
     diagnose.add_argument(
         "--axis", required=True, metavar="FILE", help="the axis as believed, TOML"
     )
@@ -57,10 +65,35 @@ def parser() -> argparse.ArgumentParser:
         help="units as stored, such as t=ms,x=mm, where the headings do not tell them",
     )
     diagnose.add_argument(
-        "--gain", type=float, default=1.0, metavar="K", help="factor on the input, such as N per V"
+        "--gain",
+        type=_gains,
+        metavar="K or u=..,x=..",
+        help="factor on the input, such as N per V, or factors by channel",
+    )
+    for option, metavar, words in (
+        ("--counts-per-turn", "N", "encoder counts per turn"),
+        ("--gear-ratio", "N", "turns of the motor per turn of the load"),
+        ("--lead", "M", "way of a linear axis per turn of the load [m]"),
+        ("--torque-constant", "K", "torque of the motor per current [N m/A]"),
+        ("--rated-torque", "T", "torque of the motor at 100 % [N m]"),
+        ("--force-constant", "K", "force of a linear motor per current [N/A]"),
+        ("--rated-force", "F", "force of a linear motor at 100 % [N]"),
+    ):
+        diagnose.add_argument(option, type=float, metavar=metavar, help=words)
+    diagnose.add_argument(
+        "--load-encoder", action="store_true", default=None, help="the encoder sits on the load"
     )
     diagnose.add_argument(
-        "--dt", type=float, metavar="S", help="resample irregular time stamps to this step [s]"
+        "--dt",
+        type=float,
+        metavar="S",
+        help="resample irregular time stamps to this step [s]; without a time column, the step",
+    )
+    diagnose.add_argument(
+        "--rate", type=float, metavar="HZ", help="samples per second of a file without time column"
+    )
+    diagnose.add_argument(
+        "--max-gap", type=float, metavar="S", help="longest gap that --dt may fill [s]"
     )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
     diagnose.set_defaults(run=_diagnose)
@@ -76,6 +109,17 @@ def _pairs(text: str) -> dict[str, str]:
             raise argparse.ArgumentTypeError(f"{part!r} must be such as u=force")
         pairs[role] = value
     return pairs
+
+
+def _gains(text: str) -> dict[str, float]:
+    """Factors by channel, a number alone being that of the input."""
+    pairs = _pairs(text if "=" in text else f"u={text}")
+    try:
+        return {role: float(value) for role, value in pairs.items()}
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be a number or such as u=35,x=1e-6"
+        ) from None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     matplotlib.use("Agg")
     try:
         chosen.run(chosen)
-    except (ValueError, OSError) as problem:
+    except (ValueError, OSError, ImportError) as problem:
         words = " ".join(str(problem).split())
         words = re.sub(r'columns=\{"(\w+)": \.\.\.\}', r"--columns \1=...", words)
         print(f"{parser().prog}: {words}", file=sys.stderr)
@@ -114,20 +158,53 @@ def _demo(chosen: argparse.Namespace) -> None:
 def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.records.record import read_record
+    from dryfric_control.records import Scaling, read_record
     from dryfric_control.store.axis_file import read_axis
+    from dryfric_control.units import check_units
 
     folder = Path(chosen.out)
+    axis = read_axis(chosen.axis)
+    given = {
+        item.name: value
+        for item in fields(Scaling)
+        if (value := getattr(chosen, item.name, None)) is not None
+    }
+    record = read_record(
+        chosen.record,
+        chosen.columns,
+        replace(Scaling.from_file(chosen.axis), **given),
+        units=chosen.units,
+        dt=chosen.dt,
+        rate=chosen.rate,
+        max_gap=chosen.max_gap,
+    )
+    check_units(axis, record, Path(chosen.record).name)
+    _make_room(folder)
+    found = diagnose(axis, record, progress=not chosen.quiet and sys.stderr.isatty())
+    print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
+    write_report(found, folder)
+    print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
+
+
+def _make_room(folder: Path) -> None:
+    """Make the folder of the results and see that it can be written, before any work."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")
-    axis = read_axis(chosen.axis)
-    record = read_record(
-        chosen.record, chosen.columns, chosen.gain, units=chosen.units, dt=chosen.dt
-    )
-    found = diagnose(axis, record, progress=not chosen.quiet and sys.stderr.isatty())
-    write_report(found, folder)
-    print(found.summary())
-    print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / "report.html.try") as part:
+            part.write_bytes(bytes(_ROOM))
+            raise _Enough
+    except _Enough:
+        return
+    except OSError as problem:
+        raise ValueError(
+            f"--out {folder} cannot be written ({problem.strerror}): name another folder"
+        ) from None
+
+
+class _Enough(Exception):  # noqa: N818  (no error: what was tried went well)
+    """Ends the trial of a folder, of which nothing stays."""
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from dryfric_control.observer.figures import (
     draw_position,
     draw_speed,
 )
-from dryfric_control.records.record import Record, read_record
+from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import replacing
 
 #: Part of the record that is fitted; the rest is held out.

@@ -6,6 +6,9 @@ with a ValueError that says something.  Anything else is a find.
 
 from __future__ import annotations
 
+import gzip
+import importlib.util
+import io
 import json
 import math
 import re
@@ -61,6 +64,39 @@ def _bam() -> bytes:
     return json.dumps(head | {"entries": entries}).encode()
 
 
+def _mcap() -> list[bytes]:
+    """A log of robots in plain chunks; none without the library."""
+    if importlib.util.find_spec("mcap") is None:
+        return []
+    from mcap.writer import CompressionType, Writer
+
+    file = io.BytesIO()
+    writer = Writer(file, compression=CompressionType.NONE)
+    writer.start()
+    channel = writer.register_channel(topic="/axis", message_encoding="json", schema_id=0)
+    for k in range(N):
+        data = json.dumps({"position": X[k], "effort": U[k], "mode": "on"}).encode()
+        writer.add_message(channel, log_time=10**6 * k, publish_time=10**6 * k, data=data)
+    writer.finish()
+    return [file.getvalue()]
+
+
+def _tables(folder: Path) -> dict[str, list[bytes]]:
+    """Spreadsheet and Parquet file; none without the libraries."""
+    found: dict[str, list[bytes]] = {"xlsx": [], "parquet": []}
+    if importlib.util.find_spec("pandas") is None:
+        return found
+    import pandas
+
+    frame = pandas.DataFrame({"t": T, "u": U, "x [mm]": 1e3 * X, "flag": 1})
+    for kind, library, write in (
+        ("xlsx", "openpyxl", frame.to_excel), ("parquet", "pyarrow", frame.to_parquet),
+    ):  # fmt: skip
+        if importlib.util.find_spec(library) is not None:
+            found[kind] = [_written(folder, f"a.{kind}", lambda p, w=write: w(p, index=False))]
+    return found
+
+
 def sound_files(folder: Path) -> dict[str, list[bytes]]:
     """Files that can be read, by the name of their reader."""
     rows = np.column_stack([T, U, X, REFERENCE])
@@ -79,14 +115,25 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
     def mat(path: Path, content: dict[str, Any], compressed: bool) -> None:
         savemat(path, content, do_compression=compressed)
 
-    return {
+    files = {
         "csv": [
             _csv(rows, "time [ms],force [N],pos [mm],ref [mm]"),
             _csv(rows, "t;u;x;reference", ";").replace(b".", b",").replace(b",,", b",0"),
             b"# a comment\n" + _csv(rows[:, :3], "t\tu\tx", "\t"),
             _written(folder, "own.csv", record.to_csv),
+            b"sep=;\nMeasured on a Monday\nt;u;x;v\ns;N;mm;m/s\n" + _csv(rows, "", ";").lstrip(),
+            b"% t u x\n" + _csv(rows[:, :3], "", " ").lstrip().replace(b"\n", b" \n"),
+            "\n".join(
+                ["t,u,x [counts]", *(f"{T[k]},{U[k]},{2**62 + k**2 % 97}" for k in range(N))]
+            ).encode(),
         ],
+        "gz": [gzip.compress(_csv(rows, "t,u,x,r"), mtime=0)],
+        "column": [b"pos [mm]\n" + b"\n".join(b"%.6f" % v for v in X), _csv(rows[:, :2], "% t u", " ")],
+        "mcap": _mcap(),
+        **_tables(folder),
+        "fit": [_written(folder, "fit.json", lambda p: _fit().save(p))],
         "mat": [
+            _written(folder, "d.mat", lambda p: savemat(p, named, format="4")),
             _written(folder, "a.mat", lambda p: mat(p, named, False)),
             _written(folder, "b.mat", lambda p: mat(p, named | {"s": {"a": [1, 2]}}, True)),
             _written(
@@ -101,6 +148,7 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
         "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
         "bam": [_bam()],
     }  # fmt: skip
+    return {kind: contents for kind, contents in files.items() if contents}
 
 
 # ----------------------------------------------------------------- damage
@@ -181,6 +229,18 @@ class Reader:
     sound: Callable[[Any], bool]
 
 
+def _fit() -> dfc.Fit:
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    t = 1e-3 * np.arange(600)
+    u = 20.0 * np.sin(30.0 * t)
+    record = dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0], name="run")
+    return dfc.fit(axis, record, free=("mass",), window=0.1)
+
+
+def _column(path: Path) -> dfc.Record:
+    return dfc.read_record({"t": T, "u": U, "x": path})
+
+
 def _record_sound(record: dfc.Record) -> bool:
     channels = [record.t, record.u, record.x]
     channels += [] if record.reference is None else [record.reference]
@@ -218,6 +278,12 @@ def _design_sound(design: dfc.ObserverDesign) -> bool:
 READERS = {
     "csv": Reader(".csv", dfc.read_record, _record_sound),
     "mat": Reader(".mat", dfc.read_record, _record_sound),
+    "gz": Reader(".csv.gz", dfc.read_record, _record_sound),
+    "column": Reader(".t", _column, _record_sound),
+    "xlsx": Reader(".xlsx", dfc.read_record, _record_sound),
+    "parquet": Reader(".parquet", dfc.read_record, _record_sound),
+    "mcap": Reader(".mcap", dfc.read_record, _record_sound),
+    "fit": Reader(".json", dfc.load_fit, lambda fit: len(fit.summary()) > 0),
     "axis": Reader(".toml", dfc.read_axis, _axis_sound),
     "design": Reader(".json", dfc.load_design, _design_sound),
     "bam": Reader(".json", dfc.read_bam, _log_sound),

@@ -192,7 +192,15 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Record.derivatives": (RECORD.derivatives, {}),
     "Record.to_csv": (RECORD.to_csv, dict(path="run.csv")),
     "Record.plot": (RECORD.plot, {}),
+    "Record.read": (RECORD.read, dict(positions=X, rng=np.random.default_rng(0))),
+    "Record.compare": (dfc.Record(T, U, X, channels={"v": U}).compare, dict(name="v")),
     "read_record": (dfc.read_record, dict(source={"t": T, "u": U, "x": X})),
+    "Scaling": (dfc.Scaling, {}),
+    "Scaling.of": (dfc.Scaling.of, dict(gain=2.0)),
+    "Scaling.from_dict": (dfc.Scaling.from_dict, dict(data={})),
+    "Scaling.from_file": (dfc.Scaling.from_file, dict(path="axis.toml")),
+    "load_fit": (dfc.load_fit, dict(path="fit.json")),
+    "load_diagnosis": (dfc.load_diagnosis, dict(path="diagnosis.json")),
     "read_bam": (dfc.read_bam, dict(path="log.json")),
     "read_axis": (dfc.read_axis, dict(path="axis.toml")),
     "write_axis": (dfc.write_axis, dict(axis=AXIS, path="/nowhere/axis.toml")),
@@ -693,7 +701,20 @@ rows(
     (dict(x=[*X[:-1].tolist(), None]), "convert it to float"),
     (dict(units={"x": "mm"}), r"x \* 0.001"),
     (dict(units={"t": "ms"}), "0.001"),
-    (dict(units={"v": "m/s"}), "t, u and x"),
+    (dict(units={"w": "m/s"}), "t, u and x"),
+    (dict(units={"x": "MM"}), "Did you mean 'mm'", "'MM' of x"),
+    (dict(units={"x": "N"}), "check the columns", "x cannot be in 'N'"),
+    (dict(u=U > 0), "astype", "u holds true and false"),
+    (dict(x=2**62 + np.arange(N)), r"pass x - x\[0\]", "x"),
+    (dict(quantum=1e50), "in the unit of x", "quantum"),
+    (dict(unwrap=1e-9), "period of the encoder", "unwrap"),
+    (dict(channels=3), "mapping", "channels"),
+    (dict(channels={"w": X}), "known are v, a, x2", "channels"),
+    (dict(channels={"v": X[:5]}), "one length", "channels"),
+    (dict(channels={"v": nan_at(X)}), "remove", "channels"),
+    (dict(raw=3), "mapping", "raw"),
+    (dict(raw={"x": "counts"}), "unit and a factor", "raw"),
+    (dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
     (dict(units=["m"]), "mapping"),
     (dict(units={"x": 3}), "text", "unit of x"),
     (dict(name=3), "text"),
@@ -725,6 +746,7 @@ rows(
     (dict(t=T[::-1]), "sort"),
     (dict(x=nan_at(X)), "remove"),
     (dict(units="m"), "mapping"),
+    (dict(channels={"v": X[:5]}), "one length"),
 )
 rows("Record.from_frame", (dict(frame=[1, 2]), "data frame"))
 rows(
@@ -769,6 +791,16 @@ rows(
     (dict(window=9999), "at most"),
     (dict(window=5.0), "odd"),
 )
+rows(
+    "Record.read",
+    (dict(positions=X[:5]), "give one each", "positions"),
+    (dict(positions=nan_at(X)), "remove these samples", "positions"),
+)
+rows(
+    "Record.compare",
+    (dict(name="w"), "it has v", "'w'"),
+    (dict(window=4), "odd"),
+)
 rows("Record.to_csv", (dict(path="run.xlsx"), "csv", "to_csv"))
 CASES.append(
     Case(
@@ -805,8 +837,50 @@ rows(
     (dict(max_rows=0), "positive"),
     (dict(max_rows=100), "max_rows=", "rows"),
     (dict(dt=-1e-3), "positive"),
+    (dict(rate=0.0), "positive"),
+    (dict(rate=1e3), "leave rate= out", "column of time"),
+    (dict(rate=1e3, dt=1e-3), "without a column of time", "rate and dt"),
+    (dict(max_gap=0.1), "give dt=", "max_gap"),
+    (dict(dt=1e-3, max_gap=-1.0), "positive", "max_gap"),
+    (dict(gain={"w": 2.0}), "channels are", "'w'"),
+    (dict(gain={"v": 2.0}), "it has t, u, x", "'v'"),
+    (dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
     (dict(unwrap=-1.0), "positive"),
     (dict(name=7), "text"),
+)
+rows(
+    "Scaling",
+    (dict(gain=3), "number or a mapping"),
+    (dict(gain={"x": 0.0}), "not zero", "gain"),
+    (dict(gain={"reference": 2.0}), "takes the gain of x"),
+    *(
+        (dict([(name, 0.0)]), "more than zero", name)
+        for name in (
+            "counts_per_turn",
+            "gear_ratio",
+            "lead",
+            "torque_constant",
+            "rated_torque",
+            "force_constant",
+            "rated_force",
+        )
+    ),
+    (dict(load_encoder="yes"), "True or False"),
+    (dict(rated_torque=1.0, rated_force=1.0), "a motor has one"),
+)
+rows("Scaling.of", (dict(gain="2"), "number"))
+rows(
+    "Scaling.from_dict",
+    (dict(data={"counts_per_trun": 1}), "Did you mean 'counts_per_turn'", "record.counts_per_trun"),
+)
+CASES.append(
+    Case(
+        "Scaling.from_file",
+        dict(path="/nowhere/a.toml"),
+        "no file",
+        "a.toml",
+        kind=FileNotFoundError,
+    )
 )
 CASES += [
     Case("read_record", dict(source=3), "path", "read_record", kind=TypeError),
@@ -843,7 +917,9 @@ files(
     ("newer.csv", "# dryfric-control record 99 {}\n" + columns(T, U, X), "format 99", "update"),
     ("torn.csv", "# dryfric-control record 1 {\n" + columns(T, U, X), "torn.csv", "remove it"),
     ("unit.csv", columns(T, U, X, heading="t [h],u,x"), "'h'", "use s, ms"),
-    ("run.xlsx", "t", "run.xlsx", "export it as CSV"),
+    ("run.xlsx", "t", "run.xlsx", "no .xlsx file"),
+    ("run.xls", "t", "run.xls", "or CSV"),
+    ("run.csv.gz", "t", "run.csv.gz", "not compressed by gzip"),
     ("run.json", "{}", "run.json", "read_bam"),
     ("run.foo", "t", "run.foo", "save it as CSV"),
     ("none.mat", "MATLAB 5.0", "none.mat", "no MAT-file"),
@@ -971,6 +1047,10 @@ CASES += [
         says="nowhere",
     ),
     Case("ObserverDesign.save", {}, "observer.json", "nowhere", kind=FileNotFoundError),
+    Case("load_fit", dict(path="/nowhere/f.json"), "no file", "f.json", kind=FileNotFoundError),
+    Case(
+        "load_diagnosis", dict(path="/nowhere/d.json"), "no file", "d.json", kind=FileNotFoundError
+    ),
 ]
 
 # ----------------------------------------------------------------- observer
@@ -1343,7 +1423,7 @@ def test_bad_input_is_told(case, tmp_path, monkeypatch):
 
 def test_sound_calls_are_sound():
     """What a row spoils works unspoiled, so that the row fails for its own reason."""
-    reads = ("read_", "load_", "write_", "to_csv", "from_frame", ".save", "fit", "presets", "Fit")
+    reads = ("read_", "load_", "write_", "to_csv", "from_f", ".save", "fit", "presets", "Fit")
     slow = ("diagnose", "next_experiment", "identify_", "slow_ramp", "monte_carlo", "design_pi")
     for name, (call, arguments) in SOUND.items():
         if not any(word in name for word in (*reads, *slow, "plot", "SimulationResponse")):

@@ -73,3 +73,78 @@ def test_a_missing_axis_file_is_told_with_a_guess(tmp_path, capsys):
     (tmp_path / "axis.toml").write_text(AXIS)
     assert main(["diagnose", "run.csv", "--axis", str(tmp_path / "axsi.toml")]) == 2
     assert "Did you mean 'axis.toml'?" in capsys.readouterr().err
+
+
+def test_gains_and_numbers_of_the_machine(run, tmp_path):
+    counts = np.round(1e5 * X)
+    text = table("t;u [%];x [counts]", (T, 100.0 * X, counts))
+    record = run(text, "--counts-per-turn", "4096", "--lead", "5e-3", "--rated-force", "200")
+    np.testing.assert_allclose(record.x, counts / 4096 * 5e-3)
+    np.testing.assert_allclose(record.u, 200.0 * X, atol=1e-6)
+    record = run(text, "--gain", "u=2,x=1e-6", "--units", "x=m, u=N")
+    np.testing.assert_allclose(record.x, 1e-6 * counts)
+    np.testing.assert_allclose(record.u, 200.0 * X, atol=1e-6)
+    (tmp_path / "axis.toml").write_text(
+        AXIS + "[record]\ncounts_per_turn = 4096\nlead = 5e-3\nrated_force = 100.0\n"
+    )
+    np.testing.assert_allclose(run(text).u, 100.0 * X, atol=1e-6)
+    np.testing.assert_allclose(run(text, "--rated-force", "200").u, 200.0 * X, atol=1e-6)
+    with pytest.raises(SystemExit):
+        run(text, "--gain", "u=two")
+
+
+def test_a_bad_table_of_the_machine_is_told(run, tmp_path, capsys):
+    (tmp_path / "axis.toml").write_text(AXIS + "[record]\ncounts_per_trun = 4096\n")
+    assert run(table("t;u;x", (T, X, X))) is None
+    assert "record.counts_per_trun is not known. Did you mean 'counts_per_turn'?" in (
+        capsys.readouterr().err
+    )
+
+
+def test_units_that_are_not_the_axis_s_are_refused(run, capsys):
+    assert run(table("t;u;x [counts]", (T, X, np.round(1e5 * X)))) is None
+    assert "run.csv: x is in 'counts', the axis has 'm'" in capsys.readouterr().err
+
+
+def test_a_file_without_time_takes_a_rate(run):
+    assert run(table("u;x", (X, X)), "--rate", "500").dt == 0.002
+
+
+def test_a_folder_that_cannot_be_made_is_found_before_the_work(run, tmp_path, capsys):
+    """It was found after the whole diagnosis, whose result was lost."""
+    (tmp_path / "file").write_text("")
+    assert run(table("t;u;x", (T, X, X)), "--out", str(tmp_path / "file" / "results")) is None
+    assert "results cannot be written (Not a directory): name another" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_found_before_the_work(run, tmp_path, monkeypatch, capsys):
+    def full(self, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    assert run(table("t;u;x", (T, X, X))) is None
+    assert "cannot be written (No space left on device)" in capsys.readouterr().err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_the_result_is_printed_before_it_is_written(tmp_path, monkeypatch, capsys):
+    from types import SimpleNamespace
+
+    import dryfric_control.diagnosis.diagnose
+    import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
+
+    def full(found, folder):
+        raise OSError(28, "No space left on device")
+
+    found = SimpleNamespace(summary=lambda: "verdict: explained")
+    modules = sys.modules
+    monkeypatch.setattr(
+        modules["dryfric_control.diagnosis.diagnose"], "diagnose", lambda *_, **__: found
+    )
+    monkeypatch.setattr(modules["dryfric_control.diagnosis.report.diagnosis"], "write_report", full)
+    (tmp_path / "axis.toml").write_text(AXIS)
+    (tmp_path / "run.csv").write_text(table("t;u;x", (T, X, X)))
+    files = [str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
+    assert main(["diagnose", *files, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert "verdict: explained" in said.out and "No space left" in said.err

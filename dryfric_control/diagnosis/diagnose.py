@@ -29,6 +29,7 @@ from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.ties import ranked, samples
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -123,6 +124,7 @@ def diagnose(
     window = positive("window", window, unit="s")
     axis = axis.effective()
     windows = cut(record, window, hold)
+    check_units(axis, record)
     warn_if_implausible(axis, record)
     if len(windows) < _LEAST_WINDOWS:
         raise ValueError(
@@ -215,6 +217,7 @@ def diagnose_batch(
     cases: dict[Any, Record] = {}
     for name, record in named:
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
+        check_units(axis, record, f"records[{name!r}]")
         try:
             cut(record, window, hold)
         except ValueError as problem:

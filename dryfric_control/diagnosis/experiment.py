@@ -20,6 +20,7 @@ from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result, fields_of
 from dryfric_control.ties import above, ranked
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -392,6 +393,7 @@ def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[Friction
             f"record must be a Record, got {type(record).__name__}: use dfc.read_record(...) or "
             "dfc.Record(t=..., u=..., x=...)"
         )
+    check_units(axis, record)
     if limits is not None and not isinstance(limits, Limits):
         raise ValueError(f"limits must be Limits(travel=..., drive=..., speed=...), got {limits!r}")
     return rivals

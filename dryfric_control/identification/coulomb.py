@@ -28,6 +28,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -254,6 +255,7 @@ def identify_coulomb(
     instance("record", record, Record)
     if axis is not None:
         instance("axis", axis, FrictionAxis)
+        check_units(axis, record)
     pieces = average(record)
     for s, name in ((1, "positive"), (-1, "negative")):
         count = int(np.sum(pieces.direction == s))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -31,8 +32,10 @@ from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.records.saved import load_object, save_object
 from dryfric_control.text import Result, plain_data
 from dryfric_control.ties import SQUARES, ranked
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -182,6 +185,18 @@ class Fit(Result):
         shift = self.parameters.get("input_shift", 0.0)
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the fit with its records to a JSON file.
+
+        `load_fit` reads it.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
+        save_object(self, path, "fit", 1, _SAVED)
+
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
         rows: list[tuple[str, ...]] = [("parameter", "value", "std. error", "90 % interval")]
@@ -238,6 +253,48 @@ class Fit(Result):
         legend_above(top)
         _draw_errors(bottom, self.training, length)
         return f"{axis.name}: fit"
+
+
+_SAVED = (Fit, Replay, Windows, Parameter)
+
+
+def load_fit(path: str | os.PathLike[str]) -> Fit:
+    """Read a fit back as it was.
+
+    Parameters
+    ----------
+    path : path-like
+        File written by `Fit.save`.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ValueError
+        If the file is no fit, of another version, or was changed.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
+    >>> record = dfc.Record(t, u, true.simulate(u, dt=1e-3).y[0])
+    >>> found = dfc.fit(true, record, free=("mass",))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.save(pathlib.Path(folder, "fit.json"))
+    ...     again = dfc.load_fit(pathlib.Path(folder, "fit.json"))
+    >>> again.parameters == found.parameters, again.interval() == found.interval()
+    (True, True)
+    """
+    found: Fit = load_object(path, "fit", 1, _SAVED)
+    return found
 
 
 def fit(
@@ -342,6 +399,7 @@ def fit(
     whole("jobs", jobs)
     parts = [cut(r, window, hold) for r in records]
     for r in records:
+        check_units(axis, r)
         warn_if_implausible(axis, r)
     return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
 

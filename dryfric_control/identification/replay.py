@@ -17,6 +17,7 @@ from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.text import Result, length_text
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -171,6 +172,7 @@ def replay(
     instance("axis", axis, FrictionAxis)
     shift = finite("shift", shift, unit="s")
     windows = cut(record, window, hold)
+    check_units(axis, record)
     positions = windows.run(axis, shift)
     quantum = record.quantum or QUANTA * record.resolution.deviation
     rms = np.sqrt(windows.mean_squares(positions - record.x))
@@ -285,6 +287,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     instance("axis", axis, FrictionAxis)
     instance("record", record, Record)
     instance("controller", controller, PositionController)
+    check_units(axis, record)
     if record.reference is None:
         raise ValueError("record has no reference: a closed loop cannot be replayed without")
     if abs(controller.dt - record.dt) > 1e-6 * record.dt:

@@ -16,7 +16,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
-from dryfric_control.records.readers.sources import MAX_ROWS
+from dryfric_control.records.readers.channels import MAX_ROWS
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import MIN_SAMPLES
 from dryfric_control.store.files import replacing

@@ -28,6 +28,7 @@ from dryfric_control.model.loops import PositionController
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above, ranked
+from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
@@ -296,6 +297,7 @@ def identify_stribeck(
     """
     instance("axis", axis, FrictionAxis)
     instance("record", record, Record)
+    check_units(axis, record)
     if not isinstance(free, Sequence):
         raise ValueError(f"free must hold names such as 'mass', got {free!r}")
     if controller is not None:

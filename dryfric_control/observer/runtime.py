@@ -23,6 +23,7 @@ from dryfric_control.drawing import (
     title_above,
 )
 from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.units import check_units
 
 Array = NDArray[np.float64]
 
@@ -202,8 +203,8 @@ class ObserverResponse(ct.TimeResponseData):
 
 def observe(
     design: ObserverDesign,
-    u: ArrayLike,
-    y: ArrayLike,
+    u: Any,
+    y: ArrayLike | None = None,
     *,
     xhat0: float | None = None,
     vhat0: float = 0.0,
@@ -217,9 +218,10 @@ def observe(
     ----------
     design : ObserverDesign
         The observer.
-    u : array_like, shape (n,)
-        Drive force at the samples [N].
-    y : array_like, shape (n,)
+    u : array_like, shape (n,), or Record
+        Drive force at the samples [N]; a record brings `y` with it, and its step and units are
+        held against those of the design.
+    y : array_like, shape (n,), optional
         Measured position at the samples [m].
     xhat0 : float, optional
         First estimate of the position [m].  Default: the first reading.
@@ -239,8 +241,8 @@ def observe(
     Raises
     ------
     ValueError
-        If `u` and `y` are not finite records of one length, or another
-        argument is out of its range.
+        If `u` and `y` are not finite records of one length, the record has another step
+        or other units than the design, or another argument is out of its range.
 
     Examples
     --------
@@ -255,6 +257,17 @@ def observe(
     >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
     True
     """
+    start = 0.0
+    if y is None and hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
+        check_units(design.axis, u)
+        if abs(u.dt / design.dt - 1.0) > 1e-6:
+            raise ValueError(
+                f"record.dt is {u.dt:g} s and design.dt {design.dt:g} s: design with "
+                f"dt={u.dt:g}, or pass record.resampled({design.dt:g})"
+            )
+        start, u, y = float(u.t[0]), u.u, u.x
+    elif y is None:
+        raise ValueError("y is missing: give u and y, or a Record in place of both")
     drive, reading = samples("u", u), samples("y", y)
     if drive.size != reading.size:
         raise ValueError(
@@ -265,7 +278,7 @@ def observe(
     out = np.empty((drive.size, kernel.OUTPUTS))
     kernel.run(*arrays, memory, drive, reading, out)
     return ObserverResponse(
-        np.asarray(np.arange(drive.size) * design.dt, dtype=float),
+        np.asarray(start + np.arange(drive.size) * design.dt, dtype=float),
         np.ascontiguousarray(out.T),
         drive,
         reading,

@@ -24,9 +24,7 @@ import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.checks import positive_number
-from dryfric_control.records.readers.bam_log import read_bam_entries
-from dryfric_control.records.readers.channels import Channels
-from dryfric_control.records.readers.sources import MAX_ROWS, read_channels
+from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
@@ -34,9 +32,12 @@ from dryfric_control.records.record_checks import (
     RecordWarning,
     check_motion,
     checked_notes,
+    checked_raw,
     checked_units,
     estimated_quantum,
+    extra_vectors,
     increasing_steps,
+    plain_text,
     resample,
     uniform_step,
     unwrapped,
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     import control
     import pandas
 
-__all__ = ["Derivatives", "Record", "RecordWarning", "read_bam", "read_record"]
+__all__ = ["Derivatives", "Record", "RecordWarning"]
 
 _WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
 
@@ -84,8 +85,8 @@ class Record:
     reference : array_like, shape (n,), optional
         Commanded position.
     units : mapping, optional
-        Units of ``t``, ``u`` and ``x``, such as ``{"u": "N", "x": "m"}``. Labels,
-        kept through every operation; scaled units such as mm are refused.
+        Units of the channels, such as ``{"u": "N", "x": "m"}``, kept through every
+        operation and held against those of an axis; scaled units such as mm are refused.
     name : str, optional
         Title in plots and tables.
     notes : sequence of str, optional
@@ -95,6 +96,12 @@ class Record:
     unwrap : float, optional
         Period of an encoder that wraps around [unit of x]; jumps of more
         than half of it are undone.
+    channels : mapping, optional
+        Measured velocity ``"v"``, acceleration ``"a"`` and position of a second
+        encoder ``"x2"``, each shape (n,); kept and cut with the rest, see `compare`.
+    raw : mapping, optional
+        Unit in which a channel was stored and the factor that made it what it is, such
+        as ``{"x": ("counts", 1e-6)}``.
 
     Attributes
     ----------
@@ -139,6 +146,8 @@ class Record:
     units: Mapping[str, str]
     name: str | None
     notes: tuple[str, ...]
+    channels: Mapping[str, FloatArray]
+    raw: Mapping[str, tuple[str, float]]
 
     def __init__(
         self,
@@ -152,6 +161,8 @@ class Record:
         notes: Sequence[str] = (),
         quantum: float | None = None,
         unwrap: float | None = None,
+        channels: Mapping[str, npt.ArrayLike] | None = None,
+        raw: Mapping[str, tuple[str, float]] | None = None,
     ) -> None:
         labels = checked_units(units)
         if name is not None and not isinstance(name, str):
@@ -160,13 +171,20 @@ class Record:
             quantum = positive_number("quantum", quantum, zero_allowed=True)
         notes = checked_notes(notes)
         tv, uv, xv, rv = vectors(t, u, x, reference)
+        more, stored = extra_vectors(channels, tv.size), checked_raw(raw)
         dt = uniform_step(tv)
         if unwrap is not None:
             xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
             notes += (f"x unwrapped with period {unwrap:g}",)
         check_motion(uv, xv)
-        warn_if_suspect(dt, uv)
-        self._set(tv, uv, xv, rv, dt, labels, name, notes)
+        if quantum is not None and quantum > np.ptp(xv):
+            raise ValueError(
+                f"quantum = {quantum:g} is larger than the range of x, {np.ptp(xv):.6g}: give it "
+                "in the unit of x"
+            )
+        warn_if_suspect(tv, dt, uv)
+        name = None if name is None else plain_text(name)
+        self._set(tv, uv, xv, rv, dt, labels, name, notes, more, stored)
         if quantum is not None:
             self.__dict__["quantum"] = quantum or None
 
@@ -180,13 +198,16 @@ class Record:
         units: Mapping[str, str],
         name: str | None,
         notes: tuple[str, ...],
+        channels: Mapping[str, FloatArray],
+        raw: Mapping[str, tuple[str, float]],
     ) -> None:
-        for array in (t, u, x, reference):
+        for array in (t, u, x, reference, *channels.values()):
             if array is not None:
                 array.setflags(write=False)
         self.__dict__.update(
             t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes,
-            units=MappingProxyType(dict(units)),
+            units=MappingProxyType(dict(units)), channels=MappingProxyType(dict(channels)),
+            raw=MappingProxyType(dict(raw)),
         )  # fmt: skip
 
     def _derived(
@@ -197,18 +218,19 @@ class Record:
         reference: FloatArray | None,
         dt: float,
         note: str = "",
+        channels: Mapping[str, FloatArray] | None = None,
     ) -> Record:
         """A record made from this one; a part of it may well stand still."""
         part = object.__new__(Record)
         notes = self.notes + ((note,) if note else ())
-        part._set(t, u, x, reference, dt, self.units, self.name, notes)
+        part._set(t, u, x, reference, dt, self.units, self.name, notes, channels or {}, self.raw)
         part.__dict__["quantum"] = self.quantum
         return part
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (
+        return restored, (
             self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
-            self.notes, self.quantum,
+            self.notes, self.quantum, dict(self.channels), dict(self.raw),
         )  # fmt: skip
 
     # ------------------------------------------------------------ properties
@@ -224,9 +246,11 @@ class Record:
         pairs = [(self.t, other.t), (self.u, other.u), (self.x, other.x)]
         if self.reference is not None and other.reference is not None:
             pairs.append((self.reference, other.reference))
+        pairs += [(self.channels[k], other.channels.get(k, np.empty(0))) for k in self.channels]
         return (
             self.units == other.units
             and self.name == other.name
+            and self.channels.keys() == other.channels.keys()
             and all(np.array_equal(a, b) for a, b in pairs)
         )
 
@@ -249,7 +273,7 @@ class Record:
         The largest step of which at least 98 % of the differences between
         positions are whole multiples (within a tenth).
         """
-        return estimated_quantum(self.x)
+        return estimated_quantum(self.x, self.raw.get("x", ("", 1.0))[1])
 
     @cached_property
     def noise(self) -> float:
@@ -353,7 +377,8 @@ class Record:
             )
         part = slice(start, stop)
         r = None if self.reference is None else self.reference[part]
-        return self._derived(self.t[part], self.u[part], self.x[part], r, self.dt)
+        more = {name: values[part] for name, values in self.channels.items()}
+        return self._derived(self.t[part], self.u[part], self.x[part], r, self.dt, channels=more)
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -469,6 +494,7 @@ class Record:
         return self._derived(
             self.t[pick].copy(), u, self.x[pick].copy(), r, self.dt * int(factor),
             f"decimated by {factor}",
+            {name: values[pick].copy() for name, values in self.channels.items()},
         )  # fmt: skip
 
     def resampled(self, dt: float) -> Record:
@@ -484,8 +510,13 @@ class Record:
         Record
         """
         dt = positive_number("dt", dt)
-        t, u, x, r = resample(self.t, self.u, self.x, self.reference, dt, "zero", "monotone")
-        return self._derived(t, u, x, r, dt, f"resampled from {self.dt:g} s to {dt:g} s")
+        others = dict(self.channels) | {"x": self.x}
+        if self.reference is not None:
+            others["reference"] = self.reference
+        t, u, others = resample(self.t, self.u, others, dt, "zero", "monotone")
+        x, r = others.pop("x"), others.pop("reference", None)
+        note = f"resampled from {self.dt:g} s to {dt:g} s"
+        return self._derived(t, u, x, r, dt, note, others)
 
     @classmethod
     def from_irregular(
@@ -520,7 +551,8 @@ class Record:
             Longest step that may be filled [s], 5 median steps when left
             out.
         **options
-            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap`` of `Record`.
+            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw`` of
+            `Record`.
 
         Returns
         -------
@@ -550,10 +582,17 @@ class Record:
             xv, rv = unwrapped(xv, rv, positive_number("unwrap", period))
         check_motion(uv, xv)
         if options.get("quantum") is None:
-            options["quantum"] = estimated_quantum(xv) or 0.0
+            factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
+            options["quantum"] = estimated_quantum(xv, factor) or 0.0
         note = f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         options["notes"] = (*checked_notes(options.get("notes", ())), note)
-        return cls(*resample(tv, uv, xv, rv, step, hold, interpolation), **options)
+        others = extra_vectors(options.pop("channels", None), tv.size) | {"x": xv}
+        if rv is not None:
+            others["reference"] = rv
+        grid, held, others = resample(tv, uv, others, step, hold, interpolation)
+        return cls(
+            grid, held, others.pop("x"), others.pop("reference", None), channels=others, **options
+        )
 
     @classmethod
     def split_at_gaps(
@@ -565,12 +604,13 @@ class Record:
         *,
         units: Mapping[str, str] | None = None,
         name: str | None = None,
+        channels: Mapping[str, npt.ArrayLike] | None = None,
     ) -> tuple[Record, ...]:
         """One record for each stretch without a gap in time.
 
         Parameters
         ----------
-        t, u, x, reference, units, name
+        t, u, x, reference, units, name, channels
             As for `Record`.
 
         Returns
@@ -587,7 +627,9 @@ class Record:
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         check_motion(uv, xv)
         whole = object.__new__(cls)
-        whole._set(tv, uv, xv, rv, float(np.median(steps)), checked_units(units), name, ())
+        more = extra_vectors(channels, tv.size)
+        labels = checked_units(units)
+        whole._set(tv, uv, xv, rv, float(np.median(steps)), labels, name, (), more, {})
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -647,6 +689,45 @@ class Record:
             *(savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
         )
 
+    def compare(self, name: str, window: int | None = None) -> Comparison:
+        """A measured channel against what the position says of it.
+
+        Parameters
+        ----------
+        name : {"v", "a", "x2"}
+            Velocity, acceleration or position of the second encoder.
+        window : int, optional
+            Smoothing of the position, as in `derivatives`.
+
+        Returns
+        -------
+        Comparison
+            Named tuple ``(gain, offset, delay, rms)``: the channel is close to gain * expected +
+            offset, `delay` later.
+
+        Raises
+        ------
+        ValueError
+            If the record has no such channel, or its position stands still.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> v = 60 / (2 * np.pi) * 7.0 * np.cos(7.0 * t)     # in rpm, by mistake
+        >>> record = dfc.Record(t, np.cos(t), np.sin(7.0 * t), channels={"v": v})
+        >>> round(record.compare("v").gain, 2)
+        9.55
+        """
+        if name not in self.channels:
+            raise ValueError(
+                f"the record has no channel {name!r}; it has {', '.join(self.channels) or 'none'}"
+            )
+        smooth = self.derivatives(window)
+        expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
+        return compared(np.asarray(expected), self.channels[name], self.dt)
+
     # -------------------------------------------------------------- exchange
 
     @classmethod
@@ -672,6 +753,9 @@ class Record:
         -------
         Record
         """
+        # Here: the readers make records.
+        from dryfric_control.records.read import read_record
+
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
         return read_record(frame, columns, **options)
@@ -723,10 +807,12 @@ class Record:
         channels = {"t": self.t, "u": self.u, "x": self.x}
         if self.reference is not None:
             channels["reference"] = self.reference
+        channels |= self.channels
         return {self._label(role, role): array for role, array in channels.items()}
 
     def _meta(self) -> dict[str, Any]:
-        return {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes)}
+        kept = {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes)}
+        return kept | ({"raw": {k: list(v) for k, v in self.raw.items()}} if self.raw else {})
 
     def _label(self, text: str, role: str) -> str:
         unit = self.units.get("x" if role == "reference" else role)
@@ -750,6 +836,8 @@ class Record:
             ("input", f"{self.u.min():.6g} to {self.u.max():.6g}{unit_u}"),
             ("position", f"{self.x.min():.6g} to {self.x.max():.6g}{unit_x}"),
             ("reference", "yes" if self.reference is not None else "no"),
+            *(("channel", self._label(name, name)) for name in self.channels),
+            *(("raw", f"{k}: {f:.6g} per {u or 'unit'}") for k, (u, f) in self.raw.items()),
             ("quantum", quantum),
             ("noise", f"{self.noise:.3g}{unit_x}"),
             *(("note", n) for n in self.notes),
@@ -806,163 +894,10 @@ class Record:
         return control_plot(axes)
 
 
-def _restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
-              quantum: float | None) -> Record:  # fmt: skip
+def restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
+              quantum: float | None, channels: Any, raw: Any) -> Record:  # fmt: skip
+    """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
-    record._set(t, u, x, r, dt, units, name, notes)
+    record._set(t, u, x, r, dt, units, name, notes, channels, raw)
     record.__dict__["quantum"] = quantum
     return record
-
-
-# ------------------------------------------------------------------- readers
-
-
-def read_record(
-    source: str | os.PathLike[str] | Mapping[str, Any] | Any,
-    columns: Mapping[str, str | int | None] | None = None,
-    gain: float = 1.0,
-    *,
-    units: Mapping[str, str] | None = None,
-    name: str | None = None,
-    dt: float | None = None,
-    unwrap: float | None = None,
-    max_rows: int = MAX_ROWS,
-) -> Record:
-    """Read a record from a file, data frame or mapping.
-
-    Parameters
-    ----------
-    source : path-like, DataFrame or mapping
-        Delimited text (.csv, .tsv, .txt, .dat; comma, semicolon, tab or blanks;
-        decimal comma unless commas separate; ``#`` comments; with or without headings), a
-        MAT-file up to version 7, or arrays by name.
-    columns : mapping, optional
-        Heading or index for any of ``t``, ``u``, ``x``, ``reference``
-        (None: no reference). The rest is recognised by usual names; without headings, three or
-        four columns are t, u, x, reference in this order. In the EMPS benchmark layout
-        (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is gtau * vir.
-    gain : float
-        Factor on ``u``, such as N per V.
-    units : mapping, optional
-        Units of ``t`` and ``x`` as stored, of ``u`` after the gain, where the
-        headings (``x [mm]``, ``time (ms)``, ``u / N``) do not tell them.
-    name : str, optional
-        Title; the file's name when left out.
-    dt : float, optional
-        Resample irregular time stamps to this step [s], see
-        `Record.from_irregular`.
-    unwrap : float, optional
-        Encoder period [unit of x], see `Record`.
-    max_rows : int
-        Longer sources are refused.
-
-    Returns
-    -------
-    Record
-        In SI units; ``record.notes`` lists what was converted.
-
-    Raises
-    ------
-    FileNotFoundError, IsADirectoryError
-        When the path leads to no file.
-    TypeError
-        When the source is of another kind.
-    ValueError
-        For everything wrong inside, with row and column.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = np.arange(0, 2000.0)
-    >>> record = dfc.read_record({"time [ms]": t, "force": np.cos(t), "pos [mm]": np.sin(t / 99)})
-    >>> record.dt, dict(record.units)
-    (0.001, {'t': 's', 'x': 'm'})
-    >>> record.notes
-    ('t converted from ms to s', 'x converted from mm to m')
-    """
-    found: Channels = read_channels(source, columns, gain, units, max_rows)
-    options: dict[str, Any] = {
-        "units": found.units,
-        "name": found.name if name is None else name,
-        "notes": found.notes,
-        "quantum": found.quantum,
-        "unwrap": unwrap,
-    }
-    if dt is not None:
-        return Record.from_irregular(**found.values, dt=dt, **options)
-    return Record(**found.values, **options)
-
-
-def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:
-    """Read a servo log of the BAM project (JSON).
-
-    Parameters
-    ----------
-    path : path-like
-        Log of an XL330 servo that drives a pendulum.
-    dt : float, optional
-        Step of the uniform record [s]; the median step when left out.
-
-    Returns
-    -------
-    dict
-        ``record``: `Record` with u = duty * supply [V] and x [rad], 0 hanging;
-        ``volts`` [V], ``temperature`` [deg C] and ``torque_enable`` (bool), each shape (n,), held
-        onto the record's time; and the head of the log: ``mass`` [kg], ``length`` [m], ``kp``,
-        ``vin`` [V], ``motor``, ``trajectory``.
-
-    Raises
-    ------
-    FileNotFoundError, IsADirectoryError
-        When the path leads to no file.
-    ValueError
-        When the file is no such log or its data cannot be used.
-
-    Notes
-    -----
-    The torque is kt/R u - kt^2/R v. Where ``torque_enable`` is false there is neither, not even
-    the second term: leave these samples out of a fit, or treat them as a passive pendulum.
-    Time stamps 3.5 to 7 ms apart are resampled, see `Record.from_irregular`.
-
-    Examples
-    --------
-    A log as the project writes it, here one that is made up:
-
-    >>> import json, math, pathlib, tempfile
-    >>> import dryfric_control as dfc
-    >>> entries = [
-    ...     {"timestamp": 5e-3 * k, "position": math.sin(0.02 * k), "speed": 0.0,
-    ...      "goal_position": 0.0, "load": 177 + k % 2, "input_volts": 5.0, "temp": 30.0,
-    ...      "torque_enable": True}
-    ...     for k in range(400)
-    ... ]
-    >>> head = {"mass": 0.1, "length": 0.15, "kp": 100, "vin": 5.0, "motor": "xl330",
-    ...         "trajectory": "sin"}
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "log.json")
-    ...     _ = path.write_text(json.dumps(head | {"entries": entries}))
-    ...     log = dfc.read_bam(path, dt=5e-3)
-    >>> log["kp"], len(log["record"]), float(log["record"].u[0])
-    (100, 400, 1.0)
-    """
-    head, log = read_bam_entries(path)
-    enabled = log["torque_enable"] != 0
-    record = Record.from_irregular(
-        log["timestamp"],
-        np.where(enabled, log["duty"] * log["input_volts"], 0.0),
-        log["position"],
-        log["goal_position"],
-        dt=dt,
-        units={"u": "V", "x": "rad"},
-        name=Path(path).stem,
-        notes=("u = PWM duty * supply voltage",),
-    )
-    held = np.searchsorted(log["timestamp"], record.t + 1e-6 * record.dt, side="right") - 1
-    return {
-        **head,
-        "record": record,
-        "volts": log["input_volts"][held],
-        "temperature": log["temp"][held],
-        "torque_enable": enabled[held],
-    }

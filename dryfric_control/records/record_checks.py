@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from dryfric_control.records.readers.channels import si_unit
-from dryfric_control.records.readers.sources import MAX_ROWS
+from dryfric_control.checks import finite
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
 from dryfric_control.ties import NEAR
+from dryfric_control.units import si_unit
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,6 +52,27 @@ def warn(message: str) -> None:
     warnings.warn(message, RecordWarning, stacklevel=4)
 
 
+def plain_text(text: str) -> str:
+    """Text without control characters, which no page or table shows."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def checked_raw(raw: Any) -> dict[str, tuple[str, float]]:
+    """Raw unit and factor by channel."""
+    if raw is not None and not isinstance(raw, Mapping):
+        raise ValueError(f'raw must be a mapping such as {{"x": ("counts", 1e-6)}}, got {raw!r}')
+    found: dict[str, tuple[str, float]] = {}
+    for role, value in (raw or {}).items():
+        try:
+            unit, factor = value
+        except (TypeError, ValueError):
+            raise ValueError(f"raw[{role!r}] must be a unit and a factor, got {value!r}") from None
+        if not isinstance(unit, str):
+            raise ValueError(f"raw[{role!r}] must begin with the name of a unit, got {unit!r}")
+        found[str(role)] = plain_text(unit), finite(f"raw[{role!r}]", factor)
+    return found
+
+
 def checked_notes(notes: Any) -> tuple[str, ...]:
     """Notes as a tuple of texts."""
     if isinstance(notes, str) or not isinstance(notes, Iterable):
@@ -59,7 +81,7 @@ def checked_notes(notes: Any) -> tuple[str, ...]:
     for note in notes:
         if not isinstance(note, str):
             raise ValueError(f"notes must hold text, got {note!r}")
-    return notes
+    return tuple(map(plain_text, notes))
 
 
 def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
@@ -68,7 +90,7 @@ def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
         raise ValueError(f'units must be a mapping such as {{"x": "m"}}, got {units!r}')
     labels = {"t": "s"}
     for role, unit in (units or {}).items():
-        if role not in ("t", "u", "x"):
+        if role not in ("t", "u", "x", *EXTRAS):
             raise ValueError(f"units: {role!r} is no channel; the channels are t, u and x")
         if unit == "" or unit is None:
             continue
@@ -96,6 +118,7 @@ def vector(name: str, value: Any) -> FloatArray:
     except ValueError as err:
         raise ValueError(f"{name} is no array of numbers (rows of unequal length?)") from err
     mend = {
+        "b": "holds true and false, not numbers; the wrong column? If meant, .astype(float)",
         "c": "is complex; pass its real part",
         "U": "holds text; convert it with np.asarray(..., dtype=float)",
         "S": "holds text; convert it with np.asarray(..., dtype=float)",
@@ -111,6 +134,11 @@ def vector(name: str, value: Any) -> FloatArray:
         raise ValueError(f"{name} must be 1-D, got shape {array.shape}{hint}")
     if array.size == 0:
         raise ValueError(f"{name} is empty")
+    if array.dtype.kind in "iu" and max(abs(int(array.max())), abs(int(array.min()))) > 2**53:
+        raise ValueError(
+            f"{name} holds whole numbers beyond 2^53, such as {array[0]}, which float64 cannot "
+            f"tell apart; pass {name} - {name}[0]"
+        )
     with np.errstate(over="ignore"):  # beyond float64 becomes inf, told below
         out = np.array(array, dtype=np.float64)
     bad = ~np.isfinite(out)
@@ -124,6 +152,23 @@ def vector(name: str, value: Any) -> FloatArray:
     if abs(out[k]) > _MAX_MAGNITUDE:
         raise ValueError(f"{name}[{k}] = {out[k]:g} is no physical value; check the column")
     return out
+
+
+def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
+    """Velocity, acceleration and second position as vectors of a length."""
+    if channels is not None and not isinstance(channels, Mapping):
+        raise ValueError(f'channels must be a mapping such as {{"v": speed}}, got {channels!r}')
+    found = {}
+    for name, values in (channels or {}).items():
+        if name not in EXTRAS:
+            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
+        found[name] = vector(f"channels[{name!r}]", values)
+        if found[name].size != size:
+            raise ValueError(
+                f"channels[{name!r}] has {found[name].size} samples but t has {size}; cut them to "
+                "one length"
+            )
+    return found
 
 
 def vectors(
@@ -251,6 +296,12 @@ def unwrapped(
     x: FloatArray, reference: FloatArray | None, period: float
 ) -> tuple[FloatArray, FloatArray | None]:
     """Position and reference without the jumps of a periodic encoder."""
+    steps = np.abs(np.diff(x))
+    if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
+        raise ValueError(
+            f"unwrap = {period:g} is shorter than twice most steps of x, {np.median(steps):.4g} "
+            "usually: it is the period of the encoder in the unit of x"
+        )
     x = np.unwrap(x, period=period)
     if reference is not None:
         reference = np.unwrap(reference, period=period)
@@ -258,14 +309,22 @@ def unwrapped(
     return x, reference
 
 
-def warn_if_suspect(dt: float, u: FloatArray) -> None:
+# Suspected unit of time: name, short name, factor, step and time since 1970 from which on.
+_CLOCKS = (
+    ("nanoseconds", "ns", 1e-9, 5e4, 1e17),
+    ("microseconds", "us", 1e-6, 50.0, 1e14),
+    ("milliseconds", "ms", 1e-3, 0.1, 1e11),
+)
+
+
+def warn_if_suspect(t: FloatArray, dt: float, u: FloatArray) -> None:
     """Warnings for a time not in seconds and for a clipped input."""
     if dt >= 0.1:
-        unit = "milliseconds" if dt < 50 else "microseconds"
-        factor = 1e-3 if dt < 50 else 1e-6
+        epoch = next((clock for clock in _CLOCKS if t[0] >= clock[4]), None)
+        name, unit, factor, *_ = epoch or next(clock for clock in _CLOCKS if dt >= clock[3])
         warn(
-            f"dt = {dt:g} s: time suspected in {unit}; then pass t * {factor:g}, or "
-            f'units={{"t": "{"ms" if dt < 50 else "us"}"}} to read_record'
+            f"dt = {dt:g} s: time suspected in {name}; then pass t * {factor:g}, or "
+            f'units={{"t": "{unit}"}} to read_record'
         )
     clipped = [samples_at_limit(u, level) for level in (float(u.min()), float(u.max()))]
     if all(clipped):
@@ -297,8 +356,12 @@ def samples_at_limit(u: FloatArray, level: float) -> int:
 # ----------------------------------------------------- estimates, resampling
 
 
-def estimated_quantum(x: FloatArray) -> float | None:
-    """Largest grid on which the positions lie, None if there is none."""
+def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
+    """Largest grid on which the positions lie, None if there is none.
+
+    Where the data show none, that of the decimals with which they were written down
+    before `factor` was applied to them.
+    """
     resolution = float(np.spacing(np.abs(x).max()))
     steps = np.abs(np.diff(x))
     gaps = np.diff(np.unique(x))
@@ -322,18 +385,31 @@ def estimated_quantum(x: FloatArray) -> float | None:
         on_grid = np.mean(np.abs(near - np.rint(near)) < 0.1)
         if on_grid >= 0.98 and near.size >= 0.5 * gaps.size and step > 1e3 * resolution:
             return step
+    return decimal_grid(x, factor)
+
+
+def decimal_grid(x: FloatArray, factor: float = 1.0) -> float | None:
+    """Largest power of ten, times a factor, of which all positions are multiples."""
+    read = x / factor
+    resolution = float(np.spacing(np.abs(read).max()))
+    digits = math.floor(math.log10(np.ptp(read)))
+    while 10.0**digits > 1e3 * resolution:
+        # A power of ten is exact upward, a fraction is not: 0.1 times 3 is not 0.3.
+        whole = read * 10.0**-digits if digits < 0 else read / 10.0**digits
+        if np.all(np.abs(whole - np.rint(whole)) <= 8 * np.spacing(np.abs(whole).max())):
+            return abs(factor) * 10.0**digits
+        digits -= 1
     return None
 
 
 def resample(
     t: FloatArray,
     u: FloatArray,
-    x: FloatArray,
-    reference: FloatArray | None,
+    others: Mapping[str, FloatArray],
     dt: float,
     hold: str,
     interpolation: str,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
     """The channels on a uniform grid that starts at t[0]."""
     if hold not in ("zero", "first"):
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
@@ -366,4 +442,4 @@ def resample(
         upto = np.interp(grid, t, impulse), np.interp(grid + dt, t, impulse)
         beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
         held = np.where(first == last, u[first], (upto[1] + beyond - upto[0]) / dt)
-    return grid, held, smooth(x), None if reference is None else smooth(reference)
+    return grid, held, {name: smooth(values) for name, values in others.items()}

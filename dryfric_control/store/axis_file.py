@@ -31,7 +31,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
         The file.  Its keys are the fields of `FrictionAxis`: `coulomb` is a
         level, ``[plus, minus]``, or ``{plus = [c0, c1], minus = [c0]}``;
         ``[stribeck]`` holds excess and speed; every ``[[effects]]`` names its
-        effect and the effect's parameters.
+        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`.
 
     Returns
     -------
@@ -66,7 +66,9 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     """
     raw = existing_file(path).read_bytes()
     try:
-        return axis_from_dict(tomllib.loads(raw.decode("utf-8")))
+        data = tomllib.loads(raw.decode("utf-8"))
+        data.pop("record", None)  # how records become those of the axis: Scaling.from_file
+        return axis_from_dict(data)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
     except ValueError as problem:

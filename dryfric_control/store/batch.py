@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
+import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -19,6 +23,7 @@ from dryfric_control.store.files import replacing
 
 # First entry of every store: what the file is, and how it is laid out.
 _FORMAT = "dryfric-control batch 1"
+_WATCH = 0.5  # s between two looks of a worker at the run that started it
 _MEND = "give another file, or delete this one to start afresh"
 
 
@@ -197,6 +202,7 @@ def _heading(settings: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, str]:
     """One case, where joblib runs it."""
+    _end_with_the_run()
     try:
         result = function(value)
     except Exception as problem:
@@ -209,6 +215,25 @@ def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, st
             f"function must return numbers, text, lists or dicts, got {type(result).__name__} "
             f"for case {text}: {problem}; arrays have tolist()"
         ) from None
+
+
+@functools.cache
+def _end_with_the_run() -> None:
+    """In a worker: end as soon as the process that started it is no more.
+
+    Idle workers wait for minutes for another case, busy ones finish theirs for nobody.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:  # no worker: the run itself, or a thread of it
+        return
+
+    def watch() -> None:
+        # An orphan gets another parent (on Windows it keeps the number: nothing is seen there).
+        while os.getppid() == parent.pid:
+            time.sleep(_WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="ends with the run", daemon=True).start()
 
 
 def _whole_lines(path: Path) -> bytes:

@@ -14,7 +14,7 @@ from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
 from dryfric_control.identification.fit import typical
-from dryfric_control.records.record import Record, read_record
+from dryfric_control.records import Record, read_record
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import truth

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis.extra import numpy as hnp
 from scipy.io import savemat
 
-from dryfric_control.records.record import Record, RecordWarning, read_bam, read_record
+from dryfric_control.records import Record, RecordWarning, read_bam, read_record
 
 N = 400
 T = 1e-3 * np.arange(N)
@@ -548,7 +548,7 @@ def test_no_quantum_is_invented(x):
         warnings.simplefilter("ignore", RecordWarning)  # white noise jumps
         assert Record(T, U, x).quantum is None
         assert Record(T, U, x, quantum=0).quantum is None
-        assert Record(T, U, x, quantum=0.3).quantum == 0.3
+        assert Record(T, U, x, quantum=1e-3).quantum == 1e-3
 
 
 def test_noise_is_measured():
@@ -714,17 +714,13 @@ def test_dialects(tmp_path, dialect):
         ("t_us,force_N,pos_um", (1e-6, 1, 1e-6), ("s", "N", "m")),
         ("t [µs],u [mNm],x [deg]", (1e-6, 1e-3, math.pi / 180), ("s", "N m", "rad")),
         ("t [s],u [N·m],x [°]", (1, 1, math.pi / 180), ("s", "N m", "rad")),
-        ("t / s,u / V,x / counts", (1, 1, 1), ("s", "V", None)),
+        ("t / s,u / V,x / counts", (1, 1, 1), ("s", "V", "counts")),
         ("t,u,x [counts]", (1, 1, 1), ("s", None, "counts")),
     ],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
 def test_units_in_headings_become_si(tmp_path, heading, factors, units, encoding):
     stored = np.c_[T, U, X] / factors
-    if units[2] is None:
-        with pytest.raises(ValueError, match="no column recognised as x"):
-            read_record(write(tmp_path, heading + "\n" + table(rows=stored)))
-        return
     record = read_record(write(tmp_path, heading + "\n" + table(rows=stored), encoding=encoding))
     # one division and one multiplication
     np.testing.assert_allclose(record.t, T, rtol=1e-15)
@@ -834,7 +830,7 @@ BAD_CALLS = {
     "same twice": ({"columns": {"u": "x"}}, "column 'x' serves as both u and x"),
     "list": ({"columns": ["t", "u", "x"]}, "columns must map"),
     "zero gain": ({"gain": 0}, "gain must be finite and not zero"),
-    "nan gain": ({"gain": math.nan}, "gain must be finite"),
+    "nan gain": ({"gain": math.nan}, "gain must be a finite number"),
     "text gain": ({"gain": "2"}, "gain must be a number"),
     "units": ({"units": {"y": "m"}}, "'y' is no channel"),
     "time unit": ({"units": {"t": "m"}}, "unit 'm' of the time"),
@@ -871,7 +867,7 @@ def test_files_that_are_none(tmp_path):
         read_record([T, U, X])
     with pytest.raises((ValueError, FileNotFoundError), match=r"null|no file"):
         read_record("a\0b.csv")
-    for suffix, hint in ((".json", "read_bam"), (".xlsx", "as CSV"), (".npz", "dict"), ("", "")):
+    for suffix, hint in ((".json", "read_bam"), (".xls", "or CSV"), (".npz", "dict"), ("", "")):
         with pytest.raises(ValueError, match=f"are not read.*{hint}"):
             read_record(write(tmp_path, "x", "run" + suffix))
 
@@ -922,7 +918,7 @@ WORDS = st.text(st.characters(codec="utf-8"), max_size=12)
     commanded=st.booleans(),
     name=st.none() | WORDS,
     note=WORDS,
-    unit=st.sampled_from(["", "m", "rad", "counts", "N/m"]),
+    unit=st.sampled_from(["", "m", "rad", "counts", "V"]),
 )
 def test_csv_and_frames_come_back_bit_for_bit(
     tmp_path, u, x, start, dt, commanded, name, note, unit

@@ -6,6 +6,7 @@ import importlib
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -321,6 +322,67 @@ def test_a_killed_run_goes_on_where_it_was(design, tmp_path, monkeypatch):
     resumed = scores(design, store=store, estimators=estimators)
     assert len(stopping.CALLS) == RUNS - half
     assert resumed.tobytes() == scores(design, estimators=estimators).tobytes()
+
+
+WAITER = """
+import os
+import pathlib
+import time
+
+
+def wait(folder):
+    pathlib.Path(folder, f"worker{os.getpid()}").write_text("")
+    time.sleep(600.0)
+"""
+WAITING = """
+import sys
+import waiter
+import dryfric_control as dfc
+if __name__ == "__main__":
+    dfc.run_batch(waiter.wait, dict.fromkeys(range(4), sys.argv[1]), jobs=2, progress=False)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an orphan keeps the number of its parent")
+def test_workers_end_with_a_run_that_is_killed(tmp_path):
+    """They went on for minutes, with a case that nobody waits for."""
+    (tmp_path / "waiter.py").write_text(WAITER)
+    folders = [str(tmp_path), str(Path(dfc.__file__).parents[1])]
+    path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING, str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": path},
+        stderr=subprocess.DEVNULL,
+    )
+
+    def workers():
+        return [int(one.name[6:]) for one in tmp_path.glob("worker*")]
+
+    def alive(worker):
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return False
+        # Dead, but not yet waited for by the process that takes orphans.
+        status = Path(f"/proc/{worker}/stat")
+        return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+    try:
+        deadline = time.monotonic() + 300.0
+        while len(workers()) < 2:
+            assert run.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
+        run.kill()
+        run.wait()
+        # Far less than the case would take, far more than a busy machine needs to look.
+        deadline = time.monotonic() + 60.0
+        while any(map(alive, workers())) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert not any(map(alive, workers()))
+    finally:
+        run.kill()
+        for worker in filter(alive, workers()):
+            os.kill(worker, signal.SIGKILL)
 
 
 def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):

@@ -359,7 +359,9 @@ def test_a_design_comes_back_bit_by_bit(tmp_path):
 def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
     """A moment of ``benchmarks/fuzz_readers.py``, always the same."""
     folder = tmp_path_factory.mktemp("fuzz")
-    sound = damage.sound_files(folder)[kind]
+    sound = damage.sound_files(folder).get(kind)
+    if sound is None:
+        pytest.skip(f"the library that reads {kind} is not installed")
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
     @settings(max_examples=500, phases=[Phase.generate], suppress_health_check=list(HealthCheck))

@@ -17,6 +17,7 @@ from dryfric_control.diagnosis.report.figures import plot_diagnosis
 from dryfric_control.diagnosis.report.findings import Findings, believed_values
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import level_table, summary_lines
+from dryfric_control.records.saved import save_object
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
@@ -115,6 +116,20 @@ class Diagnosis(Result, Findings):
             with replacing(path) as part:
                 part.write_text(text, encoding="utf-8")
         return text
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the diagnosis with its record to a JSON file.
+
+        `load_diagnosis` reads it.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
+        from dryfric_control.diagnosis.saved import SAVED
+
+        save_object(self, path, "diagnosis", 1, SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.

@@ -1,19 +1,23 @@
-"""The four channels of a source: which column each is, and in which unit."""
+"""The channels of a source: which column each is, and in which unit."""
 
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from dryfric_control.records.scaling import Scaling
 from dryfric_control.text import did_you_mean
+from dryfric_control.units import known_unit, si_unit
 
 ROLES = ("t", "u", "x", "reference")
+MAX_ROWS = 10_000_000  # 0.3 GB for four columns
+#: Channels that are kept with a record beside those that it needs.
+EXTRAS = ("v", "a", "x2")
 ALIASES = {
     "t": ("t", "time", "timestamp", "time_stamp", "zeit", "temps", "seconds"),
     "u": ("u", "input", "force", "torque", "vir", "effort", "command", "voltage", "current",
@@ -22,23 +26,11 @@ ALIASES = {
           "winkel"),
     "reference": ("reference", "ref", "r", "qg", "goal", "goal_position", "setpoint", "target",
                   "x_ref", "xref", "desired", "soll", "sollwert", "consigne"),
-}  # fmt: skip
-
-# unit -> (factor to SI, SI unit, kind)
-_UNITS = {
-    **{k: (f, "s", "time") for k, f in
-       {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}.items()},
-    **{k: (f, "m", "length") for k, f in
-       {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": 0.0254}.items()},
-    **{k: (f, "rad", "angle") for k, f in
-       {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180,
-        "rev": 2 * math.pi}.items()},
-    **{k: (f, "N", "force") for k, f in
-       {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "kN": 1e3, "MN": 1e6}.items()},
-    **{k: (f, "N m", "torque") for k, f in
-       {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "kNm": 1e3}.items()},
-    **{k: (f, "V", "voltage") for k, f in {"V": 1.0, "mV": 1e-3}.items()},
-    **{k: (f, "A", "current") for k, f in {"A": 1.0, "mA": 1e-3}.items()},
+    "v": ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "geschwindigkeit",
+          "drehzahl", "vitesse"),
+    "a": ("a", "acceleration", "acc", "accel", "ddq", "qdd", "beschleunigung"),
+    "x2": ("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
+           "x_motor"),
 }  # fmt: skip
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
@@ -53,52 +45,8 @@ class Channels:
     notes: tuple[str, ...] = ()
     name: str | None = None
     quantum: float | None = None
-
-
-def si_unit(role: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI name of a unit.
-
-    A unit this module does not know is kept, with factor 1; only for the
-    time it is refused.
-
-    Parameters
-    ----------
-    role : str
-        ``"t"``, ``"u"``, ``"x"`` or ``"reference"``.
-    unit : str
-        Unit as written, such as ``"mm"`` or ``"N m"``.
-
-    Returns
-    -------
-    tuple of float and str
-
-    Raises
-    ------
-    ValueError
-        When the unit cannot belong to this channel.
-
-    Examples
-    --------
-    >>> si_unit("x", "mm")
-    (0.001, 'm')
-    >>> si_unit("u", "Nm")
-    (1.0, 'N m')
-    """
-    if not isinstance(unit, str):
-        raise ValueError(f"the unit of {role} must be text, got {unit!r}")
-    unit = unit.strip()
-    key = re.sub(r"[\s·⋅*.]", "", unit).replace("µ", "u").replace("μ", "u")
-    factor, si, kind = _UNITS.get(key, (1.0, unit, "unknown"))
-    if role == "t" and kind != "time":
-        raise ValueError(f"unit {unit!r} of the time is not known; use s, ms, us, ns or min")
-    if role != "t" and kind == "time":
-        raise ValueError(f"{role} cannot be in {unit!r}, a unit of time; check the columns")
-    if not unit.isprintable() or len(unit) > 20 or re.search(r"[\[\](),;\"#]", unit):
-        raise ValueError(
-            f"unit {unit[:40]!r} of {role} must be a short word without brackets, commas, "
-            'semicolons, quotes or "#"'
-        )
-    return factor, si
+    raw: dict[str, tuple[str, float]] = field(default_factory=dict)
+    timed: bool = True
 
 
 def split_header(cell: str) -> tuple[str, str]:
@@ -117,14 +65,17 @@ def split_header(cell: str) -> tuple[str, str]:
         return match[1], (match[2] if match[2] is not None else match[3]).strip()
     for mark in ("/", "_"):
         name, found, unit = cell.rpartition(mark)
-        known = unit.strip().replace("µ", "u").replace("μ", "u") in _UNITS
+        known = known_unit(unit) is not None
         if found and known and any(name.strip().lower() in a for a in ALIASES.values()):
             return name.strip(), unit.strip()
     return cell, ""
 
 
 def assign_columns(
-    headings: list[str], columns: Mapping[str, str | int | None] | None, where: str
+    headings: list[str],
+    columns: Mapping[str, str | int | None] | None,
+    where: str,
+    timed: bool | None = True,
 ) -> dict[str, int]:
     """Index of the column that plays each role.
 
@@ -133,9 +84,11 @@ def assign_columns(
     headings : list of str
         Column headings, with or without units.
     columns : mapping or None
-        Role to heading or index; roles left out are recognised by name.
+        Role to heading or index; roles left out are recognised by name, those with None not.
     where : str
         The source, for messages.
+    timed : bool, optional
+        Whether a column of time is needed; False for none, None for perhaps.
 
     Returns
     -------
@@ -157,34 +110,58 @@ def assign_columns(
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
     chosen: dict[str, int] = {}
     for role, wanted in columns.items():
-        if role not in ROLES:
+        if role not in (*ROLES, *EXTRAS):
             raise ValueError(
-                f"columns: {role!r} is no role; the roles are {', '.join(ROLES)}"
-                + did_you_mean(str(role), list(ROLES))
+                f"columns: {role!r} is no role; the roles are {', '.join((*ROLES, *EXTRAS))}"
+                + did_you_mean(str(role), [*ROLES, *EXTRAS])
             )
-        if wanted is None and role == "reference":
+        if wanted is None and (role not in ("t", "u", "x") or (role == "t" and not timed)):
             continue
         chosen[role] = _find_column(role, wanted, headings, names, where)
-    for role in ROLES:
-        if role not in columns and (found := _recognise(role, names, where)) is not None:
-            chosen[role] = found
-    if not columns and "t" not in chosen and all(h == "" for h in headings):
-        if len(headings) not in (3, 4):
+    if not columns and all(h == "" for h in headings):
+        roles = ROLES[1:] if timed is False or (timed is None and len(headings) < 3) else ROLES
+        if len(headings) not in (len(roles) - 1, len(roles)):
             raise ValueError(
                 f"{where} has {len(headings)} columns and no heading; say which is which by "
                 'index: columns={"t": 0, "u": 1, "x": 2}'
             )
-        return dict(zip(ROLES, range(len(headings)), strict=False))
+        return dict(zip(roles, range(len(headings)), strict=False))
+    for role in ROLES:
+        if role not in columns and (found := _recognise(role, names, where)) is not None:
+            chosen[role] = found
+    for role in EXTRAS:
+        found = None if role in columns else _extra(role, headings, names)
+        if found is not None and found not in chosen.values():
+            chosen[role] = found
     for role in ("t", "u", "x"):
-        if role not in chosen:
+        if role not in chosen and (role != "t" or timed):
             raise ValueError(
                 f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
                 f'Say which it is: columns={{"{role}": ...}}'
+                + (", or give rate= [samples per s] if there is none" if role == "t" else "")
             )
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
+
+
+def _extra(role: str, headings: list[str], names: list[str]) -> int | None:
+    """Index of a column that is such a channel beyond doubt, by name and unit."""
+    found = [k for k, n in enumerate(names) if n.lower() in ALIASES[role]]
+    if len(found) != 1:
+        return None
+    try:
+        si_unit(role, unit) if (unit := split_header(headings[found[0]])[1]) else None
+    except ValueError:
+        return None
+    return found[0]
+
+
+def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
+    """Note that names the columns of a source that play no role."""
+    rest = [h for k, h in enumerate(headings) if k not in chosen.values() and h]
+    return (f"left out: {_listing(rest)}",) if rest else ()
 
 
 def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], where: str) -> int:
@@ -237,11 +214,11 @@ def _listing(headings: list[str]) -> str:
 def to_si(
     values: dict[str, Any],
     stored: Mapping[str, str],
-    gain: float,
+    gain: float | Mapping[str, float] | Scaling,
     declared: Mapping[str, str] | None,
     where: str,
 ) -> Channels:
-    """Convert channels to SI units and apply the input gain.
+    """Convert channels to SI units and apply the gains.
 
     Parameters
     ----------
@@ -249,11 +226,11 @@ def to_si(
         Role to array.
     stored : mapping
         Units the source states; empty text where it does not.
-    gain : float
-        Factor on ``u`` after its conversion to SI.
+    gain : float, mapping or Scaling
+        Factor on ``u``, factors by channel, or numbers of the machine; applied after
+        the conversion to SI.
     declared : mapping or None
-        Units the caller states: of ``t`` and ``x`` as stored, of ``u``
-        after the gain.
+        Units the caller states: as stored, of a channel with a gain after it.
     where : str
         The source, for messages.
 
@@ -266,30 +243,28 @@ def to_si(
     ValueError
         For a bad gain or units that contradict each other.
     """
-    if isinstance(gain, bool) or not isinstance(gain, (int, float, np.number)):
-        raise ValueError(f"gain must be a number, got {gain!r}")
-    try:
-        gain = float(gain)
-    except OverflowError:
-        gain = math.inf
-    if not math.isfinite(gain) or gain == 0:
-        raise ValueError(f"gain must be finite and not zero, got {gain}")
+    scaling = Scaling.of(gain)
     if declared is not None and not isinstance(declared, Mapping):
         raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {declared!r}')
     declared = dict(declared or {})
     for key in declared:
-        if key not in ("t", "u", "x"):
+        if key not in ("t", "u", "x", *EXTRAS):
             raise ValueError(f"units: {key!r} is no channel; the channels are t, u and x")
+    for key in scaling.gain:
+        if key not in values:
+            raise ValueError(f"gain: {where} has no channel {key!r}; it has {', '.join(values)}")
     units: dict[str, str] = {}
     notes: list[str] = []
+    raw: dict[str, tuple[str, float]] = {}
     out = dict(values)
     for role in values:
         unit = stored.get(role, "")
         said = declared.get("x" if role == "reference" else role, "")
+        own = scaling.gain.get("x" if role == "reference" else role)
         factor, si = si_unit(role, unit) if unit else (1.0, "")
-        if role == "u" and gain != 1:
-            si, factor = "", factor * gain
-            notes.append(f"u multiplied by gain {gain:g}")
+        if own is not None:
+            si, factor = "", factor * own
+            notes.append(f"{role} multiplied by gain {own:g}")
         if said:
             more, said_si = si_unit(role, said)
             if si and (si, factor) != (said_si, more):
@@ -297,22 +272,30 @@ def to_si(
                     f"{where} gives {role} in {unit!r}, units= says {said!r}; leave one out"
                 )
             factor, si = (factor if si else factor * more), said_si
-            unit = unit or said
+            unit = unit or (said if own is None else "")
+        if own is None and (found := scaling.conversion(role, si)):
+            factor, unit, si = factor * found.factor, unit or found.raw, found.unit
+            notes.append(f"{role} converted from {unit} to {si} with factor {factor:.6g}")
+        elif factor != 1 and factor != own:
+            notes.append(f"{role} converted from {unit or said} to {si or 'SI'}")
         if factor != 1:
             out[role] = scaled(out[role], factor)
-            if not (role == "u" and factor == gain):
-                notes.append(f"{role} converted from {unit} to {si or 'SI'}")
+        if factor != 1 or (unit and unit != si):
+            raw[role] = (unit, factor)
         if si:
             units[role] = si
     if (r := units.pop("reference", "")) and "x" in units and r != units["x"]:
         raise ValueError(f"{where}: reference is in {r} but x in {units['x']}; they must agree")
-    return Channels(out, units, tuple(notes))
+    return Channels(out, units, tuple(notes), raw=raw)
 
 
 def scaled(values: Any, factor: float) -> Any:
     """Values times factor; what cannot be scaled is left to be judged later."""
     array = np.asarray(values)
-    return array * factor if array.dtype.kind in "biuf" else values
+    if array.dtype.kind not in "iuf":
+        return values
+    with np.errstate(over="ignore"):  # beyond float64 becomes inf, refused later
+        return np.asarray(array, dtype=np.float64) * factor
 
 
 def too_long(where: str, max_rows: int) -> str:

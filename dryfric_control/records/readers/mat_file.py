@@ -1,7 +1,7 @@
-"""Numeric variables of MAT-files, versions 5 to 7.
+"""Numeric variables of MAT-files, versions 4 to 7.
 
-The file layout is MathWorks' "MAT-File Format", level 5. A reader of our own, because the one in
-scipy ends the interpreter on some damaged files.
+The file layout is MathWorks' "MAT-File Format", levels 4 and 5. A reader of our own, because the
+one in scipy ends the interpreter on some damaged files.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ _MAT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: 
               13: "u8"}  # fmt: skip
 _MAT_MATRIX, _MAT_COMPRESSED = 14, 15
 _MAT_STRUCT, _MAT_NUMERIC = 2, range(6, 16)
-_MAT_LARGEST = 2**32  # bytes of one variable; compressed ones could claim anything
+# Bytes that compressed variables may hold together: a constant channel shrinks a thousand times, a
+# file of measured data not a hundred.
+_MAT_ROOM, _MAT_RATIO = 2**26, 100
+_V4_TYPES = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
 _MAT_DEPTH = 8
 
 
@@ -33,10 +36,12 @@ def mat_variables(data: bytes) -> dict[str, Any]:
     if len(data) < 128 or data[126:128] not in (b"IM", b"MI"):
         raise DamagedMatError("its header is not one")
     order = "<" if data[126:128] == b"IM" else ">"
+    room = max(_MAT_ROOM, _MAT_RATIO * len(data))
     found: dict[str, Any] = {}
     for kind, payload in _mat_elements(memoryview(data)[128:], order):
         if kind == _MAT_COMPRESSED:
-            payload = _inflated(payload)
+            payload = _inflated(payload, order, room)
+            room -= len(payload)
             kind, payload = next(_mat_elements(payload, order), (0, payload))
         if kind == _MAT_MATRIX:
             name, value = _mat_matrix(payload, order, 0)
@@ -45,15 +50,51 @@ def mat_variables(data: bytes) -> dict[str, Any]:
     return found
 
 
-def _inflated(payload: memoryview) -> memoryview:
+def _inflated(payload: memoryview, order: str, room: int) -> memoryview:
+    """A compressed variable, refused by the size it claims before it is unpacked."""
     unpack = zlib.decompressobj()
     try:
-        content = unpack.decompress(payload, _MAT_LARGEST)
+        head = unpack.decompress(payload, 8)
+        claimed = struct.unpack(order + "II", head)[1] + 8 if len(head) == 8 else 0
+        if claimed > room:
+            raise DamagedMatError(
+                f"a compressed variable claims {claimed} bytes, far more than such a file holds; "
+                "save it without compression if it is sound"
+            )
+        content = head + unpack.decompress(unpack.unconsumed_tail, max(claimed, 8))
     except zlib.error as err:
         raise DamagedMatError(str(err)) from err
-    if not unpack.eof:
-        raise DamagedMatError("a compressed variable is cut off or too large")
+    if len(content) < claimed:
+        raise DamagedMatError("a compressed variable is cut off")
     return memoryview(content)
+
+
+def mat4_variables(data: bytes) -> dict[str, Any]:
+    """Numeric variables of a file of version 4 by name."""
+    found: dict[str, Any] = {}
+    at = 0
+    while at < len(data):
+        if len(data) - at < 20:
+            raise DamagedMatError("it ends within a heading")
+        order = "<" if struct.unpack_from("<I", data, at)[0] < 10_000 else ">"
+        kind, rows, columns, is_complex, length = struct.unpack_from(order + "IIIII", data, at)
+        machine, rest = divmod(kind, 1000)
+        layout, storage = divmod(rest, 10)
+        number = np.dtype(order + _V4_TYPES.get(layout, "f8"))
+        if machine != (order == ">") or layout not in _V4_TYPES or storage > 2:
+            raise DamagedMatError("its header is not one")
+        size = rows * columns * number.itemsize * (2 if is_complex else 1)
+        start = at + 20 + length
+        if is_complex > 1 or not 0 < length <= 1000 or start + size > len(data):
+            raise DamagedMatError("it ends within a variable")
+        name = data[at + 20 : start].split(b"\0")[0].decode("latin-1")
+        values = np.frombuffer(data, number, size // number.itemsize, start)
+        if is_complex:
+            values = values[: rows * columns] + 1j * values[rows * columns :]
+        if storage == 0:  # 1 is text, 2 a sparse matrix
+            found[name] = values.reshape((rows, columns), order="F")
+        at = start + size
+    return found
 
 
 def _mat_elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
@@ -126,7 +167,7 @@ def _mat_matrix(payload: memoryview, order: str, depth: int) -> tuple[str, Any]:
 
 
 def read_mat(path: Path) -> dict[str, Any]:
-    """Numeric variables of a MAT-file up to version 7, structs flattened."""
+    """Numeric variables of a MAT-file of version 4 to 7, structs flattened."""
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3"):
@@ -136,10 +177,13 @@ def read_mat(path: Path) -> dict[str, Any]:
         )
     try:
         table: dict[str, Any] = {}
-        _flatten("", mat_variables(path.read_bytes()), table)
+        content = path.read_bytes()
+        # Version 4 begins with a small number in one byte order or the other, later ones with text.
+        old = content[:4] and 0 in content[:4] and content[126:128] not in (b"IM", b"MI")
+        _flatten("", mat4_variables(content) if old else mat_variables(content), table)
     except DamagedMatError as err:
         raise ValueError(
-            f"{path.name} is damaged or no MAT-file of version 5 to 7 ({err})"
+            f"{path.name} is damaged or no MAT-file of version 4 to 7 ({err})"
         ) from err
     if not table:
         raise ValueError(f"{path.name} holds no numeric variable")

@@ -3,29 +3,56 @@
 from __future__ import annotations
 
 import csv
+import gzip
+import io
 import json
 import re
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from dryfric_control.records.readers.channels import assign_columns, split_header, too_long
+from dryfric_control.records.readers.channels import (
+    EXTRAS,
+    assign_columns,
+    left_out,
+    split_header,
+    too_long,
+)
+from dryfric_control.units import known_unit
 
 SIGNATURE = "# dryfric-control record"
 FORMAT = 1
-SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".t")
 _NUMBER = re.compile(
     r"[+-]?(?:(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)",
     re.ASCII | re.IGNORECASE,
 )
+_WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
+# Whole numbers that may lie beyond 2^53, where float64 leaves some out.
+_LONG = re.compile(r"(?<![\d.])\d{16,19}(?![\d.eE])", re.ASCII)
+_SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 
 _DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
 _LINE_LIMIT = 1_000_000
 _CHUNK = 65_536
+_DATES = (
+    "; dates and clock times are read from a data frame: pandas.read_csv(..., parse_dates=[...])"
+)
+_PREAMBLE = 200  # lines among which the first row of numbers must be
+
+
+class TextColumns(NamedTuple):
+    """Chosen columns of a text file, their units, notes, and what `Record.to_csv` left."""
+
+    values: dict[str, Any]
+    stored: dict[str, str]
+    notes: tuple[str, ...]
+    meta: dict[str, Any]
 
 
 @dataclass
@@ -36,21 +63,24 @@ class _Layout:
     delimiter: str | None
     headings: list[str]
     chosen: dict[str, int]
+    optional: tuple[str, ...]  # channels nobody asked for: their gaps are no errors
+    trailing: bool = False  # every line ends with a delimiter
     decimal: str = ""  # "." or "," once one was seen
 
 
-def read_text(
-    path: Path, columns: Any, max_rows: int
-) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
-    """Chosen columns of a text file, their units, the file's own notes."""
+def read_text(path: Path, columns: Any, max_rows: int, timed: bool | None = True) -> TextColumns:
+    """Chosen columns of a text file."""
     layout: _Layout | None = None
     comments: list[str] = []
-    parts: list[npt.NDArray[np.float64]] = []
+    parts: list[npt.NDArray[Any]] = []
+    notes: tuple[str, ...] = ()
     rows = 0
     for chunk in _chunks(path, comments):
         if layout is None:
-            layout, has_heading = _sniff(path.name, chunk, comments, columns)
-            chunk = chunk[1:] if has_heading else chunk
+            layout, start = _sniff(path.name, chunk, comments, columns, timed)
+            if start > 1:
+                notes += (f"{start - 1} lines above the heading were skipped",)
+            chunk = chunk[start:]
         rows += len(chunk)
         if rows > max_rows:
             raise ValueError(too_long(path.name, max_rows))
@@ -61,16 +91,81 @@ def read_text(
     if not parts:
         raise ValueError(f"{path.name} holds a heading and no data rows")
     data = np.concatenate(parts)
-    values = {role: data[:, k].copy() for k, role in enumerate(layout.chosen)}
+    values = {role: _column(data[:, k]) for k, role in enumerate(layout.chosen)}
+    for role in layout.optional:
+        if not np.all(np.isfinite(values[role])):
+            del values[role], layout.chosen[role]
     stored = {r: split_header(layout.headings[k])[1] for r, k in layout.chosen.items()}
-    return values, stored, _own_notes(path.name, comments)
+    notes += left_out(layout.headings, layout.chosen)
+    return TextColumns(values, stored, notes, _own_notes(path.name, comments))
+
+
+def read_column(path: Path, max_rows: int) -> tuple[str, list[npt.NDArray[Any]]]:
+    """Heading and the one or two columns of a file that holds one channel."""
+    comments: list[str] = []
+    rows: list[list[str]] = []
+    for chunk in _chunks(path, comments):
+        for number, line in chunk:
+            rows.append([c for c in re.split(r"[;,\t ]+", line.strip()) if c])
+            if len(rows) > max_rows + 1:
+                raise ValueError(too_long(path.name, max_rows))
+            if len(rows[-1]) not in (1, 2) and not (len(rows) == 1):
+                raise ValueError(
+                    f"{path.name}: row {number} has {len(rows[-1])} numbers; a file of one channel "
+                    "has one in a row, or time and value (decimal points, not commas)"
+                )
+    heading = ""
+    if rows and not all(_is_number(c) for c in rows[0]):
+        heading = " ".join(rows.pop(0))
+    if not rows:
+        raise ValueError(f"{path.name} holds no data rows")
+    width = len(rows[0])
+    for number, row in enumerate(rows):
+        if len(row) != width or not all(_is_number(c) and "," not in c for c in row):
+            raise ValueError(
+                f"{path.name}: data row {number} is {' '.join(row)[:40]!r}, not {width} number(s)"
+            )
+    table = np.array([[_exact(c) for c in row] for row in rows], dtype=object)
+    return heading, [_column(table[:, k]) for k in range(width)]
+
+
+def _column(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Numbers of one column, whole ones beyond 2^53 as integers."""
+    if values.dtype != object:
+        return values.copy()
+    if all(float(v).is_integer() for v in values):
+        try:
+            return np.array([int(v) for v in values], dtype=np.int64)
+        except OverflowError:
+            pass
+    return values.astype(np.float64)
+
+
+def _exact(cell: str) -> float | int:
+    return int(cell) if _WHOLE.fullmatch(cell) else float(cell.replace(",", "."))
+
+
+def _open(path: Path) -> IO[str]:
+    """The file as text, decompressed if its name ends in .gz."""
+    if path.suffix.lower() == ".gz":
+        return io.TextIOWrapper(
+            gzip.open(path, "rb"), encoding="utf-8-sig", errors="surrogateescape"
+        )
+    return path.open(encoding="utf-8-sig", errors="surrogateescape")
 
 
 def _chunks(path: Path, comments: list[str]) -> Iterator[list[tuple[int, str]]]:
     """Numbered content lines; comments met before the first go to the list."""
+    try:
+        yield from _content(path, comments)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as problem:
+        raise ValueError(f"{path.name} is damaged or not compressed by gzip ({problem})") from None
+
+
+def _content(path: Path, comments: list[str]) -> Iterator[list[tuple[int, str]]]:
     found_any = False
     chunk: list[tuple[int, str]] = []
-    with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:
+    with _open(path) as file:
         number = 0
         while line := file.readline(_LINE_LIMIT):
             number += 1
@@ -84,7 +179,7 @@ def _chunks(path: Path, comments: list[str]) -> Iterator[list[tuple[int, str]]]:
             stripped = line.strip()
             if not stripped:
                 continue
-            if stripped[0] == "#":
+            if stripped[0] in "#%":
                 if not found_any and len(comments) < 1000:
                     comments.append(stripped)
                 continue
@@ -117,19 +212,34 @@ def _own_notes(where: str, comments: list[str]) -> dict[str, Any]:
             and (quantum is None or (type(quantum) is float and 0 <= quantum < 1e100))
             and isinstance(meta["notes"], list)
             and all(isinstance(n, str) for n in meta["notes"])
+            and all(_is_raw(pair) for pair in meta.get("raw", {}).values())
         )
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
         raise ValueError(f"{where}: the first line is damaged; remove it to read plain columns")
     return dict(meta)
 
 
+def _is_raw(pair: Any) -> bool:
+    """Whether this is a unit and a factor."""
+    return (
+        isinstance(pair, list)
+        and [type(part) for part in pair] == [str, float]
+        and 0 < abs(pair[1]) < 1e100
+    )
+
+
 def _sniff(
-    where: str, chunk: list[tuple[int, str]], comments: list[str], columns: Any
-) -> tuple[_Layout, bool]:
-    """Delimiter, headings and the chosen columns from the first lines."""
-    sample = [text for _, text in chunk[:20]]
+    where: str, chunk: list[tuple[int, str]], comments: list[str], columns: Any, timed: bool | None
+) -> tuple[_Layout, int]:
+    """Delimiter, headings and the chosen columns; index of the first row of numbers."""
+    lines = [text for _, text in chunk[:_PREAMBLE]]
+    said = _SEPARATOR.fullmatch(lines[0].strip())
+    first = 1 if said else 0
+    if first == len(lines):
+        raise ValueError(f"{where} holds no data, only its separator")
+    sample = lines[first:][-20:]
 
     def numeric_cells(delimiter: str | None) -> int:
         return sum(_is_number(c) for s in sample for c in _cells(s, delimiter))
@@ -137,39 +247,93 @@ def _sniff(
     def all_cells(delimiter: str | None) -> int:
         return sum(len(_cells(s, delimiter)) for s in sample)
 
-    # most numbers; for text alone, most cells; ties go to the first listed
-    delimiter = max(_DELIMITERS, key=lambda d: (numeric_cells(d), all_cells(d)))
-    first = [_readable(c) for c in _cells(sample[0], delimiter)]
-    has_heading = not any(_is_number(c) for c in first)
-    headings = first if has_heading else [""] * len(first)
-    if not has_heading and comments:
-        above = [_readable(c) for c in _cells(comments[-1].lstrip("# "), delimiter)]
-        if len(above) == len(first) and not any(_is_number(c) for c in above):
-            headings = above
-    if len(headings) < 3:
+    if said:
+        delimiter: str | None = said[1] if said[1] != " " else None
+    else:  # most numbers; for text alone, most cells; ties go to the first listed
+        delimiter = max(_DELIMITERS, key=lambda d: (numeric_cells(d), all_cells(d)))
+    rows = [_cells(text, delimiter) for text in lines]
+    last = [row for row in rows[first:][-20:] if any(map(_is_number, row))] or [rows[-1]]
+    trailing = all(len(row) > 1 and row[-1] == "" for row in last)
+    start = _first_numbers(where, chunk, rows, first, len(last[0]))
+    if trailing and start > first:  # unless the empty column has a name
+        trailing = not any(_fitting(lines[start - 1], delimiter, len(last[0]), cut=False)[-1:])
+    width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
+    headings = _headings(lines[first:start], comments, delimiter, width)
+    needed = 3 if timed else 2
+    if len(headings) < needed:
         raise ValueError(
-            f"{where} has {len(headings)} column(s), at least t, u and x are needed; columns are "
-            "separated by comma, semicolon, tab or blanks"
+            f"{where} has {len(headings)} column(s), at least {'t, ' if timed else ''}u and x are "
+            "needed; columns are separated by comma, semicolon, tab or blanks. Of files with one "
+            'channel each, give all: read_record({"t": path, "u": path, "x": path})'
         )
-    return _Layout(
-        where, delimiter, headings, assign_columns(headings, columns, where)
-    ), has_heading
+    chosen = assign_columns(headings, columns, where, timed)
+    optional = tuple(r for r in EXTRAS if r in chosen and r not in (columns or {}))
+    return _Layout(where, delimiter, headings, chosen, optional, trailing), start
 
 
-def _cells(line: str, delimiter: str | None) -> list[str]:
+def _first_numbers(
+    where: str, chunk: list[tuple[int, str]], rows: list[list[str]], first: int, width: int
+) -> int:
+    """Index of the first row of numbers; what is above must not look like one."""
+    for start in range(first, len(rows)):
+        if len(rows[start]) == width and any(map(_is_number, rows[start])):
+            break
+    else:
+        return min(first + 1, len(rows))  # a heading alone, or rows that are told later
+    above = next((k for k in range(first, start) if _is_data(rows[k])), None)
+    if above is not None:
+        raise ValueError(
+            f"{where}: row {chunk[above][0]} has {len(rows[above])} columns, row {chunk[start][0]} "
+            f"has {width}"
+        )
+    return start
+
+
+def _is_data(row: list[str]) -> bool:
+    """Whether a row holds numbers alone, two at least."""
+    return len(row) > 1 and all(_is_number(c) or not c for c in row) and any(row)
+
+
+def _headings(
+    above: list[str], comments: list[str], delimiter: str | None, width: int
+) -> list[str]:
+    """Names over the columns: of the last line above, with one of units, or a comment's."""
+    # A heading may hold a "#"; in a row of numbers it starts a comment.
+    named = [_fitting(line, delimiter, width, cut=False) for line in above[-2:]]
+    if named and named[-1]:
+        if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
+            return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
+        return named[-1]
+    for line in reversed(comments[-20:]):
+        for mark in (delimiter, None):
+            if found := _fitting(line.lstrip("#% "), mark, width):
+                return found
+    return [""] * width
+
+
+def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
+    """Cells of a line of names, none if they are not as many as the columns."""
+    for text in (line, line.partition("#")[0]) if not cut else (line,):
+        cells = [_readable(c) for c in _cells(text, delimiter, cut)]
+        if len(cells) == width + 1 and cells[-1] == "":
+            cells.pop()
+        if len(cells) == width and not any(map(_is_number, cells)):
+            return cells
+    return []
+
+
+def _cells(line: str, delimiter: str | None, cut: bool = True) -> list[str]:
     """Cells of one line, quotes honoured, blanks around them removed."""
-    line = (
-        line.partition("#")[0].strip(" \r\n")
-        if delimiter == "\t"
-        else line.partition("#")[0].strip()
-    )
+    if cut:
+        line = line.partition("#")[0]
+    line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
     if delimiter is None:
         return line.split()
     if '"' not in line:
         return [c.strip() for c in line.split(delimiter)]
     try:
         return [c.strip() for c in next(csv.reader([line], delimiter=delimiter), [])]
-    except csv.Error as err:
+    except (csv.Error, ValueError, TypeError) as err:
         raise ValueError(f"line {line[:40]!r} cannot be split into cells ({err})") from err
 
 
@@ -186,10 +350,12 @@ def _is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[np.float64]:
+def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[Any]:
     """Chosen columns of some lines, shape (lines, chosen columns)."""
     text = "\n".join(line for _, line in chunk)
     decimal = layout.decimal
+    if _LONG.search(text):
+        return _parse_slowly(layout, chunk, exact=True)
     if layout.delimiter != ",":
         if decimal == "," and "." not in text:
             text = text.replace(",", ".")
@@ -197,6 +363,7 @@ def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[np.floa
             return _parse_slowly(layout, chunk)
     if '"' in text or "#" in text or not text.isascii():
         return _parse_slowly(layout, chunk)
+    pick = list(layout.chosen.values())
     try:
         data = np.loadtxt(text.split("\n"), delimiter=layout.delimiter, comments=None, ndmin=2)
     except ValueError:
@@ -205,13 +372,15 @@ def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[np.floa
         return _parse_slowly(layout, chunk)
     if "." in text and decimal != ",":
         layout.decimal = "."
-    return np.ascontiguousarray(data[:, list(layout.chosen.values())])
+    return np.ascontiguousarray(data[:, pick])
 
 
-def _parse_slowly(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[np.float64]:
+def _parse_slowly(
+    layout: _Layout, chunk: list[tuple[int, str]], exact: bool = False
+) -> npt.NDArray[Any]:
     """Cell by cell: text in other columns is fine, errors say the place."""
     width = len(layout.headings)
-    out = np.empty((len(chunk), len(layout.chosen)))
+    out = np.empty((len(chunk), len(layout.chosen)), dtype=object if exact else np.float64)
     for i, (number, line) in enumerate(chunk):
         cells = _cells(line, layout.delimiter)
         if len(cells) == width + 1 and cells[-1] == "":
@@ -223,9 +392,15 @@ def _parse_slowly(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[
         for j, (role, k) in enumerate(layout.chosen.items()):
             cell = cells[k]
             if not _is_number(cell) or (layout.delimiter == "," and "," in cell):
+                if role in layout.optional:
+                    out[i, j] = np.nan
+                    continue
                 what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
                 label = layout.headings[k] or str(k)
-                raise ValueError(f"{layout.where}: row {number}, column {label!r} ({role}): {what}")
+                raise ValueError(
+                    f"{layout.where}: row {number}, column {label!r} ({role}): {what}"
+                    + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1)
+                )
             mark = "," if "," in cell else "." if "." in cell else ""
             if mark and layout.decimal and mark != layout.decimal:
                 raise ValueError(
@@ -233,5 +408,5 @@ def _parse_slowly(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[
                     "write all numbers one way, without thousands separators"
                 )
             layout.decimal = layout.decimal or mark
-            out[i, j] = float(cell.replace(",", "."))
+            out[i, j] = _exact(cell) if exact else float(cell.replace(",", "."))
     return out

@@ -1,0 +1,70 @@
+"""A measured channel against what the position says of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+_LONGEST = 0.1  # s, delay that is looked for
+
+
+class Comparison(NamedTuple):
+    """How a channel differs from what is expected of it.
+
+    Attributes
+    ----------
+    gain : float
+        Factor on the expected channel; far from 1, its unit is another one.
+    offset : float
+        What is added [unit of the channel].
+    delay : float
+        Time by which the channel comes later [s], a whole number of samples.
+    rms : float
+        Root mean square of what is left [unit of the channel].
+    """
+
+    gain: float
+    offset: float
+    delay: float
+    rms: float
+
+
+def compared(expected: FloatArray, measured: FloatArray, dt: float) -> Comparison:
+    """Gain, offset and delay that bring a channel closest to what is expected.
+
+    Parameters
+    ----------
+    expected, measured : ndarray, shape (n,)
+        Channel by the position, and as recorded.
+    dt : float
+        Step [s].
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        If what is expected is constant.
+    """
+    longest = min(round(_LONGEST / dt), expected.size // 4)
+    inside = slice(longest, expected.size - longest)
+    best: Comparison | None = None
+    wanted = expected[inside]
+    if wanted.size < 3 or np.ptp(wanted) == 0.0:
+        raise ValueError("the position does not move enough to compare a channel with it")
+    centred = wanted - wanted.mean()
+    for lag in range(-longest, longest + 1):
+        seen = measured[longest + lag : expected.size - longest + lag]
+        gain = float(centred @ seen) / float(centred @ centred)
+        offset = float(seen.mean() - gain * wanted.mean())
+        rms = float(np.sqrt(np.mean((seen - gain * wanted - offset) ** 2)))
+        if best is None or rms < best.rms:
+            best = Comparison(gain, offset, lag * dt, rms)
+    assert best is not None
+    return best

@@ -1,0 +1,130 @@
+"""Logs of robots in MCAP files: messages in JSON or of ROS 2."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.records.readers.channels import assign_columns, too_long
+
+_LONGEST = 64  # numbers taken of an array in a message, such as the joints of a robot
+_DEEPEST = 8
+
+
+def read_mcap(path: Path, columns: Any, max_rows: int) -> dict[str, Any]:
+    """Channels of a log on the time stamps of the position.
+
+    Fields are named ``topic.field`` or, where one topic alone holds numbers, ``field``; of an
+    array ``field.0`` and so on.  Those of other topics than the position's are brought
+    onto its stamps: the input as held, everything else along straight lines.
+    """
+    topics = _topics(path, max_rows)
+    if not topics:
+        raise ValueError(f"{path.name} holds no messages with numbers in JSON or of ROS 2")
+    alone = len(topics) == 1
+    place = {
+        (key if alone else f"{topic}.{key}"): (topic, key)
+        for topic, (_, fields) in topics.items()
+        for key in fields
+    }
+    headings = ["t", *(h for h in place if h != "t")]
+    chosen = assign_columns(headings, columns, path.name)
+    clock = topics[place[headings[chosen["x"]]][0]][0]
+    table: dict[str, Any] = {"t": clock}
+    for role, k in chosen.items():
+        if k == 0:
+            continue
+        topic, key = place[headings[k]]
+        stamps, fields = topics[topic]
+        values = np.asarray(fields[key], dtype=np.float64)
+        if stamps is not clock:
+            after = np.searchsorted(stamps, clock, side="right")
+            if role == "u":
+                values = values[np.maximum(after - 1, 0)]
+            else:
+                values = np.interp(clock, stamps, values)
+        table[headings[k]] = values
+    return table | {h: () for h in headings if h not in table}
+
+
+def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[float]]]]:
+    """Seconds and numeric fields of each topic."""
+    try:
+        from mcap.reader import make_reader
+    except ImportError:
+        raise ImportError(
+            f'{path.name}: reading .mcap needs mcap: pip install "dryfric-control[mcap]"'
+        ) from None
+    stamps: dict[str, list[int]] = {}
+    found: dict[str, dict[str, list[float]]] = {}
+    rows, ros2 = 0, _ros2()
+    try:
+        with path.open("rb") as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                if (content := _content(schema, channel, message, ros2)) is None:
+                    continue
+                fields = dict(_numbers("", content, 0))
+                if not fields:
+                    continue
+                rows += 1
+                if rows > max_rows:
+                    break
+                kept = found.setdefault(channel.topic, {key: [] for key in fields})
+                stamps.setdefault(channel.topic, []).append(message.log_time)
+                for key in list(kept):
+                    if key in fields:
+                        kept[key].append(fields[key])
+                    else:
+                        del kept[key]  # not in every message
+    except Exception as problem:  # whatever the library raises on a damaged file
+        words = " ".join(str(problem).split())[:120]
+        raise ValueError(
+            f"{path.name} is damaged or no MCAP file ({type(problem).__name__}: {words})"
+        ) from None
+    if rows > max_rows:
+        raise ValueError(too_long(path.name, max_rows))
+    start = min((times[0] for times in stamps.values()), default=0)
+    return {
+        topic: (np.array([t - start for t in times], dtype=np.float64) * 1e-9, found[topic])
+        for topic, times in stamps.items()
+        if found[topic]
+    }
+
+
+def _ros2() -> Any:
+    """Decoders of ROS 2 messages, None where they are not installed."""
+    try:
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        return None
+    return DecoderFactory()
+
+
+def _content(schema: Any, channel: Any, message: Any, ros2: Any) -> Any:
+    """Decoded message, None where nothing here decodes it."""
+    if channel.message_encoding == "json":
+        return json.loads(message.data)
+    decode = ros2 and ros2.decoder_for(channel.message_encoding, schema)
+    return decode(message.data) if decode else None
+
+
+def _numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
+    """Numbers of a message with the path that leads to each."""
+    if isinstance(content, (int, float)) and not isinstance(content, bool):
+        yield prefix, float(content)
+    elif depth == _DEEPEST or isinstance(content, (str, bytes, bool, type(None))):
+        return
+    elif isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from _numbers(f"{prefix}.{key}" if prefix else str(key), value, depth + 1)
+    elif isinstance(content, (Sequence, np.ndarray)):
+        for k, value in enumerate(content[:_LONGEST]):
+            yield from _numbers(f"{prefix}.{k}", value, depth + 1)
+    else:
+        for key in getattr(content, "__slots__", ()):
+            path = f"{prefix}.{key}" if prefix else key
+            yield from _numbers(path, getattr(content, key), depth + 1)

@@ -1,0 +1,256 @@
+"""From what a drive and an encoder say to the position and force of the axis."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from dryfric_control.checks import finite, positive
+from dryfric_control.store.files import existing_file
+from dryfric_control.text import did_you_mean
+
+_CHANNELS = ("t", "u", "x", "v", "a", "x2")
+_OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
+            "rated_force")  # fmt: skip
+
+
+class Conversion(NamedTuple):
+    """Factor from a raw unit to the unit of the axis."""
+
+    factor: float
+    raw: str
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scaling:
+    """Factors of a machine from raw readings to SI units.
+
+    Parameters
+    ----------
+    gain : mapping of str to float, optional
+        Factor on a channel (``u``, ``x`` with its reference, ``v``, ``a``, ``x2``), such as
+        newtons per volt; goes before everything below.
+    counts_per_turn : float, optional
+        Encoder counts per turn of its shaft.
+    gear_ratio : float, optional
+        Turns of the motor per turn of the load.
+    lead : float, optional
+        Way of a linear axis per turn of the load [m].
+    load_encoder : bool, optional
+        Whether the encoder sits on the load, behind the gear.
+    torque_constant : float, optional
+        Torque of the motor's shaft per current [N m/A].
+    rated_torque : float, optional
+        Torque of the motor's shaft at 100 % [N m].
+    force_constant : float, optional
+        Force of a linear motor per current [N/A].
+    rated_force : float, optional
+        Force of a linear motor at 100 % [N].
+
+    Raises
+    ------
+    ValueError
+        For a number out of its range, or two that contradict each other.
+
+    Notes
+    -----
+    ``x = counts / counts_per_turn / gear_ratio`` turns of the load, times 2 pi [rad] or `lead` [m];
+    ``u = torque_constant * current * gear_ratio`` [N m], times 2 pi / `lead` [N]. A channel without
+    a unit is taken to be in counts, amperes or per cent if the number for these is given. Losses of
+    the gear are not in: they are friction of the axis.
+
+    Examples
+    --------
+    A ball screw of 5 mm behind a gear of 4, an encoder with 10000 counts on the motor:
+
+    >>> import dryfric_control as dfc
+    >>> scaling = dfc.Scaling(counts_per_turn=10000, gear_ratio=4, lead=5e-3, torque_constant=0.1)
+    >>> scaling.conversion("x", "counts"), round(scaling.conversion("u", "A").factor, 3)
+    (Conversion(factor=1.25e-07, raw='counts', unit='m'), 502.655)
+    """
+
+    gain: Mapping[str, float] = field(default_factory=dict)
+    counts_per_turn: float | None = None
+    gear_ratio: float = 1.0
+    lead: float | None = None
+    load_encoder: bool = False
+    torque_constant: float | None = None
+    rated_torque: float | None = None
+    force_constant: float | None = None
+    rated_force: float | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if not isinstance(self.gain, Mapping):
+            raise ValueError(
+                f'gain must be a number or a mapping such as {{"x": 1e-6}}, got {self.gain!r}'
+            )
+        gains = {}
+        for role, value in self.gain.items():
+            if role not in _CHANNELS:
+                raise ValueError(
+                    f"gain: {role!r} is no channel; the channels are {', '.join(_CHANNELS)}"
+                    + ("; the reference takes the gain of x" if role == "reference" else "")
+                )
+            gains[role] = _gain(f"gain[{role!r}]", value)
+        put(self, "gain", MappingProxyType(gains))
+        for name in _OPTIONS:
+            if (value := getattr(self, name)) is not None:
+                put(self, name, positive(name, value))
+        put(self, "gear_ratio", positive("gear_ratio", self.gear_ratio))
+        if not isinstance(self.load_encoder, bool):
+            raise ValueError(f"load_encoder must be True or False, got {self.load_encoder!r}")
+        for one, other in (("torque_constant", "force_constant"), ("rated_torque", "rated_force")):
+            if getattr(self, one) is not None and getattr(self, other) is not None:
+                raise ValueError(f"{one} and {other} are both given: a motor has one of them")
+
+    @classmethod
+    def of(cls, gain: Any) -> Scaling:
+        """Scaling from what `read_record` takes as its gain.
+
+        Parameters
+        ----------
+        gain : float, mapping or Scaling
+            Factor on the input, factors by channel, or a scaling as it is.
+
+        Returns
+        -------
+        Scaling
+        """
+        if isinstance(gain, Scaling):
+            return gain
+        if isinstance(gain, Mapping):
+            return cls(gain=gain)
+        number = _gain("gain", gain)
+        return cls() if number == 1 else cls(gain={"u": number})
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> Scaling:
+        """Scaling in the table ``[record]`` of an axis file.
+
+        Parameters
+        ----------
+        path : path-like
+            The file that `read_axis` reads; without the table nothing is scaled.
+
+        Returns
+        -------
+        Scaling
+
+        Raises
+        ------
+        ValueError
+            If the table holds an unknown key or a number out of its range.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import dryfric_control as dfc
+        >>> text = "[record]\\ncounts_per_turn = 4096\\nlead = 5e-3\\ngain = {u = 35.0}\\n"
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "axis.toml")
+        ...     _ = path.write_text(text)
+        ...     dfc.Scaling.from_file(path).lead
+        0.005
+        """
+        try:
+            data = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("record", {})
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+            raise ValueError(f"{path} is no TOML: {problem}") from None
+        if not isinstance(data, dict):
+            raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
+        try:
+            return cls.from_dict(data)
+        except ValueError as problem:
+            raise ValueError(f"{path}: {problem}") from None
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Scaling:
+        """Scaling from the keys and values of a table.
+
+        Parameters
+        ----------
+        data : mapping
+            Such as the table ``[record]`` of an axis file.
+
+        Returns
+        -------
+        Scaling
+        """
+        known = [item.name for item in fields(cls)]
+        for key in data:
+            if key not in known:
+                raise ValueError(
+                    f"record.{key} is not known{did_you_mean(key, known)}; known are "
+                    f"{', '.join(known)}"
+                )
+        return cls(**data)
+
+    def conversion(self, role: str, unit: str) -> Conversion | None:
+        """Factor that brings a channel to the axis, if it takes one.
+
+        Parameters
+        ----------
+        role : str
+            ``"u"``, ``"x"``, ``"reference"`` or ``"v"``, ``"a"``; others are left alone.
+        unit : str
+            Unit it is in, empty if it is not known.
+
+        Returns
+        -------
+        Conversion or None
+        """
+        return self._drive(unit) if role == "u" else self._motion(role, unit)
+
+    def _motion(self, role: str, unit: str) -> Conversion | None:
+        """Turns of the encoder to way of the load."""
+        tail = {"x": "", "reference": "", "v": "/s", "a": "/s^2"}.get(role)
+        if tail is None:
+            return None
+        ratio = 1.0 if self.load_encoder else self.gear_ratio
+        if not tail and unit in ("", "counts") and self.counts_per_turn is not None:
+            turns, raw = 1.0 / self.counts_per_turn, "counts"
+        elif unit == "rad" + tail and (ratio != 1.0 or self.lead is not None):
+            turns, raw = 1.0 / (2 * math.pi), unit
+        else:
+            return None
+        if self.lead is None:
+            return Conversion(turns * 2 * math.pi / ratio, raw, "rad" + tail)
+        return Conversion(turns * self.lead / ratio, raw, "m" + tail)
+
+    def _drive(self, unit: str) -> Conversion | None:
+        """Current, per cent or torque of the motor to force or torque of the load."""
+        rated = self.rated_torque if self.rated_force is None else self.rated_force
+        constant = self.torque_constant if self.force_constant is None else self.force_constant
+        if unit == "%" or (unit == "" and rated is not None and constant is None):
+            if rated is None:
+                return None
+            factor, raw, linear = rated / 100.0, "%", self.rated_force is not None
+        elif unit == "A" or (unit == "" and constant is not None):
+            if constant is None:
+                return None
+            factor, raw, linear = constant, "A", self.force_constant is not None
+        elif unit == "N m" and (self.gear_ratio != 1.0 or self.lead is not None):
+            factor, raw, linear = 1.0, unit, False
+        else:
+            return None
+        if linear:
+            return Conversion(factor, raw, "N")
+        factor *= self.gear_ratio
+        if self.lead is None:
+            return Conversion(factor, raw, "N m")
+        return Conversion(factor * 2 * math.pi / self.lead, raw, "N")
+
+
+def _gain(name: str, value: Any) -> float:
+    """A factor that is finite and not zero."""
+    number = finite(name, value)
+    if number == 0:
+        raise ValueError(f"{name} must be finite and not zero, got {number}")
+    return number

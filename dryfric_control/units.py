@@ -1,0 +1,196 @@
+"""Names of units: what each is in SI, and whether a record and an axis agree.
+
+A table of its own: a general reader of units takes ``MM`` for megamolar and ``counts`` for the
+number 1, and does not know ``kNm``; here a name is converted rightly or refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any, NamedTuple
+
+from dryfric_control.text import did_you_mean
+
+
+class Unit(NamedTuple):
+    """What a name of a unit says.
+
+    Attributes
+    ----------
+    factor : float
+        Number of `si` in one of the unit.
+    si : str
+        Name of the SI unit, or of a raw unit that only the machine can convert.
+    kind : str
+        Physical quantity; ``"raw"`` for counts and per cent.
+    """
+
+    factor: float
+    si: str
+    kind: str
+
+
+_TURN, _DEGREE = 2 * math.pi, math.pi / 180
+_INCH, _FOOT, _POUND = 0.0254, 0.3048, 4.4482216152605
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 1e-9,
+            "in": _INCH, "inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "ft": _FOOT,
+            "foot": _FOOT, "feet": _FOOT}  # fmt: skip
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DEGREE,
+           "degrees": _DEGREE, "°": _DEGREE, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600,
+           "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN}  # fmt: skip
+_FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "MN": 1e6, "lbf": _POUND,
+           "lb": _POUND, "ozf": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
+_TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
+          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "min": 60.0}  # fmt: skip
+_TABLE: dict[str, Unit] = {
+    **{k: Unit(f, "s", "time") for k, f in _TIMES.items()},
+    **{k: Unit(f, "m", "length") for k, f in _LENGTHS.items()},
+    **{k: Unit(f, "rad", "angle") for k, f in _ANGLES.items()},
+    **{k: Unit(f, "N", "force") for k, f in _FORCES.items()},
+    **{f"{a}{b}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
+        ("N", "m"), ("N", "cm"), ("N", "mm"), ("mN", "m"), ("uN", "m"), ("kN", "m"), ("lbf", "in"),
+        ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("kgf", "cm"), ("kgf", "m"))},
+    **{f"{b}{a}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
+        ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"))},
+    **{k: Unit(f, "V", "voltage") for k, f in {"V": 1.0, "mV": 1e-3, "kV": 1e3}.items()},
+    **{k: Unit(f, "A", "current") for k, f in {"A": 1.0, "mA": 1e-3, "uA": 1e-6}.items()},
+    **{k: Unit(f, "Pa", "pressure") for k, f in {
+        "Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2,
+        "psi": 6894.757293168,
+    }.items()},
+    **{f"{k}/{t}": Unit(f / s, "m/s", "velocity") for k, f in _LENGTHS.items()
+       for t, s in _TIMES.items()},
+    **{f"{k}/{t}": Unit(f / s, "rad/s", "angular velocity") for k, f in _ANGLES.items()
+       for t, s in _TIMES.items()},
+    "rpm": Unit(_TURN / 60, "rad/s", "angular velocity"),
+    **{f"{k}/{s}": Unit(f, "m/s^2", "acceleration") for k, f in _LENGTHS.items()
+       for s in ("s2", "s^2", "s²")},
+    **{f"{k}/{s}": Unit(f, "rad/s^2", "angular acceleration") for k, f in _ANGLES.items()
+       for s in ("s2", "s^2", "s²")},
+    "g": Unit(9.80665, "m/s^2", "acceleration"),
+    **dict.fromkeys(("counts", "count", "cnt", "cnts", "cts", "inc", "incs", "increments", "ticks",
+                     "tick", "LSB", "lsb", "digits", "pulses"), Unit(1.0, "counts", "raw")),
+    **dict.fromkeys(("%", "percent"), Unit(1.0, "%", "raw")),
+    **dict.fromkeys(("‰", "permille"), Unit(0.1, "%", "raw")),
+    **dict.fromkeys(("pu", "p.u."), Unit(100.0, "%", "raw")),
+}  # fmt: skip
+
+# Quantities that a channel may be; a sensor may give the position as a voltage.
+_SENSED = ("raw", "voltage", "current")
+_KINDS = {
+    "t": ("time",),
+    "u": ("force", "torque", *_SENSED, "pressure"),
+    "x": ("length", "angle", *_SENSED),
+    "v": ("velocity", "angular velocity", *_SENSED),
+    "a": ("acceleration", "angular acceleration", *_SENSED),
+}
+_SAME = {"reference": "x", "x2": "x"}
+_USUAL = {
+    "t": "s, ms, us, ns or min",
+    "u": "N, kN, lbf, N m, N cm, lbf in, V, A, mA, bar, % or counts",
+    "x": "m, mm, um, in, ft, rad, deg, rev, V or counts",
+    "v": "m/s, mm/s, rad/s, deg/s or rpm",
+    "a": "m/s^2, mm/s^2, g, rad/s^2 or deg/s^2",
+}
+
+
+def known_unit(unit: str) -> Unit | None:
+    """The unit of a name, None for a name that is not known.
+
+    Examples
+    --------
+    >>> known_unit("N·m"), known_unit("MM")
+    (Unit(factor=1.0, si='N m', kind='torque'), None)
+    """
+    text = unit.strip().replace("µ", "u").replace("μ", "u")
+    return _TABLE.get(text) or _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
+
+
+def si_unit(role: str, unit: str) -> tuple[float, str]:
+    """Factor to SI and SI name of the unit of a channel.
+
+    Parameters
+    ----------
+    role : str
+        ``"t"``, ``"u"``, ``"x"``, ``"reference"``, ``"v"``, ``"a"`` or ``"x2"``.
+    unit : str
+        Unit as written, such as ``"mm"`` or ``"N m"``.
+
+    Returns
+    -------
+    tuple of float and str
+        Counts and per cent keep their name: only the machine's numbers convert them.
+
+    Raises
+    ------
+    ValueError
+        When the name is not known or cannot belong to this channel.
+
+    Examples
+    --------
+    >>> si_unit("x", "mm"), si_unit("u", "Nm"), si_unit("x", "ticks")
+    ((0.001, 'm'), (1.0, 'N m'), (1.0, 'counts'))
+    """
+    if not isinstance(unit, str):
+        raise ValueError(f"the unit of {role} must be text, got {unit!r}")
+    unit = unit.strip()
+    if not unit.isprintable() or len(unit) > 20 or re.search(r"[\[\](),;\"#]", unit):
+        raise ValueError(
+            f"unit {unit[:40]!r} of {role} must be a short word without brackets, commas, "
+            'semicolons, quotes or "#"'
+        )
+    base = _SAME.get(role, role)
+    found = known_unit(unit)
+    if base == "t" and (found is None or found.kind != "time"):
+        raise ValueError(f"unit {unit!r} of the time is not known; use {_USUAL['t']}")
+    if found is None:
+        raise ValueError(
+            f"unit {unit!r} of {role} is not known{did_you_mean(unit, _TABLE)}; use "
+            f'{_USUAL[base]}, or give what one is worth: gain={{"{base}": ...}} and '
+            f'units={{"{base}": "..."}} of the product'
+        )
+    if found.kind not in _KINDS[base]:
+        raise ValueError(f"{role} cannot be in {unit!r}, a unit of {found.kind}; check the columns")
+    return found.factor, found.si
+
+
+def check_units(axis: Any, record: Any, name: str = "record") -> None:
+    """Refuse a record whose units are not those of the axis.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis, with ``units`` of position and force; with an input gain among its
+        effects it takes a drive in any unit.
+    record : Record
+        The record; a channel without a unit is taken to be in the axis's.
+    name : str, optional
+        Name of the argument, for the message.
+
+    Raises
+    ------
+    ValueError
+        With both units and how to make them agree.
+    """
+    for role, wanted in zip("xu", axis.units, strict=True):
+        unit = record.units.get(role, "")
+        if not unit or not wanted or _same(unit, wanted):
+            continue
+        if role == "u" and any(effect.slug == "input_gain" for effect in axis.effects):
+            continue
+        have = (record.units.get("x") or axis.units[0], record.units.get("u") or axis.units[1])
+        raise ValueError(
+            f"{name}: {role} is in {unit!r}, the axis has {wanted!r} (axis.units = {axis.units}). "
+            f"Convert the record as it is read, gain={{'{role}': ...}} [{wanted} per {unit}] and "
+            f"units={{'{role}': '{wanted}'}}, or gain=dfc.Scaling(...), or give "
+            f"the axis its numbers in {have[0]} and {have[1]} with units={have}"
+            + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
+        )
+
+
+def _same(one: str, other: str) -> bool:
+    a, b = known_unit(one), known_unit(other)
+    if a is None or b is None:
+        return one.strip() == other.strip()
+    return (a.factor, a.si) == (b.factor, b.si)

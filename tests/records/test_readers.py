@@ -1,0 +1,450 @@
+"""What common programs write, read as it is or refused with its cause."""
+
+import datetime
+import gzip
+import io
+import json
+import struct
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import dryfric_control as dfc
+
+N = 300
+T = 1e-3 * np.arange(N)
+U = np.round(3.0 * np.cos(40 * T), 6)
+X = np.round(0.02 * np.sin(11 * T), 7)
+
+
+def rows(*columns, mark=",", end="\n"):
+    return end.join(mark.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)) + end
+
+
+def write(folder, text, name="run.csv"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def same(record, scale=1.0):
+    np.testing.assert_allclose(record.x, X * scale, rtol=1e-8)
+    np.testing.assert_allclose(record.u, U, rtol=1e-8, atol=1e-9)
+    assert record.dt == pytest.approx(1e-3)
+
+
+# -- text ----------------------------------------------------------------------------------------
+
+TEXTS = {
+    "# in a heading": "sample #,t [s],u [N],x [m]\n" + rows(np.arange(N), T, U, X),
+    "heading behind #, comments behind it": "#t,u,x\n# recorded on a Monday\n" + rows(T, U, X),
+    "heading of words, numbers by comma": "# t u x\n" + rows(T, U, X),
+    "sep= of Excel": "sep=;\nt;u;x\n" + rows(T, U, X, mark=";"),
+    "sep= in quotes": '"sep=;"\r\nt;u;x\r\n' + rows(T, U, X, mark=";", end="\r\n"),
+    "per cent comments": "% made by octave\n% t,u,x\n" + rows(T, U, X),
+    "trailing tab": "t\tu\tx\t\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
+    "trailing tab below alone": "t\tu\tx\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
+    "trailing tab, no heading": rows(T, U, X, mark="\t").replace("\n", "\t\n"),
+    "trailing comma, no heading": rows(T, U, X).replace("\n", ",\n"),
+    "row of units": "Time,Force,Position\ns,N,m\n" + rows(T, U, X),
+    "preamble": "Oscilloscope DSO-X\nDate: 2026-03-02\nChannels,3\n\nt,u,x\n" + rows(T, U, X),
+    "long preamble": "".join(f"Setting {k}: on\n" for k in range(60)) + "t,u,x\n" + rows(T, U, X),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_what_programs_write_is_read(tmp_path, case):
+    same(dfc.read_record(write(tmp_path, TEXTS[case])))
+
+
+def test_a_row_of_units_is_used(tmp_path):
+    record = dfc.read_record(
+        write(tmp_path, "Time;Force;Pos\nms;N;mm\n" + rows(1e3 * T, U, 1e3 * X, mark=";"))
+    )
+    same(record)
+    assert record.units["x"] == "m"
+
+
+def test_a_preamble_is_noted(tmp_path):
+    record = dfc.read_record(write(tmp_path, TEXTS["preamble"]))
+    assert "3 lines above the heading were skipped" in record.notes
+
+
+def test_no_row_of_numbers_is_skipped_as_a_preamble(tmp_path):
+    text = "t,u,x\n0.5,1.0\n" + rows(T, U, X)
+    with pytest.raises(ValueError, match="row 2 has 2 columns, row 3 has 3"):
+        dfc.read_record(write(tmp_path, text))
+
+
+def test_columns_that_are_left_out_are_named(tmp_path):
+    text = "t,u,x,temp [C],flag\n" + rows(T, U, X, X, X)
+    record = dfc.read_record(write(tmp_path, text))
+    assert record.notes == ("left out: 'temp [C]', 'flag'",)
+
+
+def test_a_source_without_time_takes_a_rate_or_a_step(tmp_path):
+    path = write(tmp_path, "u,x\n" + rows(U, X))
+    same(dfc.read_record(path, rate=1000.0))
+    same(dfc.read_record(path, dt=1e-3))
+    same(dfc.read_record(write(tmp_path, rows(U, X)), rate=1000.0))
+    same(dfc.read_record({"u": U, "x": X}, rate=1000.0))
+    with pytest.raises(ValueError, match="or give rate="):
+        dfc.read_record(write(tmp_path, "u,x,y0\n" + rows(U, X, X)))
+    timed = write(tmp_path, "t,u,x\n" + rows(T, U, X), "timed.csv")
+    with pytest.raises(ValueError, match="has a column of time: leave rate= out"):
+        dfc.read_record(timed, rate=1000.0)
+    same(dfc.read_record(timed, columns={"t": None}, rate=1000.0))
+    with pytest.raises(ValueError, match="both given"):
+        dfc.read_record(path, rate=1000.0, dt=1e-3)
+    with pytest.raises(ValueError, match="rate must be finite and positive"):
+        dfc.read_record(path, rate=0)
+
+
+def test_one_channel_per_file(tmp_path):
+    files = {name: write(tmp_path, "\n".join(f"{v:.9g}" for v in values), f"{name}.t")
+             for name, values in (("t", T), ("u", U), ("x", 1e3 * X))}  # fmt: skip
+    same(dfc.read_record(files, units={"x": "mm"}))
+    paired = {name: write(tmp_path, f"% {name}\n" + rows(T, values, mark="\t"), f"{name}2.t")
+              for name, values in (("u", U), ("x", X))}  # fmt: skip
+    same(dfc.read_record(paired))
+    headed = write(tmp_path, "pos [mm]\n" + rows(1e3 * X), "x3.t")
+    same(dfc.read_record({**files, "x": headed}))
+    late = write(tmp_path, rows(T + 1e-4, X), "late.t")
+    with pytest.raises(ValueError, match="have other time stamps"):
+        dfc.read_record({"u": paired["u"], "x": late})
+    with pytest.raises(ValueError, match="has 3 numbers; a file of one channel"):
+        dfc.read_record({"t": T, "u": U, "x": write(tmp_path, rows(T, U, X), "three.t")})
+
+
+def test_a_gap_may_be_filled_as_advised(tmp_path):
+    keep = (T < 0.1) | (T > 0.12)
+    path = write(tmp_path, "t,u,x\n" + rows(T[keep], U[keep], X[keep]))
+    with pytest.raises(ValueError, match="max_gap="):
+        dfc.read_record(path, dt=1e-3)
+    assert len(dfc.read_record(path, dt=1e-3, max_gap=0.05)) == N
+    with pytest.raises(ValueError, match="give dt= too"):
+        dfc.read_record(path, max_gap=0.05)
+
+
+def test_gzip(tmp_path):
+    text = ("t,u,x\n" + rows(T, U, X)).encode()
+    record = dfc.read_record(write(tmp_path, gzip.compress(text), "run.csv.gz"))
+    same(record)
+    assert record.name == "run"
+    for damaged in (text, gzip.compress(text)[:-200], gzip.compress(text)[:300] + b"\xff" * 300):
+        with pytest.raises(ValueError, match="damaged or not compressed by gzip"):
+            dfc.read_record(write(tmp_path, damaged, "run.csv.gz"))
+    with pytest.raises(ValueError, match="only text such as run.csv.gz"):
+        dfc.read_record(write(tmp_path, gzip.compress(text), "run.mat.gz"))
+
+
+# -- whole numbers beyond float64 ------------------------------------------------------------------
+
+COUNTS = 2**62 + np.round(1e4 * np.sin(11 * T)).astype(np.int64)
+
+
+def test_counts_near_2_to_the_62_keep_every_count(tmp_path):
+    moved = (COUNTS - COUNTS[0]).astype(float)
+    from_arrays = dfc.read_record({"t": T, "u": U, "x": COUNTS, "r": COUNTS + 7})
+    np.testing.assert_array_equal(from_arrays.x, moved)
+    np.testing.assert_array_equal(from_arrays.reference, moved + 7)
+    lines = "\n".join(f"{t:.3f},{u!r},{x}" for t, u, x in zip(T, U.tolist(), COUNTS, strict=True))
+    from_file = dfc.read_record(write(tmp_path, "t,u,x [counts]\n" + lines))
+    np.testing.assert_array_equal(from_file.x, moved)
+    assert any("counted from" in note for note in from_file.notes)
+    with pytest.raises(ValueError, match=r"beyond 2\^53.*pass x - x\[0\]"):
+        dfc.Record(T, U, COUNTS)
+
+
+def test_stamps_in_nanoseconds_of_the_epoch_keep_their_step(tmp_path):
+    stamps = 1_700_000_000_123_456_789 + 1_000_000 * np.arange(N)
+    record = dfc.read_record({"t [ns]": stamps, "u": U, "x": X})
+    assert record.dt == 1e-3
+    lines = "\n".join(
+        f"{t},{u!r},{x!r}" for t, u, x in zip(stamps, U.tolist(), X.tolist(), strict=True)
+    )
+    assert dfc.read_record(write(tmp_path, "time [ns],u,x\n" + lines)).dt == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "name"),
+    [(0.0, 1e6, "nanoseconds"), (1.7e18, 1e6, "nanoseconds"), (1.7e15, 1000.0, "microseconds"),
+     (0.0, 1000.0, "microseconds"), (1.7e12, 1.0, "milliseconds"), (1.7e12, 100.0, "milliseconds")],
+)  # fmt: skip
+def test_the_unit_of_a_clock_is_named(start, step, name):
+    with pytest.warns(dfc.RecordWarning, match=f"time suspected in {name}"):
+        dfc.Record(start + step * np.arange(N), U, X)
+
+
+# -- dates ----------------------------------------------------------------------------------------
+
+PD = pytest.importorskip("pandas")
+CLOCK = PD.Timestamp("2026-03-02 10:00") + PD.to_timedelta(np.arange(N), unit="ms")
+
+
+@pytest.mark.parametrize(
+    "times",
+    [CLOCK, CLOCK.tz_localize("Europe/Berlin"), CLOCK - CLOCK[0], CLOCK.astype("datetime64[s]").where(
+        [False] * N, CLOCK), CLOCK.to_pydatetime()],
+    ids=["dates", "time zone", "durations", "seconds", "datetime"],
+)  # fmt: skip
+@pytest.mark.parametrize("heading", ["t", "time [ms]"])
+def test_dates_are_scaled_once(times, heading):
+    """A heading in ms made microseconds of a column that knows its own unit."""
+    frame = PD.DataFrame({heading: times, "u": U, "x": X})
+    same(dfc.read_record(frame))
+    same(dfc.read_record({heading: frame[heading].to_numpy(), "u": U, "x": X}))
+    if heading == "t":
+        with pytest.raises(ValueError, match="gives t in 's', units= says 'ms'"):
+            dfc.read_record(frame, units={"t": "ms"})
+        same(dfc.read_record(frame.set_index("t")))
+
+
+def test_python_dates_with_a_time_zone_are_read():
+    zone = datetime.timezone(datetime.timedelta(hours=2))
+    start = datetime.datetime(2026, 3, 2, 10, tzinfo=zone)
+    stamps = [start + datetime.timedelta(milliseconds=k) for k in range(N)]
+    same(dfc.read_record({"t": stamps, "u": U, "x": X}))
+    stamps[5] = stamps[5].replace(tzinfo=None)
+    with pytest.raises(ValueError, match="with and without a time zone"):
+        dfc.read_record({"t": stamps, "u": U, "x": X})
+
+
+def test_missing_times_are_named():
+    times = CLOCK.to_numpy().copy()
+    times[7] = np.datetime64("NaT")
+    with pytest.raises(ValueError, match=r"t has 1 missing times \(NaT\), the first in row 7"):
+        dfc.read_record({"t": times, "u": U, "x": X})
+
+
+# -- other files ------------------------------------------------------------------------------------
+
+
+def test_mat_version_4(tmp_path):
+    path = tmp_path / "old.mat"
+    savemat(path, {"t": T, "u": U[:, None], "x": X, "note": "text"}, format="4")
+    same(dfc.read_record(path))
+    big = b"".join(
+        struct.pack(">IIIII", 1000, N, 1, 0, 2) + name + b"\0" + values.astype(">f8").tobytes()
+        for name, values in ((b"t", T), (b"u", U), (b"x", X))
+    )
+    same(dfc.read_record(write(tmp_path, big, "big.mat")))
+    for damaged in (big[:-9], big[:30], big[:4] + b"\xff" * 16 + big[20:]):
+        with pytest.raises(ValueError, match="damaged or no MAT-file"):
+            dfc.read_record(write(tmp_path, damaged, "damaged.mat"))
+
+
+def test_a_mat_bomb_is_refused_by_what_it_claims(tmp_path):
+    """A megabyte that claims a gigabyte was unpacked before it was refused."""
+    squeezed = zlib.compressobj(9)
+    head = struct.pack("<II", 14, 2**30)
+    data = squeezed.compress(head) + b"".join(squeezed.compress(bytes(2**20)) for _ in range(64))
+    data += squeezed.flush()
+    path = write(
+        tmp_path,
+        b"MATLAB 5.0".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(data)) + data,
+        "b.mat",
+    )
+    with pytest.raises(ValueError, match="claims 1073741832 bytes"):
+        dfc.read_record(path)
+
+
+def test_a_constant_channel_is_no_bomb(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T, "u": U, "x": X, "unused": np.zeros(2**20)}, do_compression=True)
+    record = dfc.read_record(path)
+    same(record)
+    assert record.notes == ("left out: 'unused'",)
+
+
+def test_spreadsheets_and_parquet(tmp_path):
+    frame = PD.DataFrame({"t [ms]": 1e3 * T, "u": U, "x": X, "step": 1})
+    for name, module, save in (
+        ("run.xlsx", "openpyxl", frame.to_excel),
+        ("run.parquet", "pyarrow", frame.to_parquet),
+    ):
+        pytest.importorskip(module)
+        save(tmp_path / name, index=False)
+        record = dfc.read_record(tmp_path / name)
+        same(record)
+        assert record.notes[0] == "left out: 'step'"
+        with pytest.raises(ValueError, match="is damaged or no"):
+            dfc.read_record(write(tmp_path, (tmp_path / name).read_bytes()[:-300], name))
+
+
+def test_a_table_of_too_many_rows_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    """Equal values take no room in the file: a kilobyte may hold a million rows."""
+    pytest.importorskip("pyarrow")
+    PD.DataFrame({"t": T, "u": U, "x": X}).to_parquet(tmp_path / "run.parquet")
+    monkeypatch.setattr(PD, "read_parquet", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(ValueError, match="more than 100 rows"):
+        dfc.read_record(tmp_path / "run.parquet", max_rows=100)
+
+
+def test_a_missing_library_is_named(tmp_path, monkeypatch):
+    for name, library in (("a.parquet", "pandas"), ("a.mcap", "mcap")):
+        monkeypatch.setitem(sys.modules, library, None)
+        with pytest.raises(
+            ImportError, match=rf"reading \.{name[2:]} needs {library}.*pip install"
+        ):
+            dfc.read_record(write(tmp_path, "x", name))
+
+
+def mcap_log(messages):
+    writer_of = pytest.importorskip("mcap.writer").Writer
+    file = io.BytesIO()
+    writer = writer_of(file)
+    writer.start()
+    channels = {}
+    for topic, stamp, content in messages:
+        if topic not in channels:
+            channels[topic] = writer.register_channel(
+                topic=topic, message_encoding="json", schema_id=0
+            )
+        writer.add_message(
+            channels[topic], log_time=stamp, publish_time=stamp, data=json.dumps(content).encode()
+        )
+    writer.finish()
+    return file.getvalue()
+
+
+def test_mcap_of_one_topic(tmp_path):
+    log = mcap_log(
+        (
+            "/axis",
+            10**18 + 10**6 * k,
+            {"position": float(X[k]), "effort": float(U[k]), "mode": "on"},
+        )
+        for k in range(N)
+    )
+    same(dfc.read_record(write(tmp_path, log, "run.mcap")))
+    with pytest.raises(ValueError, match="damaged or no MCAP"):
+        dfc.read_record(write(tmp_path, log[:500], "run.mcap"))
+
+
+def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
+    log = mcap_log(
+        entry
+        for k in range(N)
+        for entry in (
+            ("/drive", 10**6 * k, {"cmd": {"force": [float(U[k]), 0.0]}}),
+            ("/encoder", 10**6 * k + 1000, {"x": float(X[k])}),
+        )
+    )
+    columns = {"u": "/drive.cmd.force.0", "x": "/encoder.x"}
+    same(dfc.read_record(write(tmp_path, log, "run.mcap"), columns=columns))
+    with pytest.raises(ValueError, match="no column recognised as u; available: .*'/drive.cmd"):
+        dfc.read_record(write(tmp_path, log, "run.mcap"), columns={"x": "/encoder.x"})
+
+
+def test_mcap_of_ros_2(tmp_path):
+    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
+    file = io.BytesIO()
+    writer = writer_of(file)
+    text = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
+    for k in range(N):
+        joints = {
+            "name": ["a", "b"],
+            "position": [0.0, X[k]],
+            "velocity": [],
+            "effort": [0.0, U[k]],
+        }
+        stamp = 10**18 + 10**6 * k
+        writer.write_message("/joint_states", schema, joints, log_time=stamp, publish_time=stamp)
+    writer.finish()
+    path = write(tmp_path, file.getvalue(), "run.mcap")
+    record = dfc.read_record(path, columns={"u": "effort.1", "x": "position.1"})
+    same(record)
+    assert record.notes[0] == "left out: 'position.0', 'effort.0'"
+
+
+# -- what is kept ------------------------------------------------------------------------------------
+
+
+def test_known_channels_are_kept_and_cut_with_the_rest(tmp_path):
+    v, a = np.gradient(X, 1e-3), np.gradient(np.gradient(X, 1e-3), 1e-3)
+    text = "t,u,pos [mm],velocity [mm/s],acc,load_position\n" + rows(T, U, 1e3 * X, 1e3 * v, a, X)
+    record = dfc.read_record(write(tmp_path, text))
+    assert list(record.channels) == ["v", "a", "x2"] and record.units["v"] == "m/s"
+    np.testing.assert_allclose(record.channels["v"], v, rtol=1e-8)
+    assert not record.channels["v"].flags.writeable
+    part = record[50:250].decimated(2).resampled(1e-3)
+    assert len(part.channels["v"]) == len(part)
+    record.to_csv(tmp_path / "kept.csv")
+    back = dfc.read_record(tmp_path / "kept.csv")
+    assert back == record and back.raw == record.raw and back.units == record.units
+    assert dfc.Record.from_frame(record.to_pandas()) == record
+    assert record.compare("v").gain == pytest.approx(1.0, abs=0.02)
+    assert record.compare("x2").rms < 1e-6
+    with pytest.raises(ValueError, match="no channel 'w'; it has v, a, x2"):
+        record.compare("w")
+
+
+def test_quantum_and_raw_unit_go_with_a_second_gain(tmp_path):
+    counts = np.round(1e4 * X)
+    record = dfc.read_record({"t": T, "u": U, "x [counts]": counts}, gain={"x": 1e-4})
+    record.to_csv(tmp_path / "run.csv")
+    doubled = dfc.read_record(tmp_path / "run.csv", gain={"x": 2.0})
+    assert record.quantum == pytest.approx(1e-4) and doubled.quantum == pytest.approx(2e-4)
+    assert doubled.raw["x"] == ("counts", pytest.approx(2e-4))
+
+
+def test_a_delay_of_a_channel_is_measured():
+    late = np.interp(T - 5e-3, T, np.gradient(np.sin(30 * T), 1e-3))
+    record = dfc.Record(T, U, np.sin(30 * T), channels={"v": 2.0 * late + 1.0})
+    found = record.compare("v")
+    assert found.delay == pytest.approx(5e-3, abs=1e-3)
+    assert found.gain == pytest.approx(2.0, rel=0.02) and found.offset == pytest.approx(
+        1.0, rel=0.1
+    )
+
+
+def test_a_column_that_is_no_channel_does_not_stop_the_reading(tmp_path):
+    text = "t,u,x,v\n" + "\n".join(
+        f"{t:.3f},{u!r},{x!r}," for t, u, x in zip(T, U.tolist(), X.tolist(), strict=True)
+    )
+    record = dfc.read_record(write(tmp_path, text))
+    assert not record.channels and record.notes == ("left out: 'v'",)
+    with pytest.raises(ValueError, match="the cell is empty"):
+        dfc.read_record(write(tmp_path, text), columns={"v": "v"})
+    assert not dfc.read_record({"t": T, "u": U, "x": X, "v [V]": list("ab")}).channels
+
+
+# -- arguments that cannot be --------------------------------------------------------------------------
+
+
+def test_decimals_make_a_quantum():
+    """Where steps are thousands of them, no difference shows the grid."""
+    fast = np.round(5.0 * np.sin(1.0 + 11 * T) + 3.0 * np.sin(40 * T), 7)
+    assert dfc.Record(T, U, fast).quantum == pytest.approx(1e-7)
+    degrees = dfc.read_record({"t": T, "u": U, "x [deg]": fast})
+    assert degrees.quantum == pytest.approx(np.pi / 180e7)
+    assert dfc.Record(T, U, np.sin(11 * T) + 3.0 * np.sin(40 * T)).quantum is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"u": U > 0}, "u holds true and false"),
+        ({"x": X > 0}, "x holds true and false"),
+        ({"quantum": 1e50}, r"quantum = 1e\+50 is larger than the range of x"),
+        ({"unwrap": 1e-9}, "unwrap = 1e-09 is shorter than twice most steps of x"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        dfc.Record(**({"t": T, "u": U, "x": X} | changes))
+
+
+def test_a_gain_makes_no_numbers_of_true_and_false():
+    with pytest.raises(ValueError, match="u holds true and false"):
+        dfc.read_record({"t": T, "u": U > 0, "x": X}, gain=2.0)
+
+
+def test_control_characters_do_not_reach_a_page():
+    record = dfc.Record(T, U, X, name="a\x1b[31mb\x00", notes=["c\x07d", "\ud800"])
+    assert record.name == "a\ufffd[31mb\ufffd" and record.notes == ("c\ufffdd", "\ufffd")

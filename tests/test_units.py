@@ -1,0 +1,227 @@
+"""Units end to end: names, factors of the machine, and records held against axes."""
+
+import inspect
+import math
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.units import si_unit
+
+T = 1e-3 * np.arange(2000)
+U = 20.0 * np.sin(6.0 * T) + 12.0 * np.sin(17.0 * T)
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+X = AXIS.simulate(U, dt=1e-3).y[0]
+
+
+# -- names ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "factor", "si"),
+    [
+        ("x", "in", 0.0254, "m"),
+        ("x", "ft", 0.3048, "m"),
+        ("x", "µm", 1e-6, "m"),
+        ("x", "deg", math.pi / 180, "rad"),
+        ("x", "rev", 2 * math.pi, "rad"),
+        ("u", "lbf", 4.4482216152605, "N"),  # 0.45359237 kg times 9.80665 m/s^2
+        ("u", "kNm", 1e3, "N m"),
+        ("u", "N·m", 1.0, "N m"),
+        ("u", "lbf-in", 4.4482216152605 * 0.0254, "N m"),
+        ("u", "mA", 1e-3, "A"),
+        ("v", "rpm", math.pi / 30, "rad/s"),
+        ("v", "mm/min", 1e-3 / 60, "m/s"),
+        ("a", "g", 9.80665, "m/s^2"),
+        ("x", "counts", 1.0, "counts"),
+        ("x", "inc", 1.0, "counts"),
+        ("u", "%", 1.0, "%"),
+        ("u", "‰", 0.1, "%"),
+    ],
+)
+def test_units_are_known_by_their_names(role, unit, factor, si):
+    found = si_unit(role, unit)
+    assert found == (pytest.approx(factor, rel=1e-15), si)
+
+
+@pytest.mark.parametrize("role", ["t", "u", "x", "reference", "v", "a", "x2"])
+@pytest.mark.parametrize("unit", ["MM", "Ft", "furlong", "kg", "N/m", "1", "foo"])
+def test_an_unknown_unit_is_never_taken_with_factor_1(role, unit):
+    """`MM` and `ft` were kept with factor 1 and fitted against an axis in metres."""
+    with pytest.raises(ValueError, match=rf"unit '{unit}' of .* not known.*use "):
+        dfc.read_record({"t": T, "u": U, "x": X, "r": X, "v": X, "a": X, "x2": X}, units={role: unit}
+                        ) if role != "reference" else si_unit(role, unit)  # fmt: skip
+
+
+def test_a_slip_of_case_is_told():
+    with pytest.raises(ValueError, match="Did you mean 'mm'"):
+        dfc.read_record({"t": T, "u": U, "x [MM]": X})
+
+
+@pytest.mark.parametrize(("role", "unit"), [("x", "N"), ("u", "mm"), ("u", "rad"), ("v", "m")])
+def test_a_unit_of_another_quantity_is_refused(role, unit):
+    with pytest.raises(ValueError, match=f"{role} cannot be in '{unit}', a unit of"):
+        dfc.Record(T, U, X, units={role: unit})
+
+
+def test_inches_are_read_as_inches():
+    record = dfc.read_record({"t [ms]": 1e3 * T, "u [lbf]": U, "pos [in]": X})
+    np.testing.assert_allclose(record.x, 0.0254 * X)
+    np.testing.assert_allclose(record.u, 4.4482216152605 * U)
+    assert dict(record.raw) == {
+        "t": ("ms", 1e-3),
+        "u": ("lbf", 4.4482216152605),
+        "x": ("in", 0.0254),
+    }
+
+
+# -- from counts and amperes to the axis ----------------------------------------------------------
+
+
+def test_counts_turns_gear_and_lead_make_a_position():
+    counts = np.round(1e5 * np.sin(3.0 * T))
+    scaling = dfc.Scaling(counts_per_turn=4096, gear_ratio=4.0, lead=5e-3, torque_constant=0.05)
+    record = dfc.read_record(
+        {"t": T, "u [mA]": 1e3 * U, "x [counts]": counts, "r [rev]": counts / 4096}, gain=scaling
+    )
+    turns = counts / 4096 / 4.0
+    np.testing.assert_allclose(record.x, 5e-3 * turns)
+    np.testing.assert_allclose(record.reference, record.x)
+    # Power is the same on both sides of gear and screw: torque times turning is force times way.
+    np.testing.assert_allclose(record.u * 5e-3, 0.05 * U * 4.0 * 2 * math.pi)
+    assert record.units["x"] == "m" and record.units["u"] == "N"
+    assert record.raw["x"] == ("counts", pytest.approx(5e-3 / 4096 / 4.0))
+    assert record.quantum == pytest.approx(5e-3 / 4096 / 4.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "stored", "factor", "unit"),
+    [
+        ({"rated_torque": 1.27}, "u [%]", 1.27e-2, "N m"),
+        ({"rated_torque": 1.27, "gear_ratio": 10}, "u [permille]", 1.27e-2, "N m"),
+        ({"rated_force": 200.0}, "u [%]", 2.0, "N"),
+        ({"rated_force": 200.0}, "u", 2.0, "N"),
+        ({"force_constant": 38.0}, "u [A]", 38.0, "N"),
+        ({"torque_constant": 0.2, "gear_ratio": 50}, "u", 10.0, "N m"),
+        ({"gear_ratio": 50}, "u [N m]", 50.0, "N m"),
+    ],
+)
+def test_per_cent_and_current_make_a_force(options, stored, factor, unit):
+    record = dfc.read_record({"t": T, stored: U, "x": X}, gain=dfc.Scaling(**options))
+    np.testing.assert_allclose(record.u, factor * U, rtol=1e-12)
+    assert record.units["u"] == unit and record.raw["u"][1] == pytest.approx(factor)
+
+
+def test_an_encoder_on_the_load_knows_no_gear():
+    scaling = dfc.Scaling(counts_per_turn=1000, gear_ratio=50.0, load_encoder=True)
+    record = dfc.read_record({"t": T, "u": U, "x": np.round(1e4 * X)}, gain=scaling)
+    np.testing.assert_allclose(record.x, np.round(1e4 * X) / 1000 * 2 * math.pi)
+
+
+def test_every_channel_has_a_gain():
+    source = {"t": T, "u": U, "x [counts]": np.round(1e6 * X), "r": X, "v": U, "a": U, "x2": X}
+    record = dfc.read_record(
+        source,
+        gain={"u": 35.0, "x": 1e-6, "v": 2.0, "a": 3.0, "x2": 4.0},
+        units={"x": "m", "u": "N"},
+    )
+    np.testing.assert_allclose(record.x, 1e-6 * np.round(1e6 * X))
+    np.testing.assert_allclose(record.reference, 1e-6 * X)
+    np.testing.assert_allclose(record.u, 35.0 * U)
+    for name, factor, values in (("v", 2.0, U), ("a", 3.0, U), ("x2", 4.0, X)):
+        np.testing.assert_allclose(record.channels[name], factor * values)
+    assert record.units["x"] == "m" and record.raw["x"] == ("counts", 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gain": {"y": 1.0}}, "'y' is no channel"),
+        ({"gain": {"reference": 1.0}}, "takes the gain of x"),
+        ({"gain": {"x": 0.0}}, r"gain\['x'\] must be finite and not zero"),
+        ({"gain": {"x": math.nan}}, r"gain\['x'\] must be a finite number"),
+        ({"gear_ratio": 0.0}, "gear_ratio must be more than zero"),
+        ({"counts_per_turn": -4096}, "counts_per_turn must be more than zero"),
+        ({"load_encoder": 1}, "load_encoder must be True or False"),
+        ({"torque_constant": 1.0, "force_constant": 1.0}, "both given"),
+    ],
+)
+def test_a_bad_scaling_is_told(options, message):
+    with pytest.raises(ValueError, match=message):
+        dfc.Scaling(**options)
+
+
+def test_a_gain_for_a_channel_that_is_not_there_is_told():
+    with pytest.raises(ValueError, match="has no channel 'v'; it has t, u, x"):
+        dfc.read_record({"t": T, "u": U, "x": X}, gain={"v": 2.0})
+
+
+# -- records and axes ------------------------------------------------------------------------------
+
+LOOP = dfc.PositionController.from_bandwidth(AXIS, 20.0, dt=1e-3)
+DESIGN = dfc.design_pi_observer(AXIS, dt=1e-3)
+#: How each public name is called that takes a record and an axis, or what holds one.
+TAKES = {
+    "diagnose": lambda axis, record: dfc.diagnose(axis, record),
+    "diagnose_batch": lambda axis, record: dfc.diagnose_batch(axis, {"a": record}, progress=False),
+    "fit": lambda axis, record: dfc.fit(axis, [record]),
+    "identify_coulomb": lambda axis, record: dfc.identify_coulomb(record, axis=axis),
+    "identify_stribeck": lambda axis, record: dfc.identify_stribeck(axis, record),
+    "next_experiment": lambda axis, record: dfc.next_experiment(axis, [axis], record),
+    "observe": lambda axis, record: dfc.observe(DESIGN, record),
+    "replay": lambda axis, record: dfc.replay(axis, record),
+    "replay_loop": lambda axis, record: dfc.replay_loop(axis, record, LOOP),
+}
+
+
+def test_the_table_names_every_public_function_that_takes_a_record():
+    takers = {
+        name
+        for name in dfc.__all__
+        if inspect.isfunction(one := getattr(dfc, name))
+        and {"record", "records"} & set(inspect.signature(one).parameters)
+    }
+    assert takers <= set(TAKES)
+
+
+@pytest.mark.parametrize("units", [{"x": "rad"}, {"u": "N m"}, {"x": "counts"}, {"u": "V"}])
+@pytest.mark.parametrize("name", TAKES)
+def test_a_record_in_other_units_than_the_axis_is_refused(name, units):
+    """A record in rad passed on an axis in m, and one in counts was fitted as metres."""
+    record = dfc.Record(T, U, X, X, units=units)
+    (role, unit), wanted = *units.items(), {"x": "m", "u": "N"}
+    with pytest.raises(
+        ValueError, match=rf"{role} is in '{unit}', the axis has '{wanted[role]}'.*gain="
+    ):
+        TAKES[name](AXIS, record)
+
+
+def test_the_same_unit_under_another_name_is_no_mismatch():
+    axis = AXIS.replace(units=("rad", "Nm"))
+    dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad", "u": "N·m"}))
+    dfc.replay(
+        AXIS.replace(units=("inc", "V")), dfc.Record(T, U, X, units={"x": "ticks", "u": "V"})
+    )
+    dfc.replay(axis, dfc.Record(T, U, X))  # no unit is stated: that of the axis
+
+
+def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():
+    axis = AXIS.replace(effects=(dfc.effects.InputGain(0.2),))
+    dfc.replay(axis, dfc.Record(T, U, X, units={"u": "V"}))
+    with pytest.raises(ValueError, match="or an effect InputGain .N per V"):
+        dfc.replay(AXIS, dfc.Record(T, U, X, units={"u": "V"}))
+    with pytest.raises(ValueError, match="x is in 'rad'"):
+        dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad"}))
+
+
+def test_an_observer_is_held_to_the_step_of_a_record():
+    record = dfc.Record(T, U, X)
+    by_arrays = dfc.observe(DESIGN, U, X)
+    np.testing.assert_array_equal(dfc.observe(DESIGN, record).outputs, by_arrays.outputs)
+    with pytest.raises(
+        ValueError, match=r"record.dt is 0.002 s and design.dt 0.001 s: design with"
+    ):
+        dfc.observe(DESIGN, record.decimated(2))
+    with pytest.raises(ValueError, match="y is missing"):
+        dfc.observe(DESIGN, U)

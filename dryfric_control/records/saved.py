@@ -13,7 +13,7 @@ import numpy as np
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record, restored
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
-from dryfric_control.store.files import edited, read_document, write_document
+from dryfric_control.store.files import load_document, write_document
 
 _PLAIN = (str, bool, int, type(None))
 
@@ -50,18 +50,15 @@ def load_object(
     ValueError
         If the file is of another kind or version, or was changed since.
     """
-    data, intact = read_document(path, kind, version)
-    if not intact:
-        raise edited(path)
-    try:
-        found = _value(data["content"], {one.__name__: one for one in classes})
+    known = {one.__name__: one for one in classes}
+
+    def rebuild(data: dict[str, Any]) -> Any:
+        found = _value(data["content"], known)
         if type(found) is not classes[0]:
             raise ValueError(f"it holds {type(found).__name__}")
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise ValueError(
-            f"{path} is damaged: {type(error).__name__}: {error}; save the {kind} again"
-        ) from None
-    return found
+        return found
+
+    return load_document(path, kind, version, rebuild)
 
 
 def _data(value: Any, known: set[str]) -> Any:

@@ -157,7 +157,9 @@ def load_document(
         # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             made = rebuild(data)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
+    except (
+        KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError,
+    ) as error:  # fmt: skip
         if broken is not ValueError and isinstance(error, broken):
             raise broken(f"{path} was changed: {error}") from None
         raise ValueError(

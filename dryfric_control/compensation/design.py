@@ -22,6 +22,7 @@ from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.own_axis import LEFT_OUT
 from dryfric_control.observer.runtime import tables
+from dryfric_control.observer.weights import UNCERTAIN_FRACTION, coulomb_level
 from dryfric_control.text import wrapped
 
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
@@ -45,6 +46,9 @@ _BASELINE = _Tuning(0.55, 1.86, 0.0, 0.0)
 _ESTIMATE = 0.98
 #: Integral gain over w kp.
 _INTEGRAL = 0.35
+# Natural frequency of the observer [rad/sample] without knowledge of the encoder, and its
+# range with it.
+_CALM, _CALM_RANGE = 0.15, (0.03, 0.3)
 #: Delay of sampling, hold, difference and low-pass, in samples.
 _SAMPLED = 1.3
 #: Time constant of the low-pass on the speed [samples].
@@ -594,8 +598,10 @@ def design_compensation(
     reach = largest_level(acting) / kp
     observer = None
     if law in ("learned", "fixed"):
+        watched = _watchable(axis)
+        # The law learns from estimates before the reading, which they are judged by.
         observer = design_pi_observer(
-            _watchable(axis), dt, discretization="zoh", encoder_quantum=quantum or None
+            watched, dt, form="prediction", noise=_calm_noise(watched, dt, quantum)
         )
     made = dict(
         axis=axis,
@@ -652,6 +658,20 @@ def certified(fields: dict[str, Any]) -> Compensation:
             f"{certificate.nominal.radius:.4f}): lower bandwidth or gains, or the delay"
         )
     return replace(comp, certificate=certificate)
+
+
+def _calm_noise(axis: FrictionAxis, dt: float, quantum: float) -> float:
+    """Reading noise [m] for which the observer is as calm as the law was tuned with.
+
+    Rounding of the encoder, as far as the observer's natural frequency stays within
+    limits; `benchmarks/compensation.py` sets them.
+    """
+    step = dt**2 * UNCERTAIN_FRACTION * coulomb_level(axis) / axis.mass
+    frequency = _CALM
+    if quantum:
+        slow, fast = _CALM_RANGE
+        frequency = min(max(math.sqrt(step * math.sqrt(12.0) / quantum), slow), fast)
+    return step / frequency**2
 
 
 def _watchable(axis: FrictionAxis) -> FrictionAxis:

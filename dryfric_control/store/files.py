@@ -158,7 +158,7 @@ def load_document(
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             made = rebuild(data)
     except (
-        KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError,
+        ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError
     ) as error:  # fmt: skip
         if broken is not ValueError and isinstance(error, broken):
             raise broken(f"{path} was changed: {error}") from None

@@ -271,6 +271,12 @@ def polynomial(coefficients, first, count, x):
     return value
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def held_force(force):
+    """Drive of one force."""
+    return Drive(force, 0.0, 0.0, 0.0)
+
+
 @internal(forceinline=True)
 def drive_force(drive, tau):
     """Drive force at time tau of the interval."""
@@ -395,7 +401,7 @@ def _acceleration(plant, drive, t0, tau, x, v, s):
 
 
 @internal
-def _slide(plant, drive, t0, tau, x, v, s, k1, d):
+def slide(plant, drive, t0, tau, x, v, s, k1, d):
     """One sliding step of length d: state, stages 2 to 4, place acceleration.
 
     Stages 2 and 3 share their place, so what depends on place and time alone
@@ -520,7 +526,7 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
         c = between(a, fa, b, fb)
         if b - a <= 1e-15 * d or fb == 0.0 or c == b:
             break
-        xc, vc, _, _, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, c)
+        xc, vc, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, c)
         fc = _surface(plant, drive, t0, tau + c, xc, vc, s, kind)
         a, fa, b, fb, side = narrowed(a, fa, b, fb, side, c, fc)
     return b
@@ -663,7 +669,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     sigma = plant.numbers[STICK_SPEED]
     if s * v <= sigma:
         return False, x, v
-    x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, 0.0, x, v, s, k1, h)
+    x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, 0.0, x, v, s, k1, h)
     allowed = TOLERANCE * (abs(v) + sigma + h * abs(k1))
     lowest = s * v1
     if s * k1 < 0.0 and s * k4 > 0.0:
@@ -759,7 +765,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             k1 = _acceleration(plant, drive, t0, tau, x, v, s)
             fresh = False
         d = min(longest, bound - tau, plant.numbers[SHORT_TIME])
-        x1, v1, k2, k3, k4, placed = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1))
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         if d > SHORTEST * h:
@@ -821,7 +827,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 longest = larger(d, allowed, error)
             continue
 
-        x, v, _, _, _, _ = _slide(plant, drive, t0, tau, x, v, s, k1, d)
+        x, v, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, d)
         tau += d
         fresh, longest = True, h
         if kind == _ZERO:

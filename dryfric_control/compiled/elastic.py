@@ -62,6 +62,7 @@ from dryfric_control.compiled.axis_step import (
     do,
     drive_force,
     further,
+    held_force,
     hold_excess,
     internal,
     load,
@@ -74,11 +75,6 @@ from dryfric_control.compiled.axis_step import (
     step_error,
 )
 from dryfric_control.compiled.roots import between, larger, narrowed, smaller
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _held_force(force):
-    return Drive(force, 0.0, 0.0, 0.0)
 
 
 @internal
@@ -124,7 +120,7 @@ def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
     s, t = float(mode), t0 + tau
     if mode == 0 and not side.integers[STRUCTURE] & CONTACT:
         return motor, -side.numbers[STICK_RATE] * p
-    w = load(side, _held_force(force), t, 0.0, y, p, s, rest)
+    w = load(side, held_force(force), t, 0.0, y, p, s, rest)
     if mode == 0:
         friction = side.numbers[CONTACT_STIFFNESS] * (y - anchor)
     else:
@@ -193,17 +189,17 @@ def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
         if s * p <= 0.0:
             return False
         force = _transmitted(side, drive, tau, x, v, y, p)
-        w = load(side, _held_force(force), t, 0.0, y, p, 0.0, rest)
+        w = load(side, held_force(force), t, 0.0, y, p, 0.0, rest)
         return s * pull >= _bound(side, t, y, p, w, s, rest)
     if mode == 0:
         force = _transmitted(side, drive, tau, x, v, y, p)
-        return hold_excess(side, _held_force(force), t, 0.0, y, p, rest)[0] > 0.0
+        return hold_excess(side, held_force(force), t, 0.0, y, p, rest)[0] > 0.0
     if s * p > side.numbers[STICK_SPEED]:
         return False
     if s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
         return True
     force = _transmitted(side, drive, tau, x, v, y, p)
-    return band_excess(side, _held_force(force), t, 0.0, y, p, s) <= 0.0
+    return band_excess(side, held_force(force), t, 0.0, y, p, s) <= 0.0
 
 
 @internal
@@ -211,7 +207,7 @@ def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
     """Deflection of a contact that springs back, no more than the level holds."""
     s = 1.0 if z > 0.0 else -1.0
     force = _transmitted(side, drive, tau, x, v, y, p)
-    w = load(side, _held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
+    w = load(side, held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
     most = _bound(side, t0 + tau, y, p, w, s, rest) / side.numbers[CONTACT_STIFFNESS]
     return s * min(s * z, most)
 
@@ -220,14 +216,14 @@ def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
 def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     """Mode, speed and deflection of the load, friction force, accelerations."""
     force = _transmitted(side, drive, 0.0, x, v, y, p)
-    w = load(side, _held_force(force), t0, 0.0, y, p, float(mode), rest)
+    w = load(side, held_force(force), t0, 0.0, y, p, float(mode), rest)
     if not side.integers[STRUCTURE] & CONTACT:
         mode, p = resolve(side, t0, y, p, mode, rest, w)
         motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y, mode, rest)
         if mode == 0:
             return mode, p, 0.0, w, motor, rate
         s = float(mode)
-        w = load(side, _held_force(force), t0, 0.0, y, p, s, 0.0)
+        w = load(side, held_force(force), t0, 0.0, y, p, s, 0.0)
         return mode, p, 0.0, s * sliding_level(side, t0, y, p, w, s), motor, rate
     stiffness = side.numbers[CONTACT_STIFFNESS]
     if mode != 0 and mode * p <= 0.0:
@@ -243,7 +239,7 @@ def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
         friction = stiffness * z
     else:
         s = float(mode)
-        w = load(side, _held_force(force), t0, 0.0, y, p, s, 0.0)
+        w = load(side, held_force(force), t0, 0.0, y, p, s, 0.0)
         friction = s * sliding_level(side, t0, y, p, w, s)
     motor, rate = _rates(side, drive, t0, 0.0, x, v, y, p, y - z, mode, rest)
     return mode, p, z, friction, motor, rate
@@ -318,7 +314,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 # The contact turns round in this step: stop where it is strained most.
                 part = p / (p - p1)
                 force = _transmitted(side, drive, tau + d, x1, v1, y1, p1)
-                w = load(side, _held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
+                w = load(side, held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
                 pull = stiffness * (y + 0.6 * part * d * p - anchor)
                 side_of_pull = 1.0 if pull > 0.0 else -1.0
                 near = _bound(side, t0 + tau, y, 0.0, w, side_of_pull, rest)
@@ -362,7 +358,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             tau = h
         fresh, longest = True, h
         force = _transmitted(side, drive, tau, x, v, y, p)
-        held = _held_force(force)
+        held = held_force(force)
         after = 0
         if mode == 0:
             rest += b
@@ -383,7 +379,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 after = -mode
             else:
                 if two:
-                    held = _held_force(_transmitted(side, drive, tau, x, v, y, p))
+                    held = held_force(_transmitted(side, drive, tau, x, v, y, p))
                 w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
                 after = at_zero(side, t0 + tau, y, w, mode)
                 if after == mode and b <= 2e-14 * d:
@@ -401,7 +397,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if mode != 0:
             s = float(mode)
             force = _transmitted(side, drive, h, x, v, y, p)
-            w = load(side, _held_force(force), t0 + h, 0.0, y, p, s, 0.0)
+            w = load(side, held_force(force), t0 + h, 0.0, y, p, s, 0.0)
             z = s * sliding_level(side, t0 + h, y, p, w, s) / stiffness
         memory[DEFLECTION] = z
     elif mode == 0 and abs(p) < 1e-9 * sigma:
@@ -502,7 +498,7 @@ def _joined(plant, drive, t, d, memory, side, scratch, events, count):
 def _apart(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
     _state_of_load(memory, scratch)
-    _advance_one(_load_side(plant), _held_force(0.0), t, d, scratch, events, count)
+    _advance_one(_load_side(plant), held_force(0.0), t, d, scratch, events, count)
     moved, _ = _motor(plant, drive, memory[V], d)
     # From differences: the gap is small against the position.
     return moved - memory[OFFSET] - (scratch[X] - (memory[X] + memory[OFFSET]))
@@ -627,7 +623,7 @@ def _seen_play(plant, drive, t, memory, side):
     if side != 0.0:
         mode, _, friction, _ = _seen_one(plant, drive, t, scratch)
     else:
-        mode, _, friction, _ = _seen_one(_load_side(plant), _held_force(0.0), t, scratch)
+        mode, _, friction, _ = _seen_one(_load_side(plant), held_force(0.0), t, scratch)
     return memory[V], friction, mode
 
 
@@ -646,7 +642,7 @@ def _settle(plant, force, t, memory):
         memory[OFFSET] = -force / plant.numbers[STIFFNESS]
     if kind & CONTACT:
         y, v = memory[X] + memory[OFFSET], memory[V]
-        w = load(plant, _held_force(force), t, 0.0, y, v, 0.0, memory[REST])
+        w = load(plant, held_force(force), t, 0.0, y, v, 0.0, memory[REST])
         slides = abs(v) > plant.numbers[STICK_SPEED]
         s = math.copysign(1.0, v if slides else w)
         bound = _bound(plant, t, y, v, w, s, 0.0)

@@ -21,9 +21,9 @@ from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
+from dryfric_control.estimation.parameters import typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
-from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.record import Record

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
 from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
-from dryfric_control.estimation.parameters import Parameter, choose, values_of
+from dryfric_control.estimation.parameters import Parameter, choose, typical, values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, positions
-from dryfric_control.identification.fit import typical
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.record import Record

@@ -14,6 +14,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.naming import class_of, named, put, with_named
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.units import powers
+from dryfric_control.records.record import Record
 
 #: Base parameters of the axis: their units.
 _BASE = {
@@ -104,6 +105,14 @@ class Scales:
     def of(self, powers: tuple[int, int, int]) -> float:
         """Typical size of a quantity with these powers."""
         return self.force ** powers[0] * self.length ** powers[1] * self.time ** powers[2]
+
+
+def typical(records: Sequence[Record]) -> Scales:
+    """Typical force, length and time in records."""
+    force = float(np.sqrt(np.mean([np.mean(r.u**2) for r in records])))
+    length = float(np.mean([np.std(r.x) for r in records]))
+    speed = float(np.sqrt(np.mean([np.mean(r.derivatives().v ** 2) for r in records])))
+    return Scales(force or 1.0, length, length / speed, records[0].dt)
 
 
 def choose(

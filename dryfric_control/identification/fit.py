@@ -16,7 +16,7 @@ from tqdm import tqdm
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding, force_start
-from dryfric_control.estimation.parameters import Parameter, Scales, choose
+from dryfric_control.estimation.parameters import Parameter, choose, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.uncertainty import (
@@ -475,14 +475,6 @@ def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) ->
 def _check_level(level: float) -> None:
     if not 0.0 < finite("level", level) < 1.0:
         raise ValueError(f"level must lie between 0 and 1, got {level!r}")
-
-
-def typical(records: Sequence[Record]) -> Scales:
-    """Typical force, length and time in records."""
-    force = float(np.sqrt(np.mean([np.mean(r.u**2) for r in records])))
-    length = float(np.mean([np.std(r.x) for r in records]))
-    speed = float(np.sqrt(np.mean([np.mean(r.derivatives().v ** 2) for r in records])))
-    return Scales(force or 1.0, length, length / speed, records[0].dt)
 
 
 def _starting_points(

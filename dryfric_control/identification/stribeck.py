@@ -17,10 +17,10 @@ from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.motion import directions
-from dryfric_control.estimation.parameters import Scales, choose
+from dryfric_control.estimation.parameters import Scales, choose, typical
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.windows import Windows, cut
-from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows, typical
+from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck

@@ -14,9 +14,9 @@ from dryfric_control.diagnosis.candidates import BASE
 from dryfric_control.diagnosis.diagnose import FIT, JUDGE, roles
 from dryfric_control.diagnosis.noise_floor import Floor
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
+from dryfric_control.estimation.parameters import typical
 from dryfric_control.estimation.problem import BASE_COST, BASE_SPREAD
 from dryfric_control.estimation.windows import cut
-from dryfric_control.identification.fit import typical
 
 SPRING = ("spring.stiffness", "spring.rest")
 DRAG = ("quadratic_drag.drag",)

@@ -20,11 +20,10 @@ from diagnosis_cases import believed, record
 from truth import make_case, make_null
 
 import dryfric_control as dfc
-from dryfric_control.estimation.parameters import choose
+from dryfric_control.estimation.parameters import choose, typical
 from dryfric_control.estimation.problem import CANDIDATE, Problem, minimise, narrowing, through
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
-from dryfric_control.identification.fit import typical
 
 STORED = Path(__file__).with_name("one_engine.json")
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)

@@ -9,11 +9,10 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.estimation.motion import directions
-from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
+from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
-from dryfric_control.identification.fit import typical
 from dryfric_control.records import Record, read_record
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

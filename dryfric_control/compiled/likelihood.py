@@ -1,0 +1,418 @@
+"""Compiled hybrid filter: innovations of a record under an axis.
+
+The prediction of position and velocity is the axis' own exact step, switches
+located inside the sample, with every effect and its memory.  Beside it runs
+the covariance of (x, v), held as P = p [1 g; g g^2] + d [0 0; 0 1]: variance of
+the position, slope of the velocity over it, and variance of the velocity given
+the position.  A reading changes p alone, so that P stays positive.
+
+Noises: the force is off by N(0, force) in every sample, held over it; a
+reading is off by N(0, reading).  Innovations follow Student's t.
+"""
+# mypy: disallow-untyped-defs=False
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dryfric_control.compiled import axis_step as step
+
+#: Degrees of freedom of the innovations.
+FREEDOM = 4.0
+#: Samples at the start of a record from which the filter takes its velocity;
+#: they carry no evidence.
+FIRST = 10
+#: Squared innovation over its variance beyond which a reading is believed the less.
+DOUBTED = 9.0
+# Squared innovation over its variance from which a reading counts as strange, and
+# how many of them in a row, all on one side, mean that the axis has moved otherwise.
+_STRANGE, _IN_A_ROW = 25.0, 3
+# What a resting axis may creep in a sample, as a part of the reading's variance.
+_CREEP = 0.01
+# Deviations of the velocity within which its sign is not sure, and the velocities and
+# weights that then stand for its distribution: Gauss-Hermite, the middle last.
+_NEAR = 3.0
+_PLACES = (math.sqrt(3.0), -math.sqrt(3.0), 0.0)
+_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
+# Margins of break-away beyond this many force deviations are safe.
+_SAFE = 7.0
+# Error that a smooth step may have, over the velocity scale and over what the random
+# force does to the velocity.
+_TOLERANCE, _PART = 1e-6, 0.05
+
+
+@step.internal
+def _slopes(plant, t, x, v, held, s, dx):
+    """Change of the sliding acceleration with position and velocity."""
+    i = plant.integers
+    inverse = plant.numbers[step.INVERSE_MASS]
+    depends = i[step.N_FORCE] + i[step.N_LEVEL] > 0
+    if not depends and plant.numbers[step.EXCESS] == 0.0:
+        by_v = -plant.numbers[step.VISCOUS] * inverse
+    else:
+        dv = 1e-3 * (abs(v) + plant.numbers[step.STICK_SPEED])
+        by_v = (_rate(plant, held, t, x, v + dv, s) - _rate(plant, held, t, x, v - dv, s)) / (
+            2.0 * dv
+        )
+    by_x = 0.0
+    if depends or i[step.N_PLUS] + i[step.N_MINUS] > 2:
+        by_x = (_rate(plant, held, t, x + dx, v, s) - _rate(plant, held, t, x - dx, v, s)) / (
+            2.0 * dx
+        )
+    return by_x, by_v
+
+
+@step.internal
+def _rate(plant, held, t, x, v, s):
+    """Acceleration of the sliding mode."""
+    w = step.load(plant, held, t, 0.0, x, v, s, 0.0)
+    friction = s * step.sliding_level(plant, t, x, v, w, s)
+    return (w - plant.numbers[step.VISCOUS] * v - friction) * plant.numbers[step.INVERSE_MASS]
+
+
+@step.internal
+def _smooth(plant, drive, t, h, x, v, s, deviation):
+    """Try a sliding sample in one step: whether no switch is near, and the state.
+
+    The same step as that of the axis, with an error far below the noise instead of
+    far below what switching times need.
+    """
+    sigma = plant.numbers[step.STICK_SPEED]
+    k1 = _rate(plant, drive, t, x, v, s)
+    x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
+    noise = deviation * h * plant.numbers[step.INVERSE_MASS]
+    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + _PART * noise
+    lowest = min(s * v, s * v1)
+    if s * k1 < 0.0 and s * k4 > 0.0:
+        part = k1 / (k1 - k4)
+        lowest = min(lowest, s * (v + 0.5 * part * h * k1))
+    calm = (
+        lowest > sigma
+        and abs(x1 - x) <= plant.numbers[step.SHORT_WAY]
+        and h <= plant.numbers[step.SHORT_TIME]
+        and step.peak_step(plant, v, v1, s, h) == h
+        and step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
+    )
+    return calm, x1, v1
+
+
+@njit(cache=True, error_model="numpy")
+def _escape(margin, deviation):
+    """Mean square by which a random force beyond a margin differs from its mean course.
+
+    E[(max(n - M, 0) - max(-M, 0))^2] for n ~ N(0, deviation^2): from 0 where
+    break-away is far to deviation^2 where the axis slides anyway.
+    """
+    z = margin / deviation
+    if z > _SAFE:
+        return 0.0
+    beyond = 0.5 * math.erfc(z / math.sqrt(2.0))
+    density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    square = (1.0 + z * z) * beyond - z * density
+    if z < 0.0:
+        mean = density - z * beyond
+        square += 2.0 * z * mean + z * z
+    return max(square, 0.0) * deviation * deviation
+
+
+@step.internal
+def _random_force(plant, t, dt, memory, u, deviation):
+    """Variance of the force that reaches a resting axis."""
+    drive = step.held_force(step.drive_now(plant, t, dt, memory, u))
+    x, v, rest = memory[step.X], memory[step.V], memory[step.REST]
+    w = step.load(plant, drive, t, 0.0, x, v, 0.0, rest)
+    total = 0.0
+    for s in (1.0, -1.0):
+        margin = step.breakaway_level(plant, t, x, w, s, rest) - s * w
+        if margin < _SAFE * deviation:
+            total += _escape(margin, deviation)
+    return min(total, deviation * deviation)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def innovations(
+    numbers, integers, size, u, y, good, t0, dt, first, force, reading, span, state, out
+):
+    """Innovations and their variances over a whole record.
+
+    Parameters
+    ----------
+    numbers, integers, size : arrays and length of memory of the axis
+    u, y : ndarray, shape (n,)
+        Input and readings.
+    good : ndarray of bool, shape (n,)
+        Readings that may be used.
+    t0, dt : float
+        Time of the first sample and sampling time [s].
+    first : bool
+        Whether the input runs linearly between samples.
+    force : float
+        Variance of the random force, held over a sample [N^2].
+    reading : float
+        Variance of a reading [m^2].
+    span : float
+        Travel of the record [m], the scale of differences along the way.
+    state : ndarray, shape (3, n)
+        Receives position and velocity after each reading, and the mode.
+    out : ndarray, shape (2, n)
+        Receives innovations and their variances; variance 0 where there is none.
+    """
+    plant = step.point(numbers, integers)
+    memory = np.zeros(size)
+    m = step.pointer(memory)
+    events = np.empty(step.ROOM)
+    count = step.tally(events)
+    switches, counted = step.pointer(events), step.pointer(count)
+    n = y.shape[0]
+    structure = integers[step.STRUCTURE]
+    contact = structure & step.CONTACT != 0
+    two = structure & (step.PLAY | step.SPRING) != 0
+    plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
+    inverse = numbers[step.INVERSE_MOTOR] if two else numbers[step.INVERSE_MASS]
+    before, points = np.empty(size), np.empty((2, 3))
+    deviation = math.sqrt(force)
+    dx = 1e-6 * span
+    begin = min(FIRST, n - 1)
+    v0 = (y[begin] - y[0]) / (begin * dt)
+    memory[step.X], memory[step.V] = y[0], v0
+    for j in range(integers[step.N_HISTORY]):
+        held = step.input_map(plant, t0, m, u[0])
+        memory[step.HISTORY + 2 * j] = held
+        memory[step.HISTORY + 2 * j + 1] = held
+    memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
+    if structure != 0:
+        step.settle(plant, t0, dt, m, u[0])
+    memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
+    p, g = reading, 0.0
+    d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
+    row, side = 0, 0.0
+    state[0, 0], state[1, 0], state[2, 0] = y[0], v0, memory[step.MODE]
+    out[0, 0], out[1, 0] = 0.0, 0.0
+    for k in range(1, n):
+        t = t0 + (k - 1) * dt
+        end = u[k] if first else u[k - 1]
+        x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
+        if mode == 0 and abs(v) > numbers[step.STICK_SPEED]:
+            mode = 1 if v > 0.0 else -1
+        sliding = mode != 0
+        total = d + g * g * p
+        width = math.sqrt(total)
+        if structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width:
+            # The direction of motion is not sure: three velocities, each with its own mode.
+            x_mean, v_mean, variance, resting = 0.0, 0.0, 0.0, 1.0
+            slope = g * p / total
+            for j in range(size):
+                before[j] = memory[j]
+            for i in range(3):
+                c = _PLACES[i] * width
+                for j in range(size):
+                    memory[j] = before[j]
+                memory[step.X], memory[step.V] = x + slope * c, v + c
+                held = abs(v + c) <= numbers[step.STICK_SPEED] and before[step.MODE] == 0.0
+                pushed = force
+                if held:
+                    pushed = _random_force(plant, t, dt, m, u[k - 1], deviation)
+                count[0] = 0
+                step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
+                if memory[step.MODE] != 0.0 or not held:
+                    resting, pushed = 0.0, force
+                x_mean += _WEIGHTS[i] * memory[step.X]
+                v_mean += _WEIGHTS[i] * memory[step.V]
+                variance += _WEIGHTS[i] * pushed
+                points[0, i], points[1, i] = memory[step.X], memory[step.V]
+            memory[step.X], memory[step.V] = x_mean, v_mean
+            # What the position is off by for a given velocity stays.
+            m00, m01, m11 = p * d / total + resting * _CREEP * reading, 0.0, 0.0
+            for i in range(3):
+                a, b = points[0, i] - x_mean, points[1, i] - v_mean
+                m00 += _WEIGHTS[i] * a * a
+                m01 += _WEIGHTS[i] * a * b
+                m11 += _WEIGHTS[i] * b * b
+            b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
+            m00 += variance * b0 * b0
+            m01 += variance * b0 * b1
+            m11 += variance * b1 * b1
+            m00 = max(m00, 1e-6 * reading)
+            p, g = m00, m01 / m00
+            d = max(m11 - m01 * g, 1e-9 * m11)
+        else:
+            by_x, by_v = 0.0, 0.0
+            if sliding:
+                held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
+                by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx)
+            variance = force
+            if not sliding and not contact:
+                variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+            calm = False
+            if sliding and plain:
+                start = step.input_map(plant, t, m, u[k - 1])
+                stop = start if not first else step.input_map(plant, t, m, end)
+                drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
+                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), deviation)
+            if calm:
+                memory[step.X], memory[step.V] = x1, v1
+                memory[step.MODE], memory[step.REST] = float(mode), 0.0
+            else:
+                count[0] = 0
+                step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
+            if not sliding and memory[step.MODE] != 0.0:
+                variance = force
+            if not sliding:
+                if contact:
+                    by_x = -numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS]
+                    by_v = -numbers[step.VISCOUS] * numbers[step.INVERSE_MASS]
+                else:
+                    by_v = -numbers[step.STICK_RATE]
+            if two:
+                # The spring to the load, or a load that may be in contact or not.
+                by_x = -numbers[step.STIFFNESS] * inverse
+                by_v = -numbers[step.DAMPING] * inverse
+                variance = force
+            # Covariance: P = F P F' + variance b b'.
+            z = min(max(by_v * dt, -50.0), 2.0)
+            if abs(z) > 1e-3:
+                f11 = math.exp(z)
+                f01 = dt * (f11 - 1.0) / z
+            else:
+                f11 = 1.0 + z * (1.0 + 0.5 * z)
+                f01 = dt * (1.0 + 0.5 * z)
+            h = min(max(by_x * dt * dt, -1.0), 1.0)
+            f00, f10 = 1.0 + 0.5 * h, h / dt * (f01 / dt)
+            along, across = f00 + f01 * g, f10 + f11 * g
+            m00 = along * along * p + f01 * f01 * d
+            m01 = along * across * p + f01 * f11 * d
+            det = (f00 * f11 - f01 * f10) ** 2 * p * d
+            if not sliding and not contact:
+                # Creep at rest keeps the filter awake.
+                det += _CREEP * reading * (across * across * p + f11 * f11 * d)
+                m00 += _CREEP * reading
+            g = m01 / m00
+            d = det / m00
+            b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
+            moved = b1 - g * b0
+            # Rank one: the determinant grows by variance b' adj(M) b.
+            d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
+            m01 = g * m00 + variance * b0 * b1
+            m00 += variance * b0 * b0
+            p, g, d = m00, m01 / m00, d_new / m00
+        # Reading.
+        x, v = memory[step.X], memory[step.V]
+        out[0, k], out[1, k] = 0.0, 0.0
+        if good[k]:
+            e = y[k] - x
+            s = p + reading
+            out[0, k], out[1, k] = e, s
+            ratio = e * e / s
+            noise = reading
+            if ratio > _STRANGE:
+                row = row + 1 if side * e > 0.0 else 1
+                side = 1.0 if e > 0.0 else -1.0
+            else:
+                row = 0
+            if row == _IN_A_ROW:
+                # The axis has moved otherwise: believe the readings.
+                row = 0
+                p, g = e * e, 1.0 / (_IN_A_ROW * dt)
+                d = p * g * g
+            elif ratio > DOUBTED:
+                noise = reading * ratio / DOUBTED
+            gain = p / (p + noise)
+            p = gain * noise
+            x += gain * e
+            v += gain * g * e
+            memory[step.X], memory[step.V] = x, v
+            if contact and memory[step.MODE] == 0.0:
+                memory[step.DEFLECTION] += gain * e
+        if not (abs(x) < 1e150 and abs(v) < 1e150):
+            for i in range(k, n):
+                out[0, i], out[1, i] = np.inf, 1.0
+            return
+        state[0, k], state[1, k], state[2, k] = x, v, memory[step.MODE]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def cost(out, active):
+    """Negative log-likelihood of the active samples, without its constant.
+
+    Sum of log(S)/2 + (nu + 1)/2 log(1 + e^2/(nu S)).
+    """
+    total = 0.0
+    for k in range(FIRST + 1, out.shape[1]):
+        s = out[1, k]
+        if active[k] and s > 0.0:
+            e = out[0, k]
+            total += 0.5 * math.log(s)
+            total += 0.5 * (FREEDOM + 1.0) * math.log1p(e * e / (FREEDOM * s))
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def block_costs(out, active, edges, costs):
+    """`cost` of each block; block b covers the samples edges[b] to edges[b+1] - 1."""
+    for b in range(edges.shape[0] - 1):
+        total = 0.0
+        for k in range(max(edges[b], FIRST + 1), edges[b + 1]):
+            s = out[1, k]
+            if active[k] and s > 0.0:
+                e = out[0, k]
+                total += 0.5 * math.log(s)
+                total += 0.5 * (FREEDOM + 1.0) * math.log1p(e * e / (FREEDOM * s))
+        costs[b] = total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def slopes(out, before, after, low, high, slope):
+    """Slopes of innovations over their deviation and of its logarithm, shape (2, n).
+
+    `before` and `after` are the filter's answers `low` below and `high` above in one
+    coordinate (0 for a side that is not there: then the answer here).  A change
+    by more than a deviation within the step is no slope: a switch was missed.
+    """
+    wide = low + high
+    for k in range(out.shape[1]):
+        slope[0, k], slope[1, k] = 0.0, 0.0
+        s = out[1, k]
+        if s > 0.0 and wide > 0.0:
+            change = (after[0, k] - before[0, k]) / math.sqrt(s)
+            if abs(change) < 1.0:
+                slope[0, k] = change / wide
+            change = 0.5 * (after[1, k] - before[1, k]) / s
+            if abs(change) < 1.0:
+                slope[1, k] = change / wide
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def normal_terms(out, active, edges, slope, g, h):
+    """Gradient and information of each block of samples.
+
+    `slope` has `slopes` of each coordinate, shape (p, 2, n).  The information is
+    that of the location, weighted by how the reading was believed, and of the
+    scale of Student's t.
+    """
+    p = slope.shape[0]
+    scale = 2.0 * FREEDOM / (FREEDOM + 3.0)
+    for b in range(edges.shape[0] - 1):
+        g[b] = 0.0
+        h[b] = 0.0
+        for k in range(max(edges[b], FIRST + 1), edges[b + 1]):
+            s = out[1, k]
+            if not (active[k] and s > 0.0):
+                continue
+            e = out[0, k] / math.sqrt(s)
+            weight = (FREEDOM + 1.0) / (FREEDOM + e * e)
+            pull, spread = weight * e, 1.0 - weight * e * e
+            for i in range(p):
+                de, ds = slope[i, 0, k], slope[i, 1, k]
+                if de == 0.0 and ds == 0.0:
+                    continue
+                g[b, i] += pull * de + spread * ds
+                de *= weight
+                ds *= scale
+                for j in range(i + 1):
+                    h[b, i, j] += de * slope[j, 0, k] + ds * slope[j, 1, k]
+        for i in range(p):
+            for j in range(i):
+                h[b, j, i] = h[b, i, j]

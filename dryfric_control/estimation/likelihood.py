@@ -1,0 +1,467 @@
+"""Fit of an axis to records by the likelihood of a hybrid filter.
+
+Two noises are estimated beside the parameters: a random force, white, of
+intensity q [N^2 s], and readings that are off with variance R.  A model that
+leaves something out must declare a large q and pays for it at every sample;
+so does one that mutes the drive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.compiled.axis_step import CONTACT_STIFFNESS, INVERSE_MASS, STIFFNESS
+from dryfric_control.estimation.parameters import (
+    Parameter,
+    Scales,
+    choose,
+    typical,
+    values_of,
+    with_values,
+)
+from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.records.record import Record
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: Base parameters, which have a prior unless they are known.
+BASE = ("mass", "viscous", "coulomb")
+#: Standard deviation of a base parameter's logarithm without further knowledge:
+#: a factor of 2 is two of them.
+BOLD = 0.5 * math.log(2.0)
+# Length of the blocks over which scores are summed for standard errors [s].
+_BLOCK = 0.5
+# Fall of the cost that a step must promise to be worth trying, and the promise
+# beyond which a search that ends has not converged.
+_PROMISED, _FAR = 0.05, 1.0
+_ITERATIONS = 40
+# Step of the slopes: first, in standard errors, and its limits.
+_STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
+_WIDER = 4.0
+# Stiffness over mass, per squared sampling time, beyond which a spring is rigid.
+_STIFF = 10.0
+# Longest step of a search coordinate of order 1, and of a noise's logarithm.
+_REACH, _NOISE_REACH = 0.7, 3.0
+# Step of a noise's logarithm for its slopes.
+_NOISE_STEP = 0.05
+# Student's t with 4 degrees of freedom, fitted to normal innovations, finds this part of
+# their variance.
+_NORMAL = 0.6516
+# Bounds of the random force's standard deviation, over the drive's.
+_FORCE = (1e-5, 10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One record as the filter reads it.
+
+    Attributes
+    ----------
+    record : Record
+    u : ndarray, shape (n,)
+        Its input, zeros for a model that has none.
+    good : ndarray of bool, shape (n,)
+        Readings that may be used.
+    active : ndarray of bool, shape (n,)
+        Samples whose innovations count.
+    edges : ndarray of int64, shape (nblocks + 1,)
+        Blocks over which scores are summed.
+    floor : float
+        Least variance of a reading.
+    drive : float
+        RMS of the input, the scale of the random force.
+    """
+
+    record: Record
+    u: FloatArray
+    good: BoolArray
+    active: BoolArray
+    edges: NDArray[np.int64]
+    floor: float
+    drive: float
+
+
+def prepare(record: Record, active: BoolArray | None = None) -> Run:
+    """A record ready for the filter, all its samples active by default."""
+    n = len(record)
+    size = max(1, round(_BLOCK / record.dt))
+    edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
+    floor = (record.quantum or 0.0) ** 2 / 12.0 * _NORMAL
+    floor = max(floor, (1e-9 * record.range) ** 2)
+    drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
+    active = np.ones(n, bool) if active is None else active
+    return Run(record, record.u, np.ones(n, bool), active, edges, floor, drive)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The filter's answer at one point of the search.
+
+    Attributes
+    ----------
+    cost : float
+        Negative log-likelihood and prior.
+    out : list of ndarray, shape (2, n)
+        Innovations and their variances, one entry a record.
+    states : list of ndarray, shape (3, n)
+        Filtered position, velocity and mode.
+    """
+
+    cost: float
+    out: list[FloatArray]
+    states: list[FloatArray]
+
+
+class Likelihood:
+    """Parameters and noises of an axis in one or more records.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        Axis that holds what is not free, and with it the first guess.
+    free : sequence of str
+        Names, see `choose`.
+    runs : sequence of Run
+        The records.
+    believed : FrictionAxis, optional
+        Axis about which the prior of base parameters lies; `axis` by default.
+    tolerance : mapping of str to float, optional
+        Relative standard deviation of a prior.
+    own : sequence of str, optional
+        Free parameters of which every record has its own value.
+    hold : {"zero", "first"}, optional
+    """
+
+    def __init__(
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str],
+        runs: Sequence[Run],
+        *,
+        believed: FrictionAxis | None = None,
+        tolerance: Mapping[str, float] | None = None,
+        own: Sequence[str] = (),
+        hold: str = "zero",
+        scales: Scales | None = None,
+    ) -> None:
+        self.runs = tuple(runs)
+        records = [r.record for r in self.runs]
+        found: tuple[Parameter, ...] = ()
+        axis = axis.effective()
+        if free:
+            axis, found = choose(axis, free, scales or typical(records))
+        self.axis = axis
+        self.first = hold == "first"
+        tolerance = dict(tolerance or {})
+        believed = (believed or axis).effective()
+        self.parameters: list[Parameter] = []
+        self.place: list[int] = []  # record of a parameter, -1: all
+        for p in found:
+            for i in range(len(runs)) if p.name in own else (-1,):
+                self.parameters.append(p)
+                self.place.append(i)
+        names = [p.name for p in self.parameters]
+        self.names = names
+        centre, spread = np.zeros(len(names)), np.full(len(names), np.inf)
+        for j, p in enumerate(self.parameters):
+            if p.name in BASE or p.name in tolerance:
+                value = float(values_of(believed, [p.name])[0])
+                relative = tolerance.get(p.name, BOLD)
+                centre[j] = p.search(value)
+                size = 1.0 if p.logarithmic else abs(value) / p.scale
+                spread[j] = relative * size if size > 0.0 else np.inf
+        self.centre, self.spread = centre, spread
+        n = len(names)
+        self.size = n + 2 * len(runs)
+        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for j, p in enumerate(self.parameters):
+            if p.low > -np.inf:
+                self.low[j] = p.search(p.low)
+            if p.high < np.inf:
+                self.high[j] = p.search(p.high)
+        for i, run in enumerate(self.runs):
+            a, b = n + 2 * i, n + 2 * i + 1
+            self.low[a], self.high[a] = (2.0 * math.log(f * run.drive) for f in _FORCE)
+            self.low[b] = math.log(run.floor)
+            self.high[b] = 2.0 * math.log(max(run.record.range, 1e-12))
+        self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
+        self.passes = 0
+
+    def start(self, force: float = 0.1) -> FloatArray:
+        """Search coordinates of the axis itself, the random force a part of the drive."""
+        z = [p.search(float(values_of(self.axis, [p.name])[0])) for p in self.parameters]
+        for run in self.runs:
+            z += [
+                2.0 * math.log(force * run.drive),
+                math.log(max(run.floor, (run.record.noise) ** 2)),
+            ]
+        return np.clip(z, self.low, self.high)
+
+    def axis_at(self, z: FloatArray, i: int = 0) -> FrictionAxis:
+        """Axis of record i at search coordinates."""
+        values = {
+            p.name: p.value(c)
+            for p, c, where in zip(self.parameters, z, self.place, strict=False)
+            if where in (-1, i)
+        }
+        return with_values(self.axis, list(values), list(values.values()))
+
+    def noises(self, z: FloatArray, i: int = 0) -> tuple[float, float]:
+        """Variance of the random force held over a sample, and of a reading."""
+        n = len(self.names)
+        return math.exp(z[n + 2 * i]), math.exp(z[n + 2 * i + 1])
+
+    def _filter(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+        """Innovations and states of record i."""
+        run = self.runs[i]
+        record = run.record
+        axis = self.axis_at(z, i)
+        check_pace(axis, record.dt)
+        arrays = axis.arrays(record.dt)
+        stiffness = max(arrays.numbers[CONTACT_STIFFNESS], arrays.numbers[STIFFNESS])
+        if stiffness * arrays.numbers[INVERSE_MASS] * record.dt**2 > _STIFF:
+            raise ValueError("an elastic contact far too stiff to be seen at this sampling time")
+        force, reading = self.noises(z, i)
+        out, state = np.zeros((2, len(record))), np.empty((3, len(record)))
+        compiled.innovations(
+            arrays.numbers, arrays.integers, arrays.memory, run.u, record.x, run.good,
+            float(record.t[0]), record.dt, self.first, force, reading, record.range, state, out,
+        )  # fmt: skip
+        self.passes += 1
+        return out, state
+
+    def at(self, z: FloatArray) -> Point:
+        """Cost and innovations at search coordinates."""
+        pairs = [self._filter(z, i) for i in range(len(self.runs))]
+        cost = self.prior(z)
+        for run, (out, _) in zip(self.runs, pairs, strict=True):
+            cost += compiled.cost(out, run.active)
+        return Point(
+            cost if math.isfinite(cost) else math.inf, [a for a, _ in pairs], [b for _, b in pairs]
+        )
+
+    def blocks(self, i: int, out: FloatArray) -> FloatArray:
+        """Cost of each block of record i."""
+        run = self.runs[i]
+        costs = np.empty(run.edges.size - 1)
+        compiled.block_costs(out, run.active, run.edges, costs)
+        return costs
+
+    def prior(self, z: FloatArray) -> float:
+        """Cost of departures from what is believed."""
+        n = len(self.names)
+        return float(0.5 * np.sum(((z[:n] - self.centre) / self.spread) ** 2))
+
+    def _touches(self, j: int) -> list[int]:
+        """Records that coordinate j acts on."""
+        n = len(self.names)
+        if j >= n:
+            return [(j - n) // 2]
+        return list(range(len(self.runs))) if self.place[j] < 0 else [self.place[j]]
+
+    def terms(self, z: FloatArray, point: Point) -> tuple[FloatArray, FloatArray]:
+        """Gradient and information of each block, without the prior.
+
+        Returns
+        -------
+        gradients : ndarray, shape (nblocks, ncoordinates)
+        information : ndarray, shape (nblocks, ncoordinates, ncoordinates)
+        """
+        return self._terms(z, point)[:2]
+
+    def _terms(
+        self, z: FloatArray, point: Point
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+        """`terms`, and the slopes of each record, shape (ncoordinates, 2, n)."""
+        all_g, all_h, kept = [], [], []
+        for i, run in enumerate(self.runs):
+            slope = np.zeros((self.size, 2, len(run.record)))
+            blocks = run.edges.size - 1
+            g, h = np.zeros((blocks, self.size)), np.zeros((blocks, self.size, self.size))
+            exact = np.zeros((blocks, self.size))
+            for j in range(self.size):
+                if i in self._touches(j):
+                    exact[:, j] = self.slope(z, point, i, j, slope[j])
+            compiled.normal_terms(point.out[i], run.active, run.edges, slope, g, h)
+            all_g.append(exact)
+            all_h.append(h)
+            kept.append(slope)
+        return np.concatenate(all_g), np.concatenate(all_h), kept
+
+    def slope(self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray) -> FloatArray:
+        """Slopes of record i's innovations with coordinate j, and of its blocks' costs.
+
+        The gradient is a difference of costs, which a switch missed by a sample
+        changes by little; its linear estimate it would change by much.
+        """
+        ends, widths = [point.out[i]] * 2, [0.0, 0.0]
+        for side, sign in enumerate((-1.0, 1.0)):
+            moved = z.copy()
+            moved[j] = min(max(z[j] + sign * self.steps[j], self.low[j]), self.high[j])
+            if moved[j] == z[j]:
+                continue
+            try:
+                out = self._filter(moved, i)[0]
+            except ValueError:
+                continue
+            if np.isfinite(out).all():
+                ends[side], widths[side] = out, abs(moved[j] - z[j])
+        wide = sum(widths)
+        if wide == 0.0:
+            return np.zeros(self.runs[i].edges.size - 1)
+        compiled.slopes(point.out[i], ends[0], ends[1], widths[0], widths[1], slope)
+        return (self.blocks(i, ends[1]) - self.blocks(i, ends[0])) / wide
+
+    def refine(self, h: FloatArray, wider: float = 1.0) -> None:
+        """Steps of the slopes, from how well the coordinates are known."""
+        n = len(self.names)
+        known = 1.0 / np.sqrt(np.maximum(np.diag(h)[:n], 1e-300))
+        self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a search has ended.
+
+    Attributes
+    ----------
+    problem : Likelihood
+    z : ndarray, shape (ncoordinates,)
+    point : Point
+    gradients, information : ndarray
+        `Likelihood.terms` at z.
+    converged : bool
+        Whether no step promises more than half a unit of log-likelihood.
+    promised : float
+        Fall of the cost that a full Newton step promises.
+    at_bound : tuple of str
+        Parameters that ended at a bound.
+    """
+
+    problem: Likelihood
+    z: FloatArray
+    point: Point
+    gradients: FloatArray
+    information: FloatArray
+    converged: bool
+    promised: float
+    iterations: int
+    at_bound: tuple[str, ...] = field(default=())
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood and prior."""
+        return self.point.cost
+
+    @property
+    def axis(self) -> FrictionAxis:
+        """Axis of the first record."""
+        return self.problem.axis_at(self.z)
+
+    def values(self) -> dict[str, float]:
+        """Values by name; with the record's number where each has its own."""
+        p = self.problem
+        return {
+            name if where < 0 else f"{name}@{where}": par.value(c)
+            for name, where, par, c in zip(p.names, p.place, p.parameters, self.z, strict=False)
+        }
+
+    def covariance(self) -> FloatArray:
+        """Sandwich covariance of the search coordinates."""
+        n = len(self.problem.names)
+        h = self.information.sum(axis=0)
+        h[np.arange(n), np.arange(n)] += self.problem.spread**-2.0
+        inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
+        g = self.gradients
+        blocks = max(len(g) - 1, 1)
+        meat = g.T @ g * (len(g) / blocks)
+        # The information itself where blocks say less: few blocks may agree by chance.
+        sandwich = inverse @ meat @ inverse
+        scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
+        own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
+        return sandwich * np.outer(scale / own, scale / own)
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors by name."""
+        spread = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
+        return {
+            name: float(s * p.slope(p.value(c)))
+            for name, s, p, c in zip(
+                self.values(), spread, self.problem.parameters, self.z, strict=False
+            )
+        }
+
+    def random_force(self, i: int = 0) -> float:
+        """Random force in record i, standard deviation within one sample [N]."""
+        return math.sqrt(self.problem.noises(self.z, i)[0] / _NORMAL)
+
+    def reading_noise(self, i: int = 0) -> float:
+        """Noise of a reading in record i, standard deviation."""
+        return math.sqrt(self.problem.noises(self.z, i)[1] / _NORMAL)
+
+
+def maximise(problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS) -> Solution:
+    """Most likely parameters from one start: Fisher scoring, damped."""
+    z = np.clip(z, problem.low, problem.high)
+    n = len(problem.names)
+    prior = np.concatenate((problem.spread**-2.0, np.zeros(problem.size - n)))
+    centre = np.concatenate((problem.centre, np.zeros(problem.size - n)))
+    reach = np.concatenate((np.full(n, _REACH), np.full(problem.size - n, _NOISE_REACH)))
+    point = problem.at(z)
+    damping, promised, turn, wider = 1e-3, math.inf, 0, 1.0
+    gradients = information = np.zeros(0)
+    for turn in range(iterations):  # noqa: B007
+        gradients, information = problem.terms(z, point)
+        g, h = gradients.sum(axis=0), information.sum(axis=0)
+        problem.refine(h, wider)
+        g = g + prior * (z - centre)
+        h = h + np.diag(prior)
+        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
+        held |= np.diag(h) <= 1e-12
+        free = np.flatnonzero(~held)
+        inner = h[np.ix_(free, free)]
+        size = np.sqrt(np.diag(inner))
+        unit = inner / np.outer(size, size)
+        promised = 0.5 * float(
+            (g[free] / size) @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), g[free] / size,
+                                               rcond=None)[0]
+        )  # fmt: skip
+        if promised < _PROMISED:
+            break
+        moved = False
+        while damping < 1e7:
+            damped = unit + damping * np.eye(free.size)
+            step = np.zeros(problem.size)
+            step[free] = -np.linalg.solve(damped, g[free] / size) / size
+            step *= min(1.0, 1.0 / max(np.max(np.abs(step) / reach), 1e-300))
+            new = np.clip(z + step, problem.low, problem.high)
+            try:
+                new_point = problem.at(new)
+            except ValueError:
+                new_point = Point(math.inf, [], [])
+            if new_point.cost < point.cost:
+                z, point, moved = new, new_point, True
+                damping = max(0.1 * damping, 1e-9)
+                break
+            damping *= 10.0 if damping > 1e-3 else 100.0
+        if not moved:
+            # Where the cost is rough, slopes over more of it may still descend.
+            if wider > 1.0:
+                break
+            damping, wider = 1e-3, _WIDER
+            problem.refine(h, wider)
+    bound = tuple(
+        name
+        for name, c, low, high in zip(problem.names, z, problem.low, problem.high, strict=False)
+        if c <= low or c >= high
+    )
+    return Solution(
+        problem, z, point, gradients, information, promised < _FAR, promised, turn, bound
+    )

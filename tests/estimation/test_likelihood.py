@@ -1,0 +1,207 @@
+"""The likelihood of the hybrid filter: against slow oracles, and where it must not break."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
+
+DT = 1e-3
+#: Slides one way for ever: linear in position and velocity.
+LINEAR = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, stick_speed=1e-6)
+
+
+def innovations(axis, u, y, force, reading, good=None):
+    """Innovations and variances of a record, shape (2, n)."""
+    arrays = axis.arrays(DT)
+    out, state = np.zeros((2, y.size)), np.zeros((3, y.size))
+    good = np.ones(y.size, bool) if good is None else good
+    compiled.innovations(
+        arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, DT, False, force, reading,
+        max(float(np.ptp(y)), 1e-6), state, out,
+    )  # fmt: skip
+    return out, state
+
+
+def slow_filter(axis, u, y, force, reading):
+    """The same for a linear axis, as a textbook writes a Kalman filter."""
+    lam = axis.viscous / axis.mass
+    fall = math.exp(-lam * DT)
+    a = np.array([[1.0, (1.0 - fall) / lam], [0.0, fall]])
+    by_force = np.array([(DT - (1.0 - fall) / lam) / axis.viscous, (1.0 - fall) / axis.viscous])
+    noise = np.array([0.5 * DT**2, DT]) / axis.mass
+    m = compiled.FIRST
+    v0 = (y[m] - y[0]) / (m * DT)
+    state = np.array([y[0], v0])
+    d = 0.1 * v0 * v0 + 4.0 * reading / (m * DT) ** 2 + force * (DT / axis.mass) ** 2
+    cov = np.diag([reading, d])
+    rows = [(0.0, 0.0)]
+    for k in range(1, y.size):
+        state = a @ state + by_force * (u[k - 1] - axis.coulomb.plus[0])
+        cov = a @ cov @ a.T + force * np.outer(noise, noise)
+        e, s = y[k] - state[0], cov[0, 0] + reading
+        rows.append((e, s))
+        doubt = max(e * e / s / compiled.DOUBTED, 1.0)
+        gain = cov[:, 0] / (cov[0, 0] + reading * doubt)
+        state = state + gain * e
+        cov = cov - np.outer(gain, cov[0])
+    return np.array(rows).T
+
+
+@pytest.fixture(scope="module")
+def sliding():
+    """Record of the linear axis with both noises in it."""
+    rng = np.random.default_rng(5)
+    t = DT * np.arange(3000)
+    u = 20.0 + 5.0 * np.sin(7.0 * t)
+    pushed = u + 0.5 * rng.standard_normal(t.size)
+    x = LINEAR.simulate(pushed, dt=DT, v0=1.0).y[0]
+    return u, x + 2e-6 * rng.standard_normal(t.size)
+
+
+def test_agrees_with_a_textbook_filter(sliding):
+    u, y = sliding
+    fast, _ = innovations(LINEAR, u, y, 0.25, 4e-12)
+    slow = slow_filter(LINEAR, u, y, 0.25, 4e-12)
+    # The covariance's transition is exact but for the slope's own difference quotient.
+    np.testing.assert_allclose(fast[1, 1:], slow[1, 1:], rtol=1e-6)
+    np.testing.assert_allclose(fast[0, 1:], slow[0, 1:], atol=1e-5 * math.sqrt(slow[1, -1]))
+
+
+def test_agrees_with_the_density_of_all_readings_together():
+    """Innovations factor the joint normal density of the readings."""
+    rng = np.random.default_rng(2)
+    n, force, reading = 60, 0.25, 4e-12
+    u = np.full(n, 20.0)
+    # Noise far below what the filter allows for, so that no reading is doubted.
+    y = LINEAR.simulate(u, dt=DT, v0=1.0).y[0] + 2e-8 * rng.standard_normal(n)
+    out, _ = innovations(LINEAR, u, y, force, reading)
+    split = -0.5 * np.sum(np.log(2.0 * np.pi * out[1, 1:]) + out[0, 1:] ** 2 / out[1, 1:])
+
+    lam = LINEAR.viscous / LINEAR.mass
+    fall = math.exp(-lam * DT)
+    a = np.array([[1.0, (1.0 - fall) / lam], [0.0, fall]])
+    b = np.array([0.5 * DT**2, DT]) / LINEAR.mass
+    drive = np.array([(DT - (1.0 - fall) / lam) / LINEAR.viscous, (1.0 - fall) / LINEAR.viscous])
+    m = compiled.FIRST
+    v0 = (y[m] - y[0]) / (m * DT)
+    mean, cov = np.array([y[0], v0]), np.diag(
+        [reading, 0.1 * v0 * v0 + 4.0 * reading / (m * DT) ** 2 + force * (DT / LINEAR.mass) ** 2]
+    )  # fmt: skip
+    maps, means = [], []
+    root = np.linalg.cholesky(cov)
+    spread = np.hstack([root, np.zeros((2, n - 1))])
+    for k in range(1, n):
+        spread = a @ spread
+        spread[:, 1 + k] += math.sqrt(force) * b
+        mean = a @ mean + drive * 19.0
+        maps.append(spread[0].copy())
+        means.append(mean[0])
+    # Work in units of the reading's noise, else the determinant is out of range.
+    rows = np.array(maps) / math.sqrt(reading)
+    joint = rows @ rows.T + np.eye(n - 1)
+    rest = (y[1:] - np.array(means)) / math.sqrt(reading)
+    _, log_det = np.linalg.slogdet(joint)
+    whole = -0.5 * (
+        rest @ np.linalg.solve(joint, rest) + log_det + (n - 1) * math.log(2.0 * np.pi * reading)
+    )
+    assert split == pytest.approx(whole, rel=1e-6)
+
+
+def moved_axis(rng, noise, reading, seconds=6.0):
+    """A record with rests and reversals, force noise on the recorded input."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    t = DT * np.arange(round(seconds / DT))
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = axis.simulate(u, dt=DT).y[0]
+    u = u + noise * rng.standard_normal(t.size)
+    return axis, dfc.Record(t, u, x + reading * rng.standard_normal(t.size), quantum=0.0)
+
+
+def test_finds_both_noises_and_the_base():
+    """Three per cent of noise on the input: parameters within three of their errors."""
+    axis, record = moved_axis(np.random.default_rng(1), 0.24, 2e-6)
+    believed = axis.replace(mass=2.4, viscous=12.0, coulomb=9.6)
+    problem = Likelihood(believed, ("mass", "viscous", "coulomb"), [prepare(record)])
+    found = maximise(problem, problem.start(1.0))
+    assert found.converged
+    values, errors = found.values(), found.standard_errors()
+    for name, true in (("mass", 2.0), ("viscous", 15.0), ("coulomb", 8.0)):
+        assert abs(values[name] - true) < 3.0 * errors[name]
+        assert errors[name] < 0.02 * true
+    # Noise of the input and of the encoder; at rest the first does not act.
+    assert found.random_force() == pytest.approx(0.24, rel=0.25)
+    assert found.reading_noise() == pytest.approx(2e-6, rel=0.25)
+
+
+def test_an_outlier_costs_a_bounded_amount():
+    axis, record = moved_axis(np.random.default_rng(3), 0.24, 2e-6)
+    whole = np.ones(len(record), bool)
+    clean, _ = innovations(axis, record.u, record.x, 0.06, 4e-12)
+    costs = []
+    for size in (1e-3, 1.0):
+        x = record.x.copy()
+        x[2500] += size
+        out, state = innovations(axis, record.u, x, 0.06, 4e-12)
+        costs.append(compiled.cost(out, whole) - compiled.cost(clean, whole))
+        # The state goes on as if the reading had not been.
+        assert abs(state[0, 2520] - record.x[2520]) < 2e-5
+    # Student's t: each factor of 1000 costs (nu + 1) log 1000 for the reading, once.
+    step = (compiled.FREEDOM + 1.0) * math.log(1e3)
+    assert costs[1] - costs[0] == pytest.approx(step, rel=0.2)
+
+
+def test_a_wrong_model_finds_its_way_back():
+    """A level far too high holds the axis; the readings release it."""
+    axis, record = moved_axis(np.random.default_rng(4), 0.0, 1e-6)
+    stuck = axis.replace(coulomb=40.0)
+    _, state = innovations(stuck, record.u, record.x, 1.0, 1e-12)
+    off = np.abs(state[0] - record.x)
+    assert np.median(off) < 1e-5
+    assert off.max() < 1e-2 * record.range
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stays_finite_whatever_the_record(seed):
+    rng = np.random.default_rng(seed)
+    axis = dfc.FrictionAxis(
+        mass=10.0 ** rng.uniform(-4, 3), viscous=10.0 ** rng.uniform(-3, 2),
+        coulomb=10.0 ** rng.uniform(-3, 2), stribeck=dfc.Stribeck(0.3, 0.01),
+    )  # fmt: skip
+    n = 400
+    u = 10.0 ** rng.uniform(-3, 3) * rng.standard_normal(n)
+    y = np.cumsum(10.0 ** rng.uniform(-6, 0) * rng.standard_normal(n))
+    y[rng.integers(0, n, 20)] = 1e3 * rng.standard_normal(20)
+    good = rng.random(n) > 0.2
+    force, reading = 10.0 ** rng.uniform(-12, 6), 10.0 ** rng.uniform(-20, 0)
+    out, state = innovations(axis, u, y, force, reading, good)
+    assert np.all(np.isfinite(out))
+    assert np.all(np.isfinite(state))
+    assert np.all(out[1, 1:][good[1:]] > 0.0)
+    assert np.all(out[1][~good] == 0.0)
+
+
+def test_the_structure_that_acts_is_the_likelier_one():
+    """A bias in the record: mass stays, q falls to its truth, no other start needed."""
+    rng = np.random.default_rng(9)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = axis.replace(effects=(dfc.effects.BiasForce(1.5),))
+    t = DT * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = machine.simulate(u, dt=DT).y[0]
+    record = dfc.Record(t, u + 0.24 * rng.standard_normal(t.size), np.round(x * 1e6) * 1e-6)
+    believed = axis.replace(mass=2.4, viscous=12.0, coulomb=9.6)
+    fits = {}
+    for free in ((), ("bias_force",), ("quadratic_drag",)):
+        problem = Likelihood(believed, ("mass", "viscous", "coulomb", *free), [prepare(record)])
+        fits[free] = maximise(problem, problem.start(1.0))
+    base, bias, drag = fits.values()
+    assert bias.cost < min(base.cost, drag.cost) - 100.0
+    assert bias.values()["bias_force.force"] == pytest.approx(1.5, rel=0.02)
+    assert bias.random_force() < 0.5 * base.random_force()
+    assert base.axis.mass == pytest.approx(2.0, rel=0.2)  # no muting under the wrong structure

@@ -32,25 +32,15 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Target:
-    """A module, the tests that should notice, fastest first, and whether numba compiles it.
-
-    Of a module in two parts, the line that parts them, and which of the two is meant.
-    """
+    """A module, the tests that should notice, fastest first, and whether numba compiles it."""
 
     path: str
     tests: tuple[str, ...]
     compiled: bool = False
-    parting: str = ""
-    second: bool = False
 
     def mutants(self) -> list[Mutant]:
-        """Every mutant of the module, or of the part that is meant."""
-        source = (ROOT / self.path).read_text()
-        known = list(mutants(source))
-        if not self.parting:
-            return known
-        line = source[: source.index(self.parting)].count("\n") + 1
-        return [mutant for mutant in known if (mutant.line > line) is self.second]
+        """Every mutant of the module."""
+        return list(mutants((ROOT / self.path).read_text()))
 
 
 _DIAGNOSIS = (
@@ -61,18 +51,15 @@ _DIAGNOSIS = (
     "test_selection or test_noise_floor or clean or hidden and spring or learns_by_heart or "
     "outside or explains or held or pair",
 )
-# What follows in the kernels is the axes with inner states, compiled apart.
-_INNER = "# Axes with inner states."
 TARGETS = {
     "kernels": Target(
         "dryfric_control/compiled/axis_step.py",
         ("tests/model/test_axis.py", "tests/model/test_event_accuracy.py", "tests/model/test_effects.py",
          "tests/model/test_properties.py", "tests/model/test_blocks.py"),
-        compiled=True, parting=_INNER,
+        compiled=True,
     ),
     "inner": Target(
-        "dryfric_control/compiled/axis_step.py", ("tests/model/test_structural_effects.py",), compiled=True,
-        parting=_INNER, second=True,
+        "dryfric_control/compiled/elastic.py", ("tests/model/test_structural_effects.py",), compiled=True,
     ),
     "synthesis": Target(
         "dryfric_control/observer/synthesis.py",
@@ -83,7 +70,7 @@ TARGETS = {
         ("tests/observer/test_observer_certificate.py", "tests/observer/test_observer_synthesis.py"),
     ),
     "selection": Target("dryfric_control/diagnosis/selection.py", _DIAGNOSIS),
-    "floor": Target("dryfric_control/diagnosis/floor.py", _DIAGNOSIS),
+    "floor": Target("dryfric_control/diagnosis/noise_floor.py", _DIAGNOSIS),
 }  # fmt: skip
 
 COMPARISONS = {

@@ -331,7 +331,7 @@ def hybrid_filter(
 
         m v' = (1 + r) (W - s F_s(x, v) (1 + c_s + e)) - f v
 
-    The excess is forgotten with the distance in velocity, exp(-|dv| / excess_speed).
+    The excess is forgotten with the distance in velocity, exp(-abs(dv) / excess_speed).
     The part of a sliding density that crosses v = 0 (truncated moments) goes to
     rest, or to the other direction if W exceeds the breakaway force there.  At
     rest the chance to break away rises where W nears the force at which the axis

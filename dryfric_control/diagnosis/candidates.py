@@ -18,6 +18,8 @@ from dryfric_control.model.effects.naming import class_of, named, put
 #: Base parameters by the slug of the cause that a wrong value is.
 BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
 
+# Sliding samples below which no regression is tried: three for each parameter of the largest.
+_LEAST_SLIDING = 15
 # Actions of which an axis holds one.
 _SINGLE = ("delay", "lag", "contact", "transmission")
 
@@ -70,7 +72,8 @@ def guesses(name: str, view: View) -> Iterable[Guess]:
     """
     mine = named(view.axis).get(name)
     if mine is None:
-        return effect_class(name).guess(view)
+        # A record at rest has no sliding samples to guess from.
+        return effect_class(name).guess(view) if view.v.size >= _LEAST_SLIDING else ()
     now = asdict(mine)
     first = next(iter(now))
     factors = (1.0, 0.2, 2.0)

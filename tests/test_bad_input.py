@@ -207,6 +207,12 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load_design": (dfc.load_design, dict(path="observer.json")),
     "design_pi_observer": (dfc.design_pi_observer, dict(axis=AXIS, dt=DT)),
     "hybrid_filter": (dfc.hybrid_filter, dict(axis=AXIS)),
+    "design_compensation": (dfc.design_compensation, dict(axis=AXIS, dt=DT)),
+    "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
+    "motion_profile": (
+        dfc.motion_profile,
+        dict(points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0),
+    ),
     "ObserverDesign.mode_matrices": (lambda **k: design().mode_matrices(**k), dict(mode=1)),
     "ObserverDesign.error_dynamics": (lambda **k: design().error_dynamics(**k), dict(mode=1)),
     "ObserverDesign.save": (lambda **k: design().save(**k), dict(path="/nowhere/observer.json")),
@@ -286,7 +292,9 @@ NOTHING_TO_SPOIL = {
     "Cause",
     "Certificate",
     "CertificateError",
+    "Compensation",
     "Diagnosis",
+    "MotionProfile",
     "FitWarning",
     "Inner",
     "RecordWarning",
@@ -628,6 +636,12 @@ rows(
     (dict(bounds=(0.0, 1.0), default=2.0), "bounds", "default"),
     (dict(unit=3), "text"),
     (dict(doc=None), "text"),
+    (dict(kind="length"), "one of amount"),
+    (dict(free=1), "True or False"),
+    (dict(breaks_away="no"), "True or False"),
+    (dict(logarithmic=None), "True or False"),
+    (dict(neutral=NAN), NUMBER),
+    (dict(size=0.0), POSITIVE),
 )
 rows("Effect", (dict(stiffness=None), NUMBER, "spring.stiffness"), (dict(rest=[0.0, 1.0]), NUMBER))
 rows(
@@ -1030,9 +1044,9 @@ files(
     ),
     (
         "bare.json",
-        '{"format": "dryfric-control observer design", "version": 1}',
+        '{"format": "dryfric-control observer design", "version": 2}',
         "axis",
-        "save the design again",
+        "save the observer design again",
     ),
     ("deep.json", "[" * 100_000, "deep.json", "JSON"),
     ("vast.json", "9" * 9000, "vast.json", "JSON"),
@@ -1118,6 +1132,42 @@ rows(
     (dict(level_walk=-0.1), NOT_NEGATIVE),
     (dict(force_noise=0.0), POSITIVE),
     (dict(mass_error="much"), NUMBER),
+)
+rows(
+    "design_compensation",
+    (dict(axis=2.0), "FrictionAxis"),
+    (dict(dt=0.0), POSITIVE),
+    (dict(encoder_quantum=-1e-6), NOT_NEGATIVE),
+    (dict(input_delay=-1e-3), NOT_NEGATIVE),
+    (dict(bandwidth=0.0), POSITIVE),
+    (dict(bandwidth=1e6), "too high"),
+    (dict(law="magic"), "learned"),
+    (dict(gains=3.0), "kp, ki, kd"),
+    (dict(gains=(0.0, 1.0, 1.0)), POSITIVE),
+    (dict(limit=0.0), POSITIVE),
+    (dict(tolerance=-1e-6), POSITIVE),
+    (dict(learning=-1.0), NOT_NEGATIVE),
+    (dict(disturbance_bandwidth=0.0), POSITIVE),
+    (dict(mismatch=1.0), "below 1"),
+    (dict(mismatch=-0.1), NOT_NEGATIVE),
+)
+CASES.append(
+    Case(
+        "load_compensation", dict(path="/nowhere/compensation.json"), "no file",
+        "compensation.json", kind=FileNotFoundError,
+    )
+)  # fmt: skip
+rows(
+    "motion_profile",
+    (dict(points="far"), "number"),
+    (dict(points=[0.0, NAN]), "finite"),
+    (dict(dt=0.0), POSITIVE),
+    (dict(velocity=0.0), POSITIVE),
+    (dict(acceleration=-1.0), POSITIVE),
+    (dict(jerk=NAN), NUMBER),
+    (dict(jerk=1e-30), "check the units", "jerk"),
+    (dict(dwell=-1.0), "zero or more"),
+    (dict(dwell=[0.0, 0.0, 0.0]), "one each"),
 )
 for _method in ("mode_matrices", "error_dynamics"):
     rows(f"ObserverDesign.{_method}", (dict(mode=2), r"0, \+1 or -1"), (dict(mode=None), r"0, \+1"))

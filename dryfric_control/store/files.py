@@ -163,7 +163,7 @@ def load_document(
         if broken is not ValueError and isinstance(error, broken):
             raise broken(f"{path} was changed: {error}") from None
         raise ValueError(
-            f"{path} is damaged: {type(error).__name__}: {error}; make and save it again"
+            f"{path} is damaged: {type(error).__name__}: {error}; save the {kind} again"
         ) from None
     if not intact:
         raise ValueError(

@@ -8,6 +8,7 @@ import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.units import on_axis, powers
+from dryfric_control.text import typeset
 
 LINEAR, ROTARY, MILLIMETRES = ("m", "N"), ("rad", "N m"), ("mm", "N")
 SCALES = Scales(force=10.0, length=0.1, time=0.5, step=1e-3)
@@ -83,7 +84,7 @@ def test_base_parameters_have_the_same_units_everywhere(units):
     assert found["stribeck.speed"] == found["stick_speed"] == f"{units[0]}/s"
     for name in ("mass", "viscous", "stick_speed"):
         value = f"{getattr(axis, name):.6g} {found[name]}"
-        assert value in axis.describe() and value in axis._repr_html_()
+        assert value in axis.describe() and typeset(value) in axis._repr_html_()
 
 
 def test_a_bad_number_is_refused_in_the_units_of_the_axis():

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from numba import cfunc
 
-from dryfric_control.checks import finite
+from dryfric_control.checks import finite, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.guesses import Guess, View, tried
 from dryfric_control.model.friction import CoulombMap, Stribeck
@@ -111,6 +111,14 @@ def parameter(
         raise ValueError(f"default must lie within bounds = {bounds!r}, got {default!r}")
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    flags = {"free": free, "breaks_away": breaks_away, "logarithmic": logarithmic}
+    for name, flag in flags.items():
+        if not isinstance(flag, bool):
+            raise ValueError(f"{name} must be True or False, got {flag!r}")
+    if neutral is not None:
+        finite("neutral", neutral)
+    if size is not None:
+        positive("size", size)
     metadata = {
         "unit": unit, "doc": doc, "bounds": (low, high), "kind": kind, "free": free,
         "breaks_away": breaks_away, "logarithmic": logarithmic, "neutral": neutral, "size": size,

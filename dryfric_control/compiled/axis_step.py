@@ -152,8 +152,11 @@ ROOM = 3 * 400
 #: Beyond that, a sample has too many of them.
 MOST_ROOM = 8 * 3 * MAX_SWITCHES
 #: Places of the tally of a list of switches: how many there are, how many it has room
-#: for, how many were lost for want of room.
-LISTED, HELD, LOST = range(3)
+#: for, how many were lost for want of room, and how many a stretch may hold.
+LISTED, HELD, LOST, MOST = range(4)
+#: Switches that a stretch may hold while parameters are searched: an axis that needs
+#: more is none that a record asks for, and would take its time.
+FEW_SWITCHES = 64
 SHORTEST = 1e-9  # shortest step, as a part of the interval
 
 
@@ -607,10 +610,11 @@ def at_zero(plant, t, x, w, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def tally(events):
+def tally(events, most=MAX_SWITCHES):
     """Tally of an empty list of switches."""
-    count = np.zeros(3, np.int64)
+    count = np.zeros(4, np.int64)
     count[HELD] = events.shape[0] // 3
+    count[MOST] = most
     return count
 
 
@@ -618,7 +622,7 @@ def tally(events):
 def record(events, count, t, before, after, nth=0):
     """List a switch, the nth of its stretch; lost where there is no room, or no end."""
     k = count[LISTED]
-    if k >= count[HELD] or nth == MAX_SWITCHES:
+    if k >= count[HELD] or nth == count[MOST]:
         count[LOST] += 1
         return
     events[3 * k] = t
@@ -740,7 +744,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     while tau < h:
         # Until then the mode stays, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
-        may = bound == h and switches < MAX_SWITCHES
+        may = bound == h and switches < count[MOST]
         if mode == 0:
             d = bound - tau
             s = 1.0

@@ -24,8 +24,8 @@ from dryfric_control.compiled.axis_step import (
     INVERSE_MASS,
     INVERSE_MOTOR,
     LISTED,
-    MAX_SWITCHES,
     MODE,
+    MOST,
     MOST_CLOSE,
     N_LEVEL,
     N_MINUS,
@@ -325,7 +325,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         after_rest = rest + d if mode == 0 else 0.0
         over = (
             bound == h
-            and switches < MAX_SWITCHES
+            and switches < count[MOST]
             and _switched(side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips)
         )
         if not over:
@@ -524,13 +524,13 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
             side = 0.0
     seen, friction, first = _seen_play(plant, drive, t0, memory, side)
     close = 0
-    for turn in range(MAX_SWITCHES):
+    for turn in range(count[MOST]):
         if tau >= h:
             break
         # Whether they touch is looked at where a piece ends.
         d = min(h - tau, plant.numbers[SHORT_TIME])
         # Bounds the work, and the switches that are listed.
-        last_turn = turn == MAX_SWITCHES - 1 or close >= MOST_CLOSE
+        last_turn = turn == count[MOST] - 1 or close >= MOST_CLOSE
         now, piece = t0 + tau, _later(drive, tau)
         known = count[LISTED]
         if side != 0.0:

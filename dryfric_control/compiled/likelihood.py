@@ -164,7 +164,7 @@ def innovations(
     memory = np.zeros(size)
     m = step.pointer(memory)
     events = np.empty(step.ROOM)
-    count = step.tally(events)
+    count = step.tally(events, step.FEW_SWITCHES)
     switches, counted = step.pointer(events), step.pointer(count)
     n = y.shape[0]
     structure = integers[step.STRUCTURE]

@@ -96,7 +96,9 @@ def _run_of(axis):
     """An axis from its `Arrays`, which must outlive it."""
     plant = axis_step.point(axis.numbers, axis.integers)
     events = np.empty(axis_step.ROOM)
-    return _Run(plant, np.zeros(axis.memory), events, axis_step.tally(events))
+    return _Run(
+        plant, np.zeros(axis.memory), events, axis_step.tally(events, axis_step.FEW_SWITCHES)
+    )
 
 
 @axis_step.internal

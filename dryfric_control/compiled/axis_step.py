@@ -480,12 +480,13 @@ def peak_step(plant, v, v1, s, d):
     change = abs(v1 - v) * plant.numbers[INVERSE_STRIBECK_SPEED]
     if change <= 1.0:
         return d
-    # Speeds over the Stribeck speed, from where the peak is felt.
+    # Over the stick speed, in Stribeck speeds: below 0 friction is level, far above it too.
     sigma, inverse = plant.numbers[STICK_SPEED], plant.numbers[INVERSE_STRIBECK_SPEED]
-    above = (s * v - sigma) * inverse - _STRIBECK_EDGE
-    if above >= 0.0 and (s * v1 - sigma) * inverse >= _STRIBECK_EDGE:
+    above, then = (s * v - sigma) * inverse, (s * v1 - sigma) * inverse
+    if max(above, then) <= 0.0 or min(above, then) >= _STRIBECK_EDGE:
         return d
-    return d * min(1.0, max(above, 0.7) / change)
+    level = -above if above < 0.0 else above - _STRIBECK_EDGE
+    return d * min(1.0, max(level, 0.7) / change)
 
 
 @internal

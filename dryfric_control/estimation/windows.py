@@ -342,6 +342,10 @@ def cut(
         # Where a shorter smoothing says something else, motion was smeared.
         other = savgol_filter(record.x, shorter, 3, order, record.dt)
         errors.append(np.hypot(spread, (values - other)[starts]))
+    # A held input makes the acceleration jump at each sample, which a polynomial through
+    # the readings takes for a slope: the speed at the sample is off by up to that.
+    jump = savgol_filter(record.x, size, 3, 3, record.dt) * record.dt**2 / 6.0
+    errors[1] = np.hypot(errors[1], jump[starts])
     rest = rest_times(record)[starts]
     # An axis that has not moved for so long has no speed but what escapes the
     # readings; the slope of their noise would set it sliding.

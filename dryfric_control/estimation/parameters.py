@@ -211,7 +211,9 @@ def with_values(
         for name in ("mass", "viscous", "stick_speed", "stick_rate")
         if name in given
     }
-    return axis.replace(coulomb=CoulombMap(*_levels(axis, given)), **changes)
+    if any(name.startswith("coulomb") for name in given):
+        changes["coulomb"] = CoulombMap(*_levels(axis, given))
+    return axis.replace(**changes) if changes else axis
 
 
 def _levels(

@@ -165,6 +165,8 @@ class CoulombMap:
                         f"coulomb.{name} must be a magnitude, zero or more, got {c[0]!r}"
                     )
                 continue
+            if _surely_positive(c, travel):
+                continue
             roots: NDArray[np.complex128] = np.empty(0, complex)
             if len(c) > 2:
                 roots = np.polynomial.Polynomial(c).deriv().roots().astype(complex)
@@ -178,6 +180,16 @@ class CoulombMap:
                     f"coulomb.{name} falls to {levels[worst]:.6g} at x = {places[worst]:.6g}: a "
                     "Coulomb level is a magnitude and must stay positive over the travel"
                 )
+
+
+def _surely_positive(c: tuple[float, ...], travel: tuple[float, float]) -> bool:
+    """Whether the value in the middle exceeds all that the other terms can take off."""
+    middle, half = 0.5 * (travel[0] + travel[1]), 0.5 * (travel[1] - travel[0])
+    around = list(c)  # Taylor coefficients about the middle, by Horner's rule
+    for i in range(len(around) - 1):
+        for k in range(len(around) - 2, i - 1, -1):
+            around[k] += middle * around[k + 1]
+    return around[0] > sum(abs(a) * half**k for k, a in enumerate(around[1:], 1))
 
 
 #: Largest excess of a Stribeck peak: beyond ten times the Coulomb level, somebody

@@ -215,14 +215,14 @@ class Scaling:
             return None
         ratio = 1.0 if self.load_encoder else self.gear_ratio
         if not tail and unit in ("", "counts") and self.counts_per_turn is not None:
-            turns, raw = 1.0 / self.counts_per_turn, "counts"
+            turn, raw = self.counts_per_turn, "counts"
         elif unit == "rad" + tail and (ratio != 1.0 or self.lead is not None):
-            turns, raw = 1.0 / (2 * math.pi), unit
+            turn, raw = 2 * math.pi, unit
         else:
             return None
         if self.lead is None:
-            return Conversion(turns * 2 * math.pi / ratio, raw, "rad" + tail)
-        return Conversion(turns * self.lead / ratio, raw, "m" + tail)
+            return Conversion(2 * math.pi / (turn * ratio), raw, "rad" + tail)
+        return Conversion(self.lead / (turn * ratio), raw, "m" + tail)
 
     def _drive(self, unit: str) -> Conversion | None:
         """Current, per cent or torque of the motor to force or torque of the load."""

@@ -80,6 +80,8 @@ def with_named(axis: Any, changed: dict[str, Effect]) -> Any:
     for name, effect in changed.items():
         if name not in names:
             axis = effect.alter(axis)
+    if names.keys().isdisjoint(changed):
+        return axis
     return axis.replace(effects=tuple(changed.get(n, e) for n, e in names.items()))
 
 

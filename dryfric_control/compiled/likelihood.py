@@ -155,8 +155,9 @@ def innovations(
         Variance of a reading [m^2].
     span : float
         Travel of the record [m], the scale of differences along the way.
-    state : ndarray, shape (3, n)
-        Receives position and velocity after each reading, and the mode.
+    state : ndarray, shape (4, n)
+        Receives position and velocity after each reading, the mode, and by how much
+        the reading changed the velocity.
     out : ndarray, shape (2, n)
         Receives innovations and their variances; variance 0 where there is none.
     """
@@ -189,7 +190,7 @@ def innovations(
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side = 0, 0.0
-    state[0, 0], state[1, 0], state[2, 0] = y[0], v0, memory[step.MODE]
+    state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
         t = t0 + (k - 1) * dt
@@ -200,7 +201,11 @@ def innovations(
         sliding = mode != 0
         total = d + g * g * p
         width = math.sqrt(total)
-        if structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width:
+        unsure = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
+        if unsure and not sliding:
+            # Deep in the friction band nothing sets the axis in motion.
+            unsure = _random_force(plant, t, dt, m, u[k - 1], deviation) > 0.0
+        if unsure:
             # The direction of motion is not sure: three velocities, each with its own mode.
             x_mean, v_mean, variance, resting = 0.0, 0.0, 0.0, 1.0
             slope = g * p / total
@@ -300,6 +305,7 @@ def innovations(
             p, g, d = m00, m01 / m00, d_new / m00
         # Reading.
         x, v = memory[step.X], memory[step.V]
+        v_free = v
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
             e = y[k] - x
@@ -330,7 +336,7 @@ def innovations(
             for i in range(k, n):
                 out[0, i], out[1, i] = np.inf, 1.0
             return
-        state[0, k], state[1, k], state[2, k] = x, v, memory[step.MODE]
+        state[0, k], state[1, k], state[2, k], state[3, k] = x, v, memory[step.MODE], v - v_free
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -1,13 +1,10 @@
-"""Search for causes by the likelihood of the hybrid filter, over the catalogue.
-
-`diagnose` does not use it yet: `benchmarks/likelihood_real.py` shows what it finds on
-measured machines, and what it does not.
-"""
+"""Search for causes by the likelihood of the hybrid filter, over the catalogue."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.diagnosis.candidates import catalogue, guesses, with_effect
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, guesses, with_effect
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.likelihood import (
     BASE,
@@ -26,49 +23,84 @@ from dryfric_control.estimation.likelihood import (
     Solution,
     maximise,
     prepare,
+    some_of,
 )
 from dryfric_control.estimation.parameters import typical, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named
+from dryfric_control.model.effects.naming import followed, named, put
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
-# Guesses of a candidate that are refined, and candidates that are fitted in full.
-_REFINED, _FITTED = 2, 5
+# Samples of all records together on which candidates are compared.
+_SOME = 8000
+# Guesses of a candidate that are refined, candidates that are refined to the end, and
+# those that are fitted in full.
+_REFINED, _AHEAD, _FITTED = 2, 8, 3
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
-# Gain of log-likelihood beyond that of its parameters which a cause must bring,
-# and beside a better one to count as a rival.
-_LEAST = 6.0
+#: Gain of log-likelihood beyond that of its parameters which a cause must bring.
+LEAST = 6.0
+#: Causes whose costs differ by less do equally well.
+EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, and what
 # a full fit may add to a quick one.
 _SHARE, _SLACK = 0.4, 8.0
-# Iterations of a full fit while candidates are compared.
-_ITERATIONS = 15
+# Iterations of a fit while candidates are compared, and of a fit that ends.
+_ITERATIONS, _LAST = 15, 30
+# Base values whose logarithm is off by more may be bent by what is missing.
+_BENT = 0.1
+# Errors of a parameter within which its neutral value means that nothing is there.
+_SURE = 2.0
+# Part of the travel of the record beyond its ends where a place is still in it.
+_OUTSIDE = 0.1
+# Candidates of which pairs are tried.
+_PAIRED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A cause on trial.
-
-    Attributes
-    ----------
-    slug : str
-    free : tuple of str
-        Its free parameters.
-    axis : FrictionAxis
-        Axis with it.
-    z : ndarray
-        Search coordinates: of its parameters after those of the model before it.
-    cost : float
-    """
+    """A cause on trial: its name, free parameters, the axis with it, cost."""
 
     slug: str
     free: tuple[str, ...]
     axis: FrictionAxis
     cost: float
+
+
+@dataclass(eq=False)
+class State:
+    """Causes found so far, and the fit with them.
+
+    Attributes
+    ----------
+    fit : Solution
+    causes : list of str
+    free : dict of str to tuple of str
+        Free parameters of each cause.
+    alternatives : dict of str to tuple of str
+        What does equally well in a cause's place.
+    rivals : dict of str to dict of str to FrictionAxis
+        Axes with those in its place.
+    first : dict of str to float
+        Quick gain of every candidate of the first round, "" the fit without.
+    late : bool
+        Whether time ran out.
+    """
+
+    fit: Solution
+    causes: list[str] = field(default_factory=list)
+    free: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
+    first: dict[str, float] = field(default_factory=dict)
+    late: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters of all causes."""
+        return tuple(n for slug in self.causes for n in self.free[slug])
 
 
 @dataclass(eq=False)
@@ -80,14 +112,19 @@ class Search:
     believed : FrictionAxis
     records : sequence of Record
     known : sequence of str
-        Base parameters that stay as believed.
+        Parameters that stay as believed.
     tolerance : mapping of str to float
+        Relative standard deviations of priors.
     own : sequence of str
         Parameters of which every record has its own value.
     also : sequence of str
         Further parameters of the believed axis that are free.
     hold : str
     jobs : int
+    until : float
+        Reading of `time.monotonic` at which the search ends.
+    tell : callable
+        Is told each step.
     """
 
     believed: FrictionAxis
@@ -98,15 +135,26 @@ class Search:
     also: Sequence[str] = ()
     hold: str = "zero"
     jobs: int = 1
+    until: float = math.inf
+    tell: Callable[[str], None] = lambda what: None
 
     def __post_init__(self) -> None:
         self.believed = self.believed.effective()
         self.runs: list[Run] = [prepare(r) for r in self.records]
-        self.scales = typical(self.records)
-        self.base = tuple(n for n in BASE if n not in self.known)
         self.samples = sum(len(r) for r in self.records)
+        most = max(_SOME * len(self.runs[0].record) // self.samples, 1000)
+        self.few = [some_of(run, most) for run in self.runs]
+        self.part = sum(int(r.active.sum()) for r in self.few) / self.samples
+        self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
-        self.nominal = dict(zip(BASE, values.tolist(), strict=True))
+        self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
+        # What is zero by belief, such as an axis without viscous friction, may be wrong too.
+        self.base = tuple(n for n in BASE if n not in self.known)
+
+    @property
+    def late(self) -> bool:
+        """Whether time is over."""
+        return time.monotonic() > self.until
 
     def _less_dry(self) -> dict[str, float]:
         """Base values with most of the dry friction exchanged for viscous friction."""
@@ -119,23 +167,34 @@ class Search:
 
     # -- fits ----------------------------------------------------------------------
 
-    def problem(self, axis: FrictionAxis, free: Sequence[str]) -> Likelihood:
+    def problem(
+        self, axis: FrictionAxis, free: Sequence[str], runs: Sequence[Run] | None = None,
+        base: Sequence[str] | None = None, wonder: bool = True,
+    ) -> Likelihood:  # fmt: skip
         """Likelihood of an axis with the base and further parameters free."""
+        base = self.base if base is None else base
         return Likelihood(
-            axis, (*self.base, *free), self.runs, believed=self.believed,
+            axis, (*base, *free), self.runs if runs is None else runs, believed=self.believed,
             tolerance=self.tolerance, own=self.own, hold=self.hold, scales=self.scales,
+            wonder=wonder,
         )  # fmt: skip
 
     def fit(
         self, axis: FrictionAxis, free: Sequence[str], noises: FloatArray | None = None,
-        iterations: int = 40,
+        iterations: int = _LAST, **settings: Any,
     ) -> Solution:  # fmt: skip
         """Most likely parameters from one axis."""
-        problem = self.problem(axis, free)
+        problem = self.problem(axis, free, **settings)
         z = problem.start(1.0)
         if noises is not None:
             z[len(problem.names) :] = noises
-        return maximise(problem, z, iterations)
+        return maximise(problem, z, iterations, self.until)
+
+    def reference(self, axis: FrictionAxis, idle: bool = False) -> Solution:
+        """An axis as it is, its noises fitted alone; `idle`: without its drive."""
+        runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in self.runs]
+        problem = Likelihood(axis, (), runs, hold=self.hold, scales=self.scales)
+        return maximise(problem, problem.start(1.0), 12)
 
     def references(self) -> dict[str, float]:
         """Costs of the nominal axis and of a straight line, their noises fitted alone.
@@ -143,13 +202,11 @@ class Search:
         The line has no drive and no friction: what a model that mutes the drive
         comes to.
         """
-        nominal = Likelihood(self.believed, (), self.runs, hold=self.hold)
-        costs = {"nominal axis": maximise(nominal, nominal.start(1.0)).cost}
         line = FrictionAxis(mass=self.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
-        idle = [replace(run, u=np.zeros(run.u.size)) for run in self.runs]
-        straight = Likelihood(line, (), idle)
-        costs["straight line"] = maximise(straight, straight.start(1.0)).cost
-        return costs
+        return {
+            "nominal axis": self.reference(self.believed).cost,
+            "straight line": self.reference(line, idle=True).cost,
+        }
 
     def alone(self) -> Solution:
         """The believed structure, its base parameters free: best of several starts."""
@@ -157,83 +214,126 @@ class Search:
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
         if other:
             starts += [with_values(self.believed, list(other), list(other.values()))]
-        found = self._parallel([(self.fit, (a, self.also)) for a in starts])
-        return min(found, key=lambda s: s.cost)
+        found = self._parallel([(self._quickly, (a, self.also)) for a in starts])
+        best = min(found, key=lambda s: s.cost)
+        return self.fit(best.axis, self.also, best.z[len(best.problem.names) :])
+
+    def _quickly(self, axis: FrictionAxis, free: Sequence[str], noises=None) -> Solution:  # type: ignore[no-untyped-def]
+        """A fit on some of the samples."""
+        return self.fit(axis, free, noises, _ITERATIONS, runs=self.few)
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
+        if self.jobs == 1 or len(tasks) < 2:
+            return [f(*a) for f, a in tasks]
         run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
         return run(joblib.delayed(f)(*a) for f, a in tasks)
 
     # -- one step ------------------------------------------------------------------
 
-    def screen(self, now: Solution) -> list[Candidate]:
-        """Every effect of the catalogue beside a model, quickly refined, best first."""
+    def there(self, now: Solution, nominal: bool = False) -> Solution:
+        """A fit on some of the samples as it is; or with the base as believed."""
+        axis, free, noises = now.axis, self._free(now), now.z[len(now.problem.names) :]
+        if nominal:
+            names = [n for n in self.base if n in now.problem.names]
+            axis = with_values(axis, names, [self.nominal[n] for n in names])
+            alone = Likelihood(axis, (), self.few, hold=self.hold, scales=self.scales)
+            noises = maximise(alone, alone.start(1.0), 6).z
+        return self.fit(axis, free, noises, 0, runs=self.few)
+
+    def screen(self, now: Solution) -> tuple[list[Candidate], Solution]:
+        """Every effect of the catalogue beside a model, quickly refined, best first.
+
+        Costs are those of the samples on which they were compared, as is the model's,
+        which comes second.
+        """
         present = named(now.axis)
-        effects = [e for e in catalogue(now.axis, tuple(present)) if e not in present]
+        effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
+        here = self.there(now)
+        besides = [here]
+        if self._bent(now):
+            # The base may have bent only for want of the cause.
+            besides.append(self.there(now, nominal=True))
         best: dict[str, Candidate] = {}
-        # From this model, and from the believed base: the first may be muted.
-        for beside in (now, self._at_nominal(now)):
+        for beside in besides:
             terms = beside.problem._terms(beside.z, beside.point)
-            v = View(beside.axis, self.records[0], self.nominal)
-            lists = self._parallel([(self._screen_one, (beside, terms, e, v)) for e in effects])
-            for c in (c for one in lists for c in one[:1]):
+            view = View(beside.axis, self.records[0], self.nominal)
+            starts = self._parallel([(self._guess, (beside, e, view)) for e in effects])
+            begun = [one for one in starts if one]
+            begun.sort(key=lambda one: one[0][0])
+            runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
+            runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
+            ahead = self._parallel(
+                [(self._refine, (beside, terms, one, _TURNS)) for one in
+                 [[(c.cost, problem, z, c.slug)] for c, problem, z in runs[:_AHEAD]]]
+            )  # fmt: skip
+            for c, _, _ in [*ahead, *runs[_AHEAD:]]:
                 if c.slug not in best or c.cost < best[c.slug].cost:
                     best[c.slug] = c
-        return sorted(best.values(), key=lambda c: c.cost)
+        return sorted(best.values(), key=lambda c: c.cost), here
 
-    def _at_nominal(self, now: Solution) -> Solution:
-        """The same model at the believed base values, its noises fitted alone."""
-        names = [n for n in self.base if n in now.problem.names]
-        axis = with_values(now.axis, names, [self.nominal[n] for n in names])
-        alone = Likelihood(axis, (), self.runs, hold=self.hold, scales=self.scales)
-        noises = maximise(alone, alone.start(1.0), 6).z
-        return self.fit(axis, self._free(now), noises, 0)
+    def _is_free(self, now: Solution, name: str) -> bool:
+        return any(n.startswith(f"{name}.") for n in now.problem.names)
 
-    def _screen_one(self, now, terms, effect: str, v):  # type: ignore[no-untyped-def]
-        """Candidates of one effect from its best guesses, best first."""
+    def _bent(self, now: Solution) -> bool:
+        values = now.values()
+        return any(
+            self.nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > _BENT
+            for n in self.base
+            if n in values
+        )
+
+    def _guess(self, now: Solution, effect: str, view: View):  # type: ignore[no-untyped-def]
+        """The best guesses of one effect: cost, problem, search coordinates."""
         tried: list[Any] = []
+        if self.late:
+            return tried
         noises = now.z[len(now.problem.names) :]
-        for values, base in guesses(effect, v):
-            none: dict[str, float] = {}
-            for beside in (none, base) if base else (none,):
-                axis = now.axis
-                change = {n: c for n, c in beside.items() if n in self.base}
-                if change:
-                    axis = with_values(axis, list(change), list(change.values()))
+        for values, base in guesses(effect, view):
+            change = {n: c for n, c in base.items() if n in self.base}
+            axis = now.axis
+            if change:
+                axis = with_values(axis, list(change), list(change.values()))
+            for beside in (now.axis, axis) if change else (axis,):
                 try:
-                    start = with_effect(axis, effect, dict(values))
-                    problem = self.problem(start.axis, (*self._free(now), *start.free))
-                    z = np.clip(np.concatenate((problem.start()[: len(problem.names)], noises)),
-                                problem.low, problem.high)  # fmt: skip
-                    tried.append((problem.at(z).cost, len(tried), start, problem, z))
+                    start = with_effect(beside, effect, dict(values))
+                    free = (*self._free(now), *(n for n in start.free if n not in self.known))
+                    problem = self.problem(start.axis, free, runs=self.few)
+                    z = problem.start()
+                    z[len(problem.names) :] = noises
+                    cost = problem.at(np.clip(z, problem.low, problem.high)).cost
                 except ValueError:
                     continue
-        tried.sort(key=lambda one: one[:2])
-        refined = [
-            self._quick(now, terms, effect, start, problem, z)
-            for _, _, start, problem, z in tried[:_REFINED]
-        ]
-        return sorted(refined, key=lambda c: c.cost)
+                tried.append((cost, problem, np.clip(z, problem.low, problem.high), effect))
+        tried.sort(key=lambda one: one[0])
+        return tried[:_REFINED]
+
+    def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
+        """The best of some guesses after a quick refinement."""
+        best = None
+        for _, problem, z, effect in guessed:
+            found = self._quick(now, terms, effect, problem, z, turns)
+            if best is None or found[0].cost < best[0].cost:
+                best = found
+        return best
 
     def _free(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of a model beside the base."""
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in self.base))
 
-    def _quick(self, now, terms, slug, start, problem: Likelihood, z):  # type: ignore[no-untyped-def]
+    def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
         """A few joint steps along new slopes of the candidate and old ones of the rest."""
         count = len(problem.names)
         old = len(now.problem.names)
         own = list(range(old, count))
         place = [*range(old), *range(count, problem.size)]  # where old coordinates are now
-        prior = np.zeros(problem.size)
-        centre = np.zeros(problem.size)
-        prior[:count], centre[:count] = problem.spread**-2.0, problem.centre
         point = problem.at(z)
-        damping = 1e-3
-        for turn in range(_TURNS):
-            g = prior * (z - centre)
-            h = np.diag(prior)
-            for i, run in enumerate(self.runs):
+        damping, fall = 1e-3, 0.0
+        for turn in range(turns):
+            if self.late:
+                break
+            _, g, curvature = problem.prior_terms(z)
+            h = np.diag(curvature)
+            for i, run in enumerate(problem.runs):
                 slope = np.zeros((problem.size, 2, len(run.record)))
                 slope[place] = terms[2][i]
                 exact = [problem.slope(z, point, i, j, slope[j]).sum() for j in own]
@@ -268,72 +368,162 @@ class Search:
                 damping = max(10.0 * damping, 0.1)
             if not moved or fall < 0.5:
                 break
-            if point.cost - (_TURNS - turn) * fall > now.cost:
+            if point.cost - (turns - turn) * fall > now.cost:
                 # At this pace it would not even reach the model without it.
                 break
-        axis = problem.axis_at(z)
         free_names = tuple(problem.names[j] for j in own)
-        return Candidate(slug, free_names, axis, point.cost)
+        return Candidate(slug, free_names, problem.axis_at(z), point.cost), problem, z
 
-    def worthwhile(self, now: Solution, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Candidates whose quick gain makes a full fit worth its time."""
+    def worth(self, gain: float, count: int, causes: int = 1) -> float:
+        """Gain of log-likelihood less what so many parameters and causes must bring."""
+        return gain - self.penalty(count) - causes * LEAST
+
+    def extend(self, now: Solution, here: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
+        """Fits of the most promising candidates beside a model: worth, candidate, fit."""
         if not candidates:
             return []
-        best = now.cost - candidates[0].cost
-        return [
-            c
-            for c in candidates[:_FITTED]
-            if now.cost - c.cost > max(_SHARE * best, self.penalty(len(c.free)) + _LEAST - _SLACK)
-        ]
-
-    def extend(self, now: Solution, candidates: Sequence[Candidate]) -> list[Solution]:
-        """Full fits of candidates beside a model, best first."""
+        best = here.cost - candidates[0].cost
+        least = max(_SHARE * best, 0.0)
+        chosen = [
+            c for c in candidates[: 2 * _FITTED]
+            if here.cost - c.cost > least
+            and self.worth((here.cost - c.cost) / self.part, len(c.free)) > -_SLACK
+        ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
+        if self.part < 1.0:
+            quick = self._parallel(
+                [(self._quickly, (c.axis, (*self._free(now), *c.free), noises)) for c in chosen]
+            )
+            chosen = [Candidate(c.slug, c.free, s.axis, s.cost)
+                      for c, s in zip(chosen, quick, strict=True)]  # fmt: skip
+        chosen = sorted(chosen, key=lambda c: c.cost)[:_FITTED]
 
         def one(c: Candidate) -> Solution:
-            return self.fit(c.axis, (*self._free(now), *c.free), noises, _ITERATIONS)
+            return self.fit(c.axis, (*self._free(now), *c.free), noises, _LAST)
 
-        found = self._parallel([(one, (c,)) for c in candidates])
-        return list(found)
+        fits = self._parallel([(one, (c,)) for c in chosen])
+        found = [
+            (self.worth(now.cost - s.cost, len(c.free)), c, s)
+            for c, s in zip(chosen, fits, strict=True)
+            if self.sound(s, c.slug, c.free)
+        ]
+        return sorted(found, key=lambda one: -one[0])
 
-    def settle(self, now: Solution) -> Solution:
-        """The best of this fit and fits of the same model from other base values."""
-        names = [n for n in self.base if n in now.problem.names]
-        if not names or self.own:
-            return now
-        noises = now.z[len(now.problem.names) :]
-        starts = [self.nominal, self.nominal | self._less_dry()]
-        tasks = [
-            (self.fit, (with_values(now.axis, names, [s[n] for n in names]), self._free(now),
-                        noises, _ITERATIONS))
-            for s in starts
-        ]  # fmt: skip
-        return min((now, *self._parallel(tasks)), key=lambda s: s.cost)
+    def sound(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
+        """Whether a cause is determined, and where the machine has been."""
+        values, errors = fit.values(), fit.standard_errors()
+        kinds = effect_class(slug).parameters()
+        low = min(float(r.x.min()) for r in self.records)
+        high = max(float(r.x.max()) for r in self.records)
+        room = _OUTSIDE * (high - low)
+        amounts = []
+        for name in free:
+            kind = kinds[name.partition(".")[2]]["kind"]
+            value = values.get(name)
+            if value is None:
+                continue
+            if kind == "place" and not low - room <= value <= high + room:
+                return False
+            if kind == "amount":
+                parameter = fit.problem.parameters[fit.problem.names.index(name)]
+                amounts.append(abs(value - parameter.neutral) > _SURE * errors[name])
+        return all(amounts)
 
 
-def forward(search: Search, most: int = 5, tell=None):  # type: ignore[no-untyped-def]
-    """Causes one after the other as long as they pay; the steps that were made."""
-    now = search.alone()
-    steps: list[Any] = [("", now, [])]
-    while len(steps) <= most:
-        candidates = search.screen(now)
-        chosen = search.worthwhile(now, candidates)
-        if not chosen:
-            if tell is not None:
-                tell(steps[-1][0], now, candidates, [])
+def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignore[no-untyped-def]
+    """Causes one after the other, or two at once, as long as they pay."""
+    search.tell("base parameters")
+    state = State(search.alone())
+    while len(state.causes) < most and not search.late:
+        search.tell(f"cause {len(state.causes) + 1}")
+        now = state.fit
+        candidates, here = search.screen(now)
+        if not state.causes:
+            state.first = {c.slug: (here.cost - c.cost) / search.part for c in candidates}
+        ranked = search.extend(now, here, candidates)
+        if report is not None:
+            report(state, now, here, candidates, ranked)
+        if (not ranked or ranked[0][0] < 0.0) and not search.late:
+            pair = _pair(search, now, here, candidates)
+            if pair is None:
+                break
+            for c in pair[0]:
+                state.causes.append(c.slug)
+                state.free[c.slug] = c.free
+                state.alternatives[c.slug], state.rivals[c.slug] = (), {}
+            state.fit = pair[1]
+            continue
+        if not ranked:
             break
-        fits = search.extend(now, chosen)
-        ranked = sorted(
-            ((now.cost - s.cost - search.penalty(len(c.free)), c, s)
-             for c, s in zip(chosen, fits, strict=True) if s.converged),
-            key=lambda one: -one[0],
-        )  # fmt: skip
-        if tell is not None:
-            tell(steps[-1][0], now, candidates, ranked)
-        if not ranked or ranked[0][0] < _LEAST:
-            break
-        best = ranked[0]
-        steps.append((best[1].slug, best[2], ranked))
-        now = search.settle(best[2])
-        steps[-1] = (best[1].slug, now, ranked)
-    return steps
+        _, chosen, fit = _plainest(ranked)
+        state.causes.append(chosen.slug)
+        state.free[chosen.slug] = chosen.free
+        equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
+        state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
+        state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
+        state.fit = fit
+        if len(state.causes) > 1:
+            _backward(search, state)
+    state.late = search.late
+    return state
+
+
+def _plainest(ranked):  # type: ignore[no-untyped-def]
+    """Of fits that do equally well the one whose effect ranks first."""
+    level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+    return min(level, key=lambda one: effect_class(one[1].slug).rank)
+
+
+def _pair(search: Search, now: Solution, here: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
+    """The best two causes that only together are worth it."""
+    search.tell("pairs")
+    some = candidates[:_PAIRED]
+    tasks = []
+    for i, a in enumerate(some):
+        for b in some[i + 1 :]:
+            try:
+                axis = put(a.axis, b.slug, named(b.axis)[b.slug])
+            except (ValueError, KeyError):
+                continue
+            tasks.append((a, b, axis))
+    noises = now.z[len(now.problem.names) :]
+    free = search._free(now)
+    fits = search._parallel(
+        [(search._quickly, (axis, (*free, *a.free, *b.free), noises)) for a, b, axis in tasks]
+    )
+    order = sorted(range(len(fits)), key=lambda i: fits[i].cost)
+    for i in order[:1]:
+        a, b, _ = tasks[i]
+        names = (*a.free, *b.free)
+        if search.worth((here.cost - fits[i].cost) / search.part, len(names), 2) < 0.0:
+            return None
+        fit = search.fit(fits[i].axis, (*free, *names), noises)
+        if (
+            search.worth(now.cost - fit.cost, len(names), 2) > 0.0
+            and search.sound(fit, a.slug, a.free)
+            and search.sound(fit, b.slug, b.free)
+        ):
+            return (a, b), fit
+    return None
+
+
+def _backward(search: Search, state: State) -> None:
+    """Drop causes that a later one has made superfluous."""
+    for slug in list(state.causes):
+        if followed(slug, state.causes) or search.late:
+            continue
+        less = without(search, state, slug)
+        gain = less.cost - state.fit.cost
+        if search.worth(gain, len(state.free[slug])) < 0.0:
+            state.causes.remove(slug)
+            for table in (state.free, state.alternatives, state.rivals):
+                table.pop(slug, None)
+            state.fit = less
+
+
+def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
+    """The fit without one cause."""
+    fit = state.fit
+    axis = put(fit.axis, slug, named(search.believed).get(slug))
+    free = tuple(n for n in search._free(fit) if n not in state.free[slug])
+    return search.fit(axis, free, fit.z[len(fit.problem.names) :], **settings)

@@ -9,8 +9,9 @@ so does one that mutes the drive.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,15 @@ BoolArray = NDArray[np.bool_]
 #: Base parameters, which have a prior unless they are known.
 BASE = ("mass", "viscous", "coulomb")
 #: Standard deviation of a base parameter's logarithm without further knowledge:
-#: a factor of 2 is two of them.
-BOLD = 0.5 * math.log(2.0)
+#: a factor of 2 is two of them.  A mass further off than this factor is another machine's.
+BOLD, MOST = 0.5 * math.log(2.0), 4.0
+# Part of a nominal value at which its logarithm gives way to a straight line, for
+# what may be zero.
+_OFFSET = 0.1
+# Cost of a base parameter that is off while causes are sought, over log(1 + (change /
+# spread)^2): a few per cent are nothing to wonder about, three parameters off at once
+# cost more than a cause that does the same.
+_WONDER, _SPREAD = 2.0, 0.02
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
 # Fall of the cost that a step must promise to be worth trying, and the promise
@@ -73,6 +81,8 @@ class Run:
         Samples whose innovations count.
     edges : ndarray of int64, shape (nblocks + 1,)
         Blocks over which scores are summed.
+    pieces : tuple of tuple of int
+        First sample and end of each stretch that the filter runs over.
     floor : float
         Least variance of a reading.
     drive : float
@@ -84,6 +94,7 @@ class Run:
     good: BoolArray
     active: BoolArray
     edges: NDArray[np.int64]
+    pieces: tuple[tuple[int, int], ...]
     floor: float
     drive: float
 
@@ -97,7 +108,21 @@ def prepare(record: Record, active: BoolArray | None = None) -> Run:
     floor = max(floor, (1e-9 * record.range) ** 2)
     drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
     active = np.ones(n, bool) if active is None else active
-    return Run(record, record.u, np.ones(n, bool), active, edges, floor, drive)
+    return Run(record, record.u, np.ones(n, bool), active, edges, ((0, n),), floor, drive)
+
+
+def some_of(run: Run, most: int, count: int = 4) -> Run:
+    """Stretches of a run, evenly spread, with some samples in all."""
+    n = len(run.record)
+    if n <= 1.25 * most:
+        return run
+    size = most // count
+    starts = np.linspace(0, n - size, count).astype(int)
+    active = np.zeros(n, bool)
+    for a in starts:
+        active[a + compiled.FIRST + 1 : a + size] = True
+    pieces = tuple((int(a), int(a) + size) for a in starts)
+    return replace(run, active=active & run.active, pieces=pieces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +159,8 @@ class Likelihood:
         Axis about which the prior of base parameters lies; `axis` by default.
     tolerance : mapping of str to float, optional
         Relative standard deviation of a prior.
+    wonder : bool, optional
+        Whether base parameters that are off cost as assumptions do.
     own : sequence of str, optional
         Free parameters of which every record has its own value.
     hold : {"zero", "first"}, optional
@@ -147,6 +174,7 @@ class Likelihood:
         *,
         believed: FrictionAxis | None = None,
         tolerance: Mapping[str, float] | None = None,
+        wonder: bool = False,
         own: Sequence[str] = (),
         hold: str = "zero",
         scales: Scales | None = None,
@@ -169,15 +197,16 @@ class Likelihood:
                 self.place.append(i)
         names = [p.name for p in self.parameters]
         self.names = names
-        centre, spread = np.zeros(len(names)), np.full(len(names), np.inf)
+        # Of every parameter with a prior: its nominal value, the deviation of its
+        # logarithm, and whether a change is something to wonder about.
+        self.beliefs: dict[int, tuple[float, float, bool]] = {}
         for j, p in enumerate(self.parameters):
-            if p.name in BASE or p.name in tolerance:
-                value = float(values_of(believed, [p.name])[0])
-                relative = tolerance.get(p.name, BOLD)
-                centre[j] = p.search(value)
-                size = 1.0 if p.logarithmic else abs(value) / p.scale
-                spread[j] = relative * size if size > 0.0 else np.inf
-        self.centre, self.spread = centre, spread
+            value = abs(float(values_of(believed, [p.name])[0])) if p.name in BASE else 0.0
+            if p.name in tolerance:
+                value = abs(float(values_of(believed, [p.name])[0]))
+            if value > 0.0:
+                spread = tolerance.get(p.name, BOLD)
+                self.beliefs[j] = (value, spread, wonder and p.name not in tolerance)
         n = len(names)
         self.size = n + 2 * len(runs)
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
@@ -186,6 +215,10 @@ class Likelihood:
                 self.low[j] = p.search(p.low)
             if p.high < np.inf:
                 self.high[j] = p.search(p.high)
+            if p.name == "mass" and j in self.beliefs:
+                value, spread, _ = self.beliefs[j]
+                most = max(MOST, math.exp(min(4.0 * spread, 6.0)))
+                self.low[j], self.high[j] = (p.search(value * f) for f in (1.0 / most, most))
         for i, run in enumerate(self.runs):
             a, b = n + 2 * i, n + 2 * i + 1
             self.low[a], self.high[a] = (2.0 * math.log(f * run.drive) for f in _FORCE)
@@ -229,11 +262,16 @@ class Likelihood:
         if stiffness * arrays.numbers[INVERSE_MASS] * record.dt**2 > _STIFF:
             raise ValueError("an elastic contact far too stiff to be seen at this sampling time")
         force, reading = self.noises(z, i)
-        out, state = np.zeros((2, len(record))), np.empty((3, len(record)))
-        compiled.innovations(
-            arrays.numbers, arrays.integers, arrays.memory, run.u, record.x, run.good,
-            float(record.t[0]), record.dt, self.first, force, reading, record.range, state, out,
-        )  # fmt: skip
+        out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
+        for start, end in run.pieces:
+            here = slice(start, end)
+            mine, states = np.zeros((2, end - start)), np.zeros((4, end - start))
+            compiled.innovations(
+                arrays.numbers, arrays.integers, arrays.memory, run.u[here], record.x[here],
+                run.good[here], float(record.t[start]), record.dt, self.first, force, reading,
+                record.range, states, mine,
+            )  # fmt: skip
+            out[:, here], state[:, here] = mine, states
         self.passes += 1
         return out, state
 
@@ -256,8 +294,28 @@ class Likelihood:
 
     def prior(self, z: FloatArray) -> float:
         """Cost of departures from what is believed."""
-        n = len(self.names)
-        return float(0.5 * np.sum(((z[:n] - self.centre) / self.spread) ** 2))
+        return self.prior_terms(z)[0]
+
+    def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """The same with its gradient and curvature, each shape (ncoordinates,)."""
+        total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
+        for j, (nominal, spread, wonder) in self.beliefs.items():
+            p = self.parameters[j]
+            value = p.value(z[j])
+            ratio = value / nominal
+            slope = p.slope(value) / nominal
+            off = math.log((ratio + _OFFSET) / (1.0 + _OFFSET)) / spread
+            by = slope / (ratio + _OFFSET) / spread
+            total += 0.5 * off * off
+            g[j] += off * by
+            h[j] += by * by
+            if wonder:
+                off, by = (ratio - 1.0) / _SPREAD, slope / _SPREAD
+                weight = 2.0 * _WONDER / (1.0 + off * off)
+                total += _WONDER * math.log1p(off * off)
+                g[j] += weight * off * by
+                h[j] += weight * by * by
+        return total, g, h
 
     def _touches(self, j: int) -> list[int]:
         """Records that coordinate j acts on."""
@@ -375,9 +433,7 @@ class Solution:
 
     def covariance(self) -> FloatArray:
         """Sandwich covariance of the search coordinates."""
-        n = len(self.problem.names)
-        h = self.information.sum(axis=0)
-        h[np.arange(n), np.arange(n)] += self.problem.spread**-2.0
+        h = self.information.sum(axis=0) + np.diag(self.problem.prior_terms(self.z)[2])
         inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
         g = self.gradients
         blocks = max(len(g) - 1, 1)
@@ -387,6 +443,33 @@ class Solution:
         scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
         own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
         return sandwich * np.outer(scale / own, scale / own)
+
+    def held_out(self) -> FloatArray:
+        """Cost of each block under parameters to which it did not contribute.
+
+        Blocks go in turn to one of two halves; the parameters of the other half follow
+        from those of all by one Newton step.
+        """
+        problem = self.problem
+        h = self.information.sum(axis=0) + np.diag(problem.prior_terms(self.z)[2])
+        owner = np.concatenate([np.full(r.edges.size - 1, i) for i, r in enumerate(problem.runs)])
+        half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
+        costs = np.zeros(owner.size)
+        reach = np.concatenate(
+            (np.full(len(problem.names), _REACH), np.full(2 * len(problem.runs), _NOISE_REACH))
+        )
+        for k in (0, 1):
+            mine = half == k
+            rest = h - self.information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
+            step = np.linalg.lstsq(rest, self.gradients[mine].sum(axis=0), rcond=1e-12)[0]
+            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / reach)), 1e-300))
+            point = problem.at(np.clip(self.z + step, problem.low, problem.high))
+            for i in range(len(problem.runs)):
+                if math.isfinite(point.cost):
+                    costs[mine & (owner == i)] = problem.blocks(i, point.out[i])[half[owner == i] == k]
+                else:
+                    costs[mine & (owner == i)] = math.inf
+        return costs
 
     def standard_errors(self) -> dict[str, float]:
         """Standard errors by name."""
@@ -407,12 +490,15 @@ class Solution:
         return math.sqrt(self.problem.noises(self.z, i)[1] / _NORMAL)
 
 
-def maximise(problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS) -> Solution:
-    """Most likely parameters from one start: Fisher scoring, damped."""
+def maximise(
+    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
+) -> Solution:
+    """Most likely parameters from one start: Fisher scoring, damped.
+
+    `until`: reading of `time.monotonic` at which it stops where it is.
+    """
     z = np.clip(z, problem.low, problem.high)
     n = len(problem.names)
-    prior = np.concatenate((problem.spread**-2.0, np.zeros(problem.size - n)))
-    centre = np.concatenate((problem.centre, np.zeros(problem.size - n)))
     reach = np.concatenate((np.full(n, _REACH), np.full(problem.size - n, _NOISE_REACH)))
     point = problem.at(z)
     damping, promised, turn, wider = 1e-3, math.inf, 0, 1.0
@@ -421,8 +507,9 @@ def maximise(problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS) 
         gradients, information = problem.terms(z, point)
         g, h = gradients.sum(axis=0), information.sum(axis=0)
         problem.refine(h, wider)
-        g = g + prior * (z - centre)
-        h = h + np.diag(prior)
+        _, prior_g, prior_h = problem.prior_terms(z)
+        g = g + prior_g
+        h = h + np.diag(prior_h)
         held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
         held |= np.diag(h) <= 1e-12
         free = np.flatnonzero(~held)
@@ -433,7 +520,7 @@ def maximise(problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS) 
             (g[free] / size) @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), g[free] / size,
                                                rcond=None)[0]
         )  # fmt: skip
-        if promised < _PROMISED:
+        if promised < _PROMISED or time.monotonic() > until:
             break
         moved = False
         while damping < 1e7:

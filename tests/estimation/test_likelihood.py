@@ -19,7 +19,7 @@ LINEAR = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, stick_speed=1e-6)
 def innovations(axis, u, y, force, reading, good=None):
     """Innovations and variances of a record, shape (2, n)."""
     arrays = axis.arrays(DT)
-    out, state = np.zeros((2, y.size)), np.zeros((3, y.size))
+    out, state = np.zeros((2, y.size)), np.zeros((4, y.size))
     good = np.ones(y.size, bool) if good is None else good
     compiled.innovations(
         arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, DT, False, force, reading,

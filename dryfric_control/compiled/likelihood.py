@@ -201,11 +201,7 @@ def innovations(
         sliding = mode != 0
         total = d + g * g * p
         width = math.sqrt(total)
-        unsure = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
-        if unsure and not sliding:
-            # Deep in the friction band nothing sets the axis in motion.
-            unsure = _random_force(plant, t, dt, m, u[k - 1], deviation) > 0.0
-        if unsure:
+        if structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width:
             # The direction of motion is not sure: three velocities, each with its own mode.
             x_mean, v_mean, variance, resting = 0.0, 0.0, 0.0, 1.0
             slope = g * p / total

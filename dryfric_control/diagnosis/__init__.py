@@ -3,6 +3,7 @@
 from dryfric_control.diagnosis.diagnose import diagnose, diagnose_batch
 from dryfric_control.diagnosis.evidence import Evidence, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.store.axis_file import read_axis, write_axis
@@ -13,6 +14,7 @@ __all__ = [
     "Evidence",
     "Experiment",
     "Gain",
+    "Remaining",
     "Unexplained",
     "diagnose",
     "diagnose_batch",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,6 +114,10 @@ class Race:
         Typical sizes in the record.
     jobs : int
         Fits at the same time.
+    known : sequence of str
+        Base parameters that stay as believed.
+    tolerance : mapping of str to float
+        Base parameters that may be wrong by so much without being an assumption.
     """
 
     def __init__(
@@ -124,12 +128,15 @@ class Race:
         judge: BoolArray,
         scales: Scales,
         jobs: int = 2,
+        known: Sequence[str] = (),
+        tolerance: Mapping[str, float] | None = None,
     ) -> None:
         self.bench, self.fit, self.judge = bench, fit, judge
         self.sieve = fit
         self.sizes = scales
         self.jobs = jobs
         names = list(BASE.values())
+        self.known, self.tolerance = tuple(known), dict(tolerance or {})
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
         # What was asked before: the same question comes up on several ways, and all
         # of a search again where another follows.
@@ -140,10 +147,13 @@ class Race:
     ) -> Problem:
         """Hypothesis with base parameters (default: all) and others free."""
         names = list(BASE.values()) if base is None else list(base)
+        names = [n for n in names if n not in self.known]
+        free = [n for n in free if n not in self.known]
         if not names and not free:
             return Problem(axis, (), [self.bench])
         axis, parameters = choose(axis, [*names, *free], self.sizes)
-        return Problem(axis, parameters, [self.bench], self.believed, _bounds(parameters))
+        believed = {n: v for n, v in self.believed.items() if n not in self.tolerance}
+        return Problem(axis, parameters, [self.bench], believed, _bounds(parameters))
 
     def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
         if key not in self._answers:

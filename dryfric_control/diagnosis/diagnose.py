@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
+import sys
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +20,10 @@ from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import BASE, effect_class, holds
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
+from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
+from dryfric_control.diagnosis.random_force import Answer, answer, exact, varying
+from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
@@ -43,6 +49,10 @@ _LEAST_WINDOWS = 10
 _SEARCHES = 3
 # Alternatives for which an experiment is sought.
 _RIVALS = 4
+# Part of the time limit after which no further cause is sought.
+_SEARCHING = 0.6
+# What may be known, or known to within a tolerance.
+_BASES = ("mass", "viscous", "coulomb")
 _SLUGS = {name: slug for slug, name in BASE.items()}
 
 
@@ -56,12 +66,15 @@ def roles(windows: Windows) -> NDArray[np.int64]:
 
 def diagnose(
     axis: FrictionAxis,
-    record: Record,
+    record: Record | Sequence[Record],
     *,
+    known: Sequence[str] = (),
+    tolerance: Mapping[str, float] | None = None,
     window: float = 0.25,
     hold: str = "zero",
+    time_limit: float | None = None,
     jobs: int = 2,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> Diagnosis:
     """Find what a simulation gets wrong, and name the cause.
 
@@ -69,16 +82,24 @@ def diagnose(
     ----------
     axis : FrictionAxis
         The nominal axis.
-    record : Record
-        The measured record: time, drive force, position.
+    record : Record or sequence of Record
+        The measured record: time, drive force, position.  Several of one machine
+        share their causes.
+    known : sequence of str, optional
+        Parameters whose nominal values are right, such as ``("mass",)``.
+    tolerance : mapping of str to float, optional
+        Relative standard deviation of a nominal value, such as
+        ``{"viscous": 0.5}``: a change within it is no finding.
     window : float, optional
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
+    time_limit : float, optional
+        Time after which the best answer so far is returned, which says so [s].
     jobs : int, optional
         Candidates fitted at the same time.
     progress : bool, optional
-        Whether to show a progress bar.
+        Whether to show a progress bar.  Default: in a terminal or a notebook.
 
     Returns
     -------
@@ -87,19 +108,25 @@ def diagnose(
     Raises
     ------
     ValueError
-        If an argument is of the wrong kind, or the record is too short to fit
+        If an argument is of the wrong kind, or a record is too short to fit
         on one part and judge on another, or the axis does not move in it.
 
     Notes
     -----
-    Every hypothesis is run freely over short windows of the record, each from
-    its most likely start state, and scored by the mean of log(1 + cost/(4 n)),
-    cost the squared error over the variance of the readings' noise.  Blocks of
-    1 s are used in turn to fit, to judge and (every fifth) only to measure the
-    final gain.  Candidates join one at a time as long as that lowers the score
-    on the blocks that judge; base parameters are free with a prior that a few
-    per cent are nothing to wonder about.  The noise floor comes from replays of
-    the model itself through the record's own encoder.
+    Where some hypothesis brings free runs down to the noise of the readings,
+    free runs decide.  Every hypothesis is run freely over short windows of the
+    record, each from its most likely start state, and scored by the mean of
+    log(1 + cost/(4 n)), cost the squared error over the variance of the readings'
+    noise.  Blocks of 1 s are used in turn to fit, to judge and (every fifth) only to
+    measure the final gain.  Candidates join one at a time as long as that lowers the
+    score on the blocks that judge.  The noise floor comes from replays of the model
+    itself through the record's own encoder.
+
+    Elsewhere, and with several records, a random force acts beside the model:
+    noise of the drive, or what the model leaves out.  Its size and that of the
+    readings' noise are then estimated with the parameters of each hypothesis by
+    the likelihood of a hybrid filter, and the likelihood decides.  Base parameters
+    that are off cost as assumptions do; a factor of 2 is already bold.
 
     The answer holds for what the record excites: a cause that never acts in it
     is not found, and a verdict "nothing to find" says no more than that.
@@ -119,25 +146,25 @@ def diagnose(
     >>> round(d.causes[0].parameters["stiffness"], 1)
     40.0
     """
+    begun = time.monotonic()
     instance("axis", axis, FrictionAxis)
     whole("jobs", jobs)
     window = positive("window", window, unit="s")
+    limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")
+    known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
-    windows = cut(record, window, hold)
-    check_units(axis, record)
-    warn_if_implausible(axis, record)
-    if len(windows) < _LEAST_WINDOWS:
-        raise ValueError(
-            f"record lasts {record.duration:.3g} s, which is {len(windows)} windows of "
-            f"{window:g} s: give at least {_LEAST_WINDOWS} windows, or a shorter window"
-        )
-    part = roles(windows)
-    moving = windows.moving
-    if not np.any(moving & (part == FIT)) or not np.any(moving & (part == JUDGE)):
-        raise ValueError(
-            "record: the axis hardly moves in it, so that it shows no friction; take one with "
-            "slow and fast moves both ways"
-        )
+    several = isinstance(record, (list, tuple))
+    records = list(record) if isinstance(record, (list, tuple)) else [record]
+    if not records:
+        raise ValueError("record: the list of records is empty: give at least one")
+    cuts, parts = [], []
+    for i, one in enumerate(records):
+        name = f"record[{i}]" if several else "record"
+        cuts.append(_cut(axis, one, window, hold, name))
+        parts.append(roles(cuts[-1]))
+        _check_motion(cuts[-1], parts[-1], name)
+    if progress is None:
+        progress = sys.stderr.isatty() or "ipykernel" in sys.modules
     bar = tqdm(desc="diagnose", unit="step", disable=not progress)
 
     def tell(what: str) -> None:
@@ -145,8 +172,128 @@ def diagnose(
         bar.update()
 
     with bar:
-        race = Race(windows, axis, part == FIT, part == JUDGE, typical([record]), jobs)
-        return _diagnosis(Selector(race, axis, tell), record, window, part)
+        windows, part = cuts[0], parts[0]
+        settings: dict[str, Any] = {"jobs": jobs, "known": known, "tolerance": tolerance}
+        race = Race(windows, axis, part == FIT, part == JUDGE, typical(records[:1]), **settings)
+        until = begun + _SEARCHING * limit
+        selector = Selector(race, axis, tell, until)
+        search = Search(
+            axis, records, known, tolerance, hold=hold, jobs=jobs, until=until, tell=tell
+        )
+        found = None
+        if len(records) > 1 or not _exact(selector, settings):
+            found = answer(search, cuts)
+            if len(records) == 1 and len(found.final.axis.effects) > len(axis.effects) and exact(
+                windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings
+            ):
+                found = None
+        if found is None:
+            sharp = _diagnosis(selector, search, windows.record, window, part)
+            if sharp.verdict != "unexplained" or search.late:
+                return sharp
+            # A random force next to the readings' noise, or something that nothing explains.
+            found = answer(search, cuts)
+            if found.verdict not in ("nothing to find", "explained"):
+                return sharp
+        if len(records) > 1:
+            tell("differences between the records")
+            found.varies = varying(search, found.final)
+        return _likely(axis, records, found, window, hold, part, limit == math.inf)
+
+
+def checked_knowledge(
+    known: Sequence[str], tolerance: Mapping[str, float] | None
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """What the user knows, by the names of parameters; ValueError for anything else."""
+    if isinstance(known, str):
+        known = (known,)
+    if not isinstance(known, Sequence):
+        raise ValueError(f"known must hold names such as 'mass', got {known!r}")
+    if tolerance is not None and not isinstance(tolerance, Mapping):
+        raise ValueError(f"tolerance must map names to numbers, such as {{'viscous': 0.5}}, "
+                         f"got {tolerance!r}")  # fmt: skip
+    names = tuple("mass" if n == "inertia" else n for n in known)
+    given = {
+        "mass" if n == "inertia" else n: positive(f"tolerance[{n!r}]", v)
+        for n, v in (tolerance or {}).items()
+    }
+    for where_from, some in (("known", names), ("tolerance", tuple(given))):
+        for name in some:
+            if name not in _BASES:
+                raise ValueError(
+                    f"{where_from}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
+                )
+    both = sorted(set(names) & set(given))
+    if both:
+        raise ValueError(f"tolerance: {both[0]} is known already: name it in one of the two")
+    return names, given
+
+
+def _cut(axis: FrictionAxis, record: Record, window: float, hold: str, name: str) -> Windows:
+    """Windows of a record that can be diagnosed; ValueError for any other."""
+    windows = cut(record, window, hold)
+    check_units(axis, record, name)
+    warn_if_implausible(axis, record, 4)
+    if len(windows) < _LEAST_WINDOWS:
+        raise ValueError(
+            f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "
+            f"{window:g} s: give at least {_LEAST_WINDOWS} windows, or a shorter window"
+        )
+    return windows
+
+
+def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
+    moving = windows.moving
+    if not np.any(moving & (part == FIT)) or not np.any(moving & (part == JUDGE)):
+        raise ValueError(
+            f"{name}: the axis hardly moves in it, so that it shows no friction; take one with "
+            "slow and fast moves both ways"
+        )
+
+
+def _exact(selector: Selector, settings: dict[str, Any]) -> bool:
+    """Whether the record shows no random force: some hypothesis reaches the readings' noise."""
+    race, axis = selector.race, selector.axis
+    selector.tell("random force")
+    before = race.judged(race.alone(axis, (), base=()))
+    if selector.floor_of(before).nothing(before.scores, selector.known):
+        return True
+    return exact(race.bench, axis, race.fit, race.judge, **settings)
+
+
+def _likely(
+    axis: FrictionAxis, records: Sequence[Record], found: Answer, window: float, hold: str,
+    part: NDArray[np.int64], unhurried: bool,
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis that the likelihood makes."""
+    experiment = None
+    extended = found.final.axis
+    doubtful = next((c for c in found.causes if found.rivals.get(c.effect)), None)
+    if doubtful is not None and unhurried:
+        rivals = found.rivals[doubtful.effect]
+        rivals = dict(list(rivals.items())[:_RIVALS])
+        experiment = next_experiment(
+            extended, list(rivals.values()), records[0], names=[doubtful.effect, *rivals]
+        )
+    return Diagnosis(
+        axis=axis,
+        record=records[0],
+        verdict=found.verdict,
+        causes=tuple(found.causes),
+        extended=extended,
+        gain=found.gain,
+        unexplained=found.unexplained,
+        next_experiment=experiment,
+        messages=tuple(found.messages),
+        scores=found.scores,
+        window=window,
+        hold=hold,
+        roles=part,
+        remaining=found.remaining,
+        references=found.references,
+        varies=found.varies,
+        others=tuple(records[1:]),
+    )
 
 
 def diagnose_batch(
@@ -244,11 +391,11 @@ def diagnose_batch(
 
 def _found(axis: FrictionAxis, window: float, hold: str, record: Record) -> dict[str, Any]:
     # The records are what runs at the same time.
-    return diagnose(axis, record, window=window, hold=hold, jobs=1).to_dict()
+    return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()
 
 
 def _diagnosis(
-    selector: Selector, record: Record, window: float, part: NDArray[np.int64]
+    selector: Selector, search: Search, record: Record, window: float, part: NDArray[np.int64]
 ) -> Diagnosis:
     axis, race, bench = selector.axis, selector.race, selector.bench
     before = race.judged(race.alone(axis, (), base=()))
@@ -260,7 +407,7 @@ def _diagnosis(
         for _ in range(_SEARCHES):
             found, floor = selector.run()
             best, kept = selector.base(found, floor)
-            if not selector.refutes(found, best, kept, floor):
+            if selector.late or not selector.refutes(found, best, kept, floor):
                 break
         if not found.causes and not kept:
             best = before
@@ -282,7 +429,10 @@ def _diagnosis(
         verdict = "nothing to find" if explained else "unexplained"
     experiment = None
     doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
-    if doubtful is not None:
+    messages = _messages(causes)
+    if selector.late:
+        messages += ("the time limit ended the search: the best answer so far",)
+    if doubtful is not None and not selector.late:
         selector.tell("next experiment")
         rest = selector.without(final.axis, doubtful)
         rivals = {
@@ -301,12 +451,23 @@ def _diagnosis(
         gain=gain,
         unexplained=left,
         next_experiment=experiment,
-        messages=_messages(causes),
+        messages=messages,
         scores=found.first,
         window=window,
         hold=bench.hold,
         roles=part,
+        remaining=_remaining(search, final, left, explained),
     )
+
+
+def _remaining(
+    search: Search, final: Fitted, left: Unexplained, explained: bool
+) -> Remaining:
+    """The random force beside a fit to free runs: none where they reach the noise."""
+    unit = search.believed.units[1]
+    if explained:
+        return Remaining(0.0, 0.0, False, (), unit=unit)
+    return remaining(search.reference(final.axis, runs=search.few), True, left.where, unit)
 
 
 def _causes(

@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, guesses, with_effect
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    guesses,
+    holds,
+    with_effect,
+)
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.likelihood import (
     BASE,
@@ -27,7 +33,7 @@ from dryfric_control.estimation.likelihood import (
 )
 from dryfric_control.estimation.parameters import typical, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import followed, named, put
+from dryfric_control.model.effects.naming import followed, named, put, renumbered
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 
@@ -37,9 +43,9 @@ FloatArray = NDArray[np.float64]
 _SOME = 8000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
-_REFINED, _AHEAD, _FITTED = 2, 8, 3
+_REFINED, _AHEAD, _FITTED = 2, 8, 5
 # Turns of the quick refinement, along slopes of the base that stay as they are.
-_TURNS = 4
+_TURNS = 3
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
 #: Causes whose costs differ by less do equally well.
@@ -55,8 +61,9 @@ _BENT = 0.1
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
-# Candidates of which pairs are tried.
-_PAIRED = 4
+# Candidates of which pairs are tried, and by how much a pair may gain more than its
+# members one by one.
+_PAIRED, _HOPE = 4, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +148,10 @@ class Search:
     def __post_init__(self) -> None:
         self.believed = self.believed.effective()
         self.runs: list[Run] = [prepare(r) for r in self.records]
-        self.samples = sum(len(r) for r in self.records)
-        most = max(_SOME * len(self.runs[0].record) // self.samples, 1000)
-        self.few = [some_of(run, most) for run in self.runs]
-        self.part = sum(int(r.active.sum()) for r in self.few) / self.samples
+        whole = sum(len(r) for r in self.records)
+        self.few = [some_of(r, max(_SOME * len(r.record) // whole, 500)) for r in self.runs]
+        self.samples = sum(int(r.active.sum()) for r in self.few)
+        self.part = self.samples / whole
         self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
@@ -174,7 +181,7 @@ class Search:
         """Likelihood of an axis with the base and further parameters free."""
         base = self.base if base is None else base
         return Likelihood(
-            axis, (*base, *free), self.runs if runs is None else runs, believed=self.believed,
+            axis, (*base, *free), self.few if runs is None else runs, believed=self.believed,
             tolerance=self.tolerance, own=self.own, hold=self.hold, scales=self.scales,
             wonder=wonder,
         )  # fmt: skip
@@ -190,9 +197,12 @@ class Search:
             z[len(problem.names) :] = noises
         return maximise(problem, z, iterations, self.until)
 
-    def reference(self, axis: FrictionAxis, idle: bool = False) -> Solution:
+    def reference(
+        self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None
+    ) -> Solution:
         """An axis as it is, its noises fitted alone; `idle`: without its drive."""
-        runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in self.runs]
+        runs = self.runs if runs is None else runs
+        runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in runs]
         problem = Likelihood(axis, (), runs, hold=self.hold, scales=self.scales)
         return maximise(problem, problem.start(1.0), 12)
 
@@ -214,13 +224,8 @@ class Search:
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
         if other:
             starts += [with_values(self.believed, list(other), list(other.values()))]
-        found = self._parallel([(self._quickly, (a, self.also)) for a in starts])
-        best = min(found, key=lambda s: s.cost)
-        return self.fit(best.axis, self.also, best.z[len(best.problem.names) :])
-
-    def _quickly(self, axis: FrictionAxis, free: Sequence[str], noises=None) -> Solution:  # type: ignore[no-untyped-def]
-        """A fit on some of the samples."""
-        return self.fit(axis, free, noises, _ITERATIONS, runs=self.few)
+        found = self._parallel([(self.fit, (a, self.also, None, _ITERATIONS)) for a in starts])
+        return min(found, key=lambda s: s.cost)
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
         if self.jobs == 1 or len(tasks) < 2:
@@ -230,29 +235,22 @@ class Search:
 
     # -- one step ------------------------------------------------------------------
 
-    def there(self, now: Solution, nominal: bool = False) -> Solution:
-        """A fit on some of the samples as it is; or with the base as believed."""
-        axis, free, noises = now.axis, self._free(now), now.z[len(now.problem.names) :]
-        if nominal:
-            names = [n for n in self.base if n in now.problem.names]
-            axis = with_values(axis, names, [self.nominal[n] for n in names])
-            alone = Likelihood(axis, (), self.few, hold=self.hold, scales=self.scales)
-            noises = maximise(alone, alone.start(1.0), 6).z
-        return self.fit(axis, free, noises, 0, runs=self.few)
+    def _at_nominal(self, now: Solution) -> Solution:
+        """A fit with the base as believed."""
+        names = [n for n in self.base if n in now.problem.names]
+        axis = with_values(now.axis, names, [self.nominal[n] for n in names])
+        alone = Likelihood(axis, (), self.few, hold=self.hold, scales=self.scales)
+        noises = maximise(alone, alone.start(1.0), 6).z
+        return self.fit(axis, self._free(now), noises, 0)
 
-    def screen(self, now: Solution) -> tuple[list[Candidate], Solution]:
-        """Every effect of the catalogue beside a model, quickly refined, best first.
-
-        Costs are those of the samples on which they were compared, as is the model's,
-        which comes second.
-        """
+    def screen(self, now: Solution) -> list[Candidate]:
+        """Every effect of the catalogue beside a model, quickly refined, best first."""
         present = named(now.axis)
         effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
-        here = self.there(now)
-        besides = [here]
+        besides = [now]
         if self._bent(now):
             # The base may have bent only for want of the cause.
-            besides.append(self.there(now, nominal=True))
+            besides.append(self._at_nominal(now))
         best: dict[str, Candidate] = {}
         for beside in besides:
             terms = beside.problem._terms(beside.z, beside.point)
@@ -260,16 +258,17 @@ class Search:
             starts = self._parallel([(self._guess, (beside, e, view)) for e in effects])
             begun = [one for one in starts if one]
             begun.sort(key=lambda one: one[0][0])
-            runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
+            runs = self._parallel([(self._refine, (beside, terms, one[:1], 1)) for one in begun])
+            other = {one[0][3]: one[1:] for one in begun}
             runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
             ahead = self._parallel(
-                [(self._refine, (beside, terms, one, _TURNS)) for one in
-                 [[(c.cost, problem, z, c.slug)] for c, problem, z in runs[:_AHEAD]]]
+                [(self._refine, (beside, terms, [(c.cost, p, z, c.slug), *other[c.slug]], _TURNS))
+                 for c, p, z in runs[:_AHEAD]]
             )  # fmt: skip
             for c, _, _ in [*ahead, *runs[_AHEAD:]]:
                 if c.slug not in best or c.cost < best[c.slug].cost:
                     best[c.slug] = c
-        return sorted(best.values(), key=lambda c: c.cost), here
+        return sorted(best.values(), key=lambda c: c.cost)
 
     def _is_free(self, now: Solution, name: str) -> bool:
         return any(n.startswith(f"{name}.") for n in now.problem.names)
@@ -297,7 +296,7 @@ class Search:
                 try:
                     start = with_effect(beside, effect, dict(values))
                     free = (*self._free(now), *(n for n in start.free if n not in self.known))
-                    problem = self.problem(start.axis, free, runs=self.few)
+                    problem = self.problem(start.axis, free)
                     z = problem.start()
                     z[len(problem.names) :] = noises
                     cost = problem.at(np.clip(z, problem.low, problem.high)).cost
@@ -378,28 +377,21 @@ class Search:
         """Gain of log-likelihood less what so many parameters and causes must bring."""
         return gain - self.penalty(count) - causes * LEAST
 
-    def extend(self, now: Solution, here: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
+    def extend(self, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
         """Fits of the most promising candidates beside a model: worth, candidate, fit."""
         if not candidates:
             return []
-        best = here.cost - candidates[0].cost
+        best = now.cost - candidates[0].cost
         least = max(_SHARE * best, 0.0)
         chosen = [
-            c for c in candidates[: 2 * _FITTED]
-            if here.cost - c.cost > least
-            and self.worth((here.cost - c.cost) / self.part, len(c.free)) > -_SLACK
+            c for c in candidates[:_FITTED]
+            if now.cost - c.cost > least
+            and self.worth(now.cost - c.cost, len(c.free)) > -_SLACK
         ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
-        if self.part < 1.0:
-            quick = self._parallel(
-                [(self._quickly, (c.axis, (*self._free(now), *c.free), noises)) for c in chosen]
-            )
-            chosen = [Candidate(c.slug, c.free, s.axis, s.cost)
-                      for c, s in zip(chosen, quick, strict=True)]  # fmt: skip
-        chosen = sorted(chosen, key=lambda c: c.cost)[:_FITTED]
 
         def one(c: Candidate) -> Solution:
-            return self.fit(c.axis, (*self._free(now), *c.free), noises, _LAST)
+            return self.fit(c.axis, (*self._free(now), *c.free), noises, _ITERATIONS)
 
         fits = self._parallel([(one, (c,)) for c in chosen])
         found = [
@@ -437,14 +429,14 @@ def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignor
     while len(state.causes) < most and not search.late:
         search.tell(f"cause {len(state.causes) + 1}")
         now = state.fit
-        candidates, here = search.screen(now)
+        candidates = search.screen(now)
         if not state.causes:
-            state.first = {c.slug: (here.cost - c.cost) / search.part for c in candidates}
-        ranked = search.extend(now, here, candidates)
+            state.first = {c.slug: now.cost - c.cost for c in candidates}
+        ranked = search.extend(now, candidates)
         if report is not None:
-            report(state, now, here, candidates, ranked)
+            report(state, now, now, candidates, ranked)
         if (not ranked or ranked[0][0] < 0.0) and not search.late:
-            pair = _pair(search, now, here, candidates)
+            pair = _pair(search, now, candidates)
             if pair is None:
                 break
             for c in pair[0]:
@@ -474,10 +466,13 @@ def _plainest(ranked):  # type: ignore[no-untyped-def]
     return min(level, key=lambda one: effect_class(one[1].slug).rank)
 
 
-def _pair(search: Search, now: Solution, here: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
+def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
     """The best two causes that only together are worth it."""
-    search.tell("pairs")
     some = candidates[:_PAIRED]
+    gains = sum(now.cost - c.cost for c in some[:2])
+    if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < 0.0:
+        return None
+    search.tell("pairs")
     tasks = []
     for i, a in enumerate(some):
         for b in some[i + 1 :]:
@@ -489,13 +484,13 @@ def _pair(search: Search, now: Solution, here: Solution, candidates: Sequence[Ca
     noises = now.z[len(now.problem.names) :]
     free = search._free(now)
     fits = search._parallel(
-        [(search._quickly, (axis, (*free, *a.free, *b.free), noises)) for a, b, axis in tasks]
+        [(search.fit, (axis, (*free, *a.free, *b.free), noises, 8)) for a, b, axis in tasks]
     )
     order = sorted(range(len(fits)), key=lambda i: fits[i].cost)
     for i in order[:1]:
         a, b, _ = tasks[i]
         names = (*a.free, *b.free)
-        if search.worth((here.cost - fits[i].cost) / search.part, len(names), 2) < 0.0:
+        if search.worth(now.cost - fits[i].cost, len(names), 2) < -_SLACK:
             return None
         fit = search.fit(fits[i].axis, (*free, *names), noises)
         if (
@@ -521,9 +516,17 @@ def _backward(search: Search, state: State) -> None:
             state.fit = less
 
 
+def names_without(
+    search: Search, fit: Solution, slug: str, own: Sequence[str]
+) -> tuple[str, ...]:
+    """Free parameters beside the base, as they are called in the axis without a cause."""
+    names = [n for n in search._free(fit) if n not in own]
+    return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
+
+
 def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
     """The fit without one cause."""
     fit = state.fit
     axis = put(fit.axis, slug, named(search.believed).get(slug))
-    free = tuple(n for n in search._free(fit) if n not in state.free[slug])
-    return search.fit(axis, free, fit.z[len(fit.problem.names) :], **settings)
+    free = names_without(search, fit, slug, state.free[slug])
+    return search.fit(axis, free, **settings)

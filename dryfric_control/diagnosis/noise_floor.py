@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -87,18 +88,25 @@ def noise_floor(
     at: Evaluation,
     active: BoolArray,
     seed: int = 0,
+    force: float = 0.0,
 ) -> Floor:
     """Replay axes through the record's own encoder and score the model on that.
 
     `truths` make the replays: the model within what is known of it.  `at` holds the
-    start states of the model on the record.
+    start states of the model on the record.  `force`: standard deviation of a random
+    force that acts in the replays, held over each sample.
     Replays that diverge are left out; all zeros if all do.
     """
     rng = np.random.default_rng(seed)
     w, record = bench, bench.record
     scores, squares = [], []
     for truth in truths:
-        x = w.run(truth, dx=at.starts[0], dv=at.starts[1])
+        pushed = w
+        if force > 0.0:
+            u = record.u + force * rng.standard_normal(len(record))
+            driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
+            pushed = replace(w, record=driven)
+        x = pushed.run(truth, dx=at.starts[0], dv=at.starts[1])
         if not np.all(np.isfinite(x)):
             continue
         readings = record.read(x, rng)
@@ -109,7 +117,7 @@ def noise_floor(
             x0=w.x0 + at.starts[0] + errors[0] * w.x0_error,
             v0=w.v0 + at.starts[1] + errors[1] * w.v0_error,
         )
-        found = made.evaluate(model, active, thorough=True)
+        found = made.evaluate(model, active, thorough=force == 0.0)
         scores.append(bench.scores(found.costs))
         squares.append(made.mean_squares(found.errors))
     none = np.zeros((1, len(w)))

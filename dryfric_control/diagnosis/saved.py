@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 
 from dryfric_control.diagnosis.experiment import Experiment
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.records.saved import load_object
 
-SAVED = (Diagnosis, Cause, Gain, Unexplained, Experiment)
+SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
 
 
 def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:

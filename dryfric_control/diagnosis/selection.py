@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -78,13 +80,24 @@ class Selection:
 class Selector:
     """Forward selection of causes on one record, with a backward pass."""
 
-    def __init__(self, race: Race, axis: FrictionAxis, tell: Callable[[str], None]) -> None:
-        self.race, self.axis, self.tell = race, axis, tell
+    def __init__(
+        self,
+        race: Race,
+        axis: FrictionAxis,
+        tell: Callable[[str], None],
+        until: float = math.inf,
+    ) -> None:
+        self.race, self.axis, self.tell, self.until = race, axis, tell, until
         self.bench = race.bench
         self.known = race.fit | race.judge
         self.labels = block_labels([self.bench])
         # Causes that a search named and the fit without them refuted.
         self.refuted: set[str] = set()
+
+    @property
+    def late(self) -> bool:
+        """Whether time is over."""
+        return time.monotonic() > self.until
 
     # -- tests -----------------------------------------------------------------
 
@@ -210,7 +223,7 @@ class Selector:
         total = CAUSE_COST * causes
         values = fitted.hypothesis.values(fitted.z)
         for name, believed in self.race.believed.items():
-            if believed > 0.0 and name in values:
+            if believed > 0.0 and name in values and name not in self.race.tolerance:
                 total += min(base_cost(spreads_off(values[name], believed)), _BASE_MOST)
         return total
 
@@ -223,7 +236,7 @@ class Selector:
         floor = self.floor_of(best)
         found = Selection(best)
         found.first[""] = float(best.scores[self.race.judge].mean())
-        while len(found.causes) < _MOST_CAUSES:
+        while len(found.causes) < _MOST_CAUSES and not self.late:
             settled = self.nothing_left(best.scores, floor)
             if settled and self.cost(best, 0) < CAUSE_COST:
                 break
@@ -234,7 +247,7 @@ class Selector:
             best = found.best = step
             floor = self.floor_of(best)
         floor = self._backward(found, floor)
-        if len(found.causes) > 1:
+        if len(found.causes) > 1 and not self.late:
             floor = self._swap(found, floor)
         return found, floor
 
@@ -336,7 +349,7 @@ class Selector:
     def _backward(self, found: Selection, floor: Floor) -> Floor:
         """Drop what later causes or a better fit made superfluous, one at a time."""
         changed = True
-        while changed and found.causes:
+        while changed and found.causes and not self.late:
             changed = False
             for slug in list(found.causes):
                 if self.followed(slug, found):

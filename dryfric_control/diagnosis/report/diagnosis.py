@@ -58,6 +58,16 @@ class Diagnosis(Result, Findings):
         What each window was used for: 0 fit, 1 judge, 2 measure.
     hold : str
         How the input runs between samples, "zero" or "first".
+    remaining : Remaining
+        The random force that is left.
+    references : dict of str to float
+        Gain of log-likelihood of the answer over the nominal axis and over a straight
+        line, which knows no drive; empty where free runs decided.
+    varies : dict of str to dict
+        Parameters that differ from record to record: "values" and "standard_errors",
+        one a record.
+    others : tuple of Record
+        The records after the first.
 
     Examples
     --------
@@ -94,6 +104,9 @@ class Diagnosis(Result, Findings):
             "extended": axis_to_dict(self.extended),
             "gain": self.gain.to_dict(),
             "unexplained": self.unexplained.to_dict(),
+            "remaining": self.remaining.to_dict(),
+            "references": dict(self.references),
+            "varies": {k: dict(v) for k, v in self.varies.items()},
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),
             "messages": list(self.messages),
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},

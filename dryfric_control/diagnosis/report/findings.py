@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import BASE, holds
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
@@ -160,6 +161,10 @@ class Findings:
     window: float
     roles: NDArray[np.int64]
     hold: str = "zero"
+    remaining: Remaining = Remaining(0.0, 0.0, False, ())
+    references: dict[str, float] = field(default_factory=dict)
+    varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    others: tuple[Record, ...] = ()
 
     @property
     def small_corrections(self) -> tuple[Cause, ...]:
@@ -230,6 +235,17 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
 
 
+def titles_of(alternative: str) -> str:
+    """Names in words of effects that are joined by "+".
+
+    Examples
+    --------
+    >>> titles_of("inertia+coulomb")
+    'inertia error + Coulomb level error'
+    """
+    return " + ".join(map(title_of, alternative.split("+")))
+
+
 def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:
     """Change of a nominal value in words; nothing where it was zero.
 
@@ -267,7 +283,7 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"
     text = f"{name}: {', '.join(parameter_texts(cause, axis))}"
     if cause.alternatives:
-        others = ", ".join(map(title_of, cause.alternatives))
+        others = ", ".join(map(titles_of, cause.alternatives))
         text += f"; alternatives: {others}"
     return text
 

@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.report.findings import (
     change_text,
     parameter_texts,
     plain,
-    title_of,
+    titles_of,
 )
 from dryfric_control.drawing import control_plot
 from dryfric_control.store.axis_file import axis_text
@@ -86,6 +86,7 @@ def _found(d: Findings) -> dict[str, Any]:
         "unexplained": ", ".join([words, "; ".join(left.where)]).removesuffix(", ") + "."
         if left.significant
         else "",
+        "further": wording.further_lines(d),
         "messages": d.messages,
         "experiment": "" if d.next_experiment is None else d.next_experiment.summary(),
     }
@@ -100,7 +101,7 @@ def _cause(d: Findings, cause: Cause) -> dict[str, Any]:
         "parameters": parameter_texts(cause, d.axis),
         "meaning": wording.meaning(d, cause),
         "reduction": f"{times} ({low} to {high})",
-        "alternatives": ", ".join(map(title_of, cause.alternatives)) or "none",
+        "alternatives": ", ".join(map(titles_of, cause.alternatives)) or "none",
         "explanation": cause.explanation,
         "experiment": cause.experiment,
     }
@@ -205,7 +206,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
             _picture(
                 _png((9.0, 4.2), 1, lambda axes: figures.draw_candidates(d, axes[0])),
                 "Bars: error reduction (factor) of each candidate alone; the "
-                f"longest: {title_of(best)}, {plain(times[best])}.",
+                f"longest: {titles_of(best)}, {plain(times[best])}.",
                 "Error reduction (factor) of each candidate as the only cause, on free runs that "
                 "the fit did not see, against an axis that only gets other values for mass, "
                 "viscous friction and Coulomb level (1: no better, and no bar for what is no "

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.diagnosis.report.findings import SMALL, Cause, Findings, cause_text, plain
+from dryfric_control.diagnosis.report.findings import (
+    SMALL,
+    Cause,
+    Findings,
+    cause_text,
+    plain,
+    with_error,
+)
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
 from dryfric_control.text import length_text
@@ -183,9 +190,36 @@ def summary_lines(d: Findings) -> list[str]:
             f"unexplained: {100.0 * d.unexplained.fraction:.3g} % of the structured error; "
             + "; ".join(d.unexplained.where)
         )
+    lines += further_lines(d)
     lines += [f"warning: {message}" for message in d.messages]
     if d.next_experiment is not None:
         lines.append(f"next experiment: {d.next_experiment.summary()}")
+    return lines
+
+
+def further_lines(d: Findings) -> list[str]:
+    """What is left, what the answer was compared with, and what varies, a line each."""
+    lines = []
+    left, force = d.remaining, d.axis.units[1]
+    if left.rms > 0.0:
+        kind = "structured" if left.structured else "no structure found"
+        if left.correlation_time > 0.0:
+            kind += f", correlation time {left.correlation_time:.2g} s"
+        lines.append(f"random force left: {left.rms:.3g} {force} RMS a sample, {kind}")
+    if d.references:
+        names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
+        lines.append(f"gain of log-likelihood over references: {names}")
+    for name, found in d.varies.items():
+        values = ", ".join(
+            with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)
+        )
+        mean = float(np.mean(found["values"]))
+        last = (
+            f" (last over first {found['values'][-1] / found['values'][0]:.3g})"
+            if mean and found["values"][0]
+            else ""
+        )
+        lines.append(f"differs from record to record: {name} = {values}{last}")
     return lines
 
 

@@ -1,0 +1,437 @@
+"""Diagnosis where a random force acts: by the likelihood of both noises."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidate_fits import Race
+from dryfric_control.diagnosis.candidates import BASE as BASE_CAUSES
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, holds
+from dryfric_control.diagnosis.evidence import where
+from dryfric_control.diagnosis.likelihood_search import (
+    EQUAL,
+    LEAST,
+    Search,
+    State,
+    forward,
+    names_without,
+    without,
+)
+from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
+from dryfric_control.diagnosis.remaining import Remaining, remaining
+from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.estimation.likelihood import BASE, Solution
+from dryfric_control.estimation.parameters import typical, with_values
+from dryfric_control.estimation.windows import Windows
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import followed, named, put, title_of
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Windows by which it is seen whether free runs reach the noise of the readings.
+_GATE_FIT, _GATE_JUDGE = 8, 4
+#: Median score of moving windows up to which free runs reach the readings' noise, 0.22.
+REACHED = 0.35
+# Windows of each record that are replayed.
+_REPLAYED = 40
+# A base parameter off by less than this is what anybody would call right.
+_RIGHT = 0.004
+# Part of the random force that a wrong base parameter must make to be named.
+_NOTABLE = 0.25
+# Relative change of a parameter that counts as taking part in an equivalence.
+_PART = 0.01
+# Standard errors by which a gain on held-out blocks must exceed zero.
+_CLEAR = 3.0
+# Part of the windows that may err more than all their replays, and mean score above the
+# replays that is none.
+_STRAY, _EXCESS = 0.1, 0.2
+_SLUGS = {name: slug for slug, name in BASE_CAUSES.items()}
+
+
+def reached(race: Race, one: Any) -> bool:
+    """Whether free runs of a fit err by no more than the readings' noise, by the median."""
+    seen = (race.fit | race.judge) & race.bench.moving
+    return bool(np.any(seen) and np.median(one.scores[seen]) < REACHED)
+
+
+def exact(windows: Windows, axis: FrictionAxis, fit: BoolArray, judge: BoolArray,
+          causes: Sequence[str] = (), at: FrictionAxis | None = None, **settings: Any) -> bool:  # fmt: skip
+    """Whether some hypothesis reaches the readings' noise in free runs.
+
+    Then no random force is at work, and free runs are the sharpest judge.
+    """
+
+    def some(mask: BoolArray, most: int) -> BoolArray:
+        index = np.flatnonzero(mask & windows.moving)
+        if index.size > most:
+            index = index[np.linspace(0, index.size - 1, most).astype(int)]
+        chosen = np.zeros(len(windows), bool)
+        chosen[index] = True
+        return chosen
+
+    race = Race(
+        windows, axis, some(fit, _GATE_FIT), some(judge, _GATE_JUDGE),
+        typical([windows.record]), **settings,
+    )  # fmt: skip
+    base = race.alone(axis if at is None else at, causes)
+    if reached(race, base):
+        return True
+    if at is not None:
+        return False
+    runners = race.among(base, (), catalogue(axis, ()))
+    return any(r.scores.size and reached(race, r) for r in runners)
+
+
+@dataclass(eq=False)
+class Answer:
+    """What the likelihood says about the records of one machine.
+
+    Attributes
+    ----------
+    verdict : str
+    causes : list of Cause
+    final : Solution
+    gain : Gain
+    unexplained : Unexplained
+    remaining : Remaining
+    references : dict of str to float
+        Gain of log-likelihood of the answer over each reference.
+    varies : dict
+    messages : list of str
+    scores : dict of str to float
+    rivals : dict of str to dict of str to FrictionAxis
+    free : tuple of str
+        Free parameters of the causes.
+    """
+
+    verdict: str
+    causes: list[Cause]
+    final: Solution
+    gain: Gain
+    unexplained: Unexplained
+    remaining: Remaining
+    references: dict[str, float]
+    messages: list[str]
+    scores: dict[str, float]
+    rivals: dict[str, dict[str, FrictionAxis]]
+    free: tuple[str, ...] = ()
+    varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+
+
+def answer(search: Search, windows: Sequence[Windows]) -> Answer:
+    """Search for causes, and everything that is said about them."""
+    state = forward(search)
+    messages: list[str] = []
+    if state.late:
+        messages.append("the time limit ended the search: the best answer so far")
+    references = search.references()
+    judged: dict[str, tuple[float, float, float, str]] = {}
+    while True:
+        search.tell("base parameters needed")
+        final, kept = _base(search, state)
+        fallen = None
+        for slug in state.causes:
+            search.tell(f"{slug} confirmed")
+            gain, error, all_gain, others = _held_out(search, state, final, slug)
+            if followed(slug, state.causes) and not holds(search.believed, slug):
+                judged[slug] = (gain, error, all_gain, others)
+                continue  # a second of its kind is none without it
+            if not (all_gain > LEAST and all_gain > _CLEAR * error) and not others:
+                fallen = slug
+                break
+            judged[slug] = (gain, error, all_gain, others)
+        if fallen is None:
+            break
+        state.fit = without(search, state, fallen)
+        state.causes.remove(fallen)
+        for table in (state.free, state.alternatives, state.rivals):
+            table.pop(fallen, None)
+    worse = [n for n, cost in references.items() if cost < final.cost]
+    if worse and (state.causes or kept):
+        messages.append(
+            f"no answer beats {' and '.join(worse)}: the causes found are not shown"
+        )
+        state.causes.clear()
+        state.free.clear()
+        kept = []
+        final = search.reference(search.believed)
+    causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
+    causes += _wrong_base(search, state, final, kept)
+    messages += _warnings(search, final, causes)
+    search.tell("replays")
+    gain, left, structured = _motion(search, windows, final)
+    if causes:
+        verdict = "partly explained" if structured else "explained"
+    else:
+        verdict = "unexplained" if structured else "nothing to find"
+    if not final.converged or any("bound" in m for m in messages):
+        verdict = {"explained": "partly explained"}.get(verdict, verdict)
+    unit = search.believed.units[1]
+    scores = {slug: -2.0 * gain / search.samples for slug, gain in state.first.items()}
+    return Answer(
+        verdict, causes, final, gain, left,
+        remaining(final, structured, left.where, unit),
+        {name: cost - final.cost for name, cost in references.items()},
+        messages, scores | {"": 0.0}, state.rivals, state.names,
+    )  # fmt: skip
+
+
+def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
+    """The fit with no more base parameters off than the records ask for."""
+    fit = state.fit
+    noises = fit.z[len(fit.problem.names) :]
+    names = search._free(fit)
+    every = [n for n in search.base if n in fit.problem.names]
+    full = search.fit(fit.axis, names, noises, wonder=False)
+    values, errors = full.values(), full.standard_errors()
+    least = search.penalty(1) + LEAST
+    sure = {n: abs(values[n] - search.nominal[n]) / max(errors[n], 1e-300) for n in every}
+    kept = [n for n in every if 0.5 * sure[n] ** 2 > least]
+    while len(kept) < len(every):
+        held = [n for n in every if n not in kept]
+        axis = with_values(full.axis, held, [search.nominal[n] for n in held])
+        less = search.fit(axis, names, noises, base=kept, wonder=False)
+        if less.cost - full.cost < least * len(held) or search.late:
+            full = less
+            break
+        kept.append(max(held, key=sure.__getitem__))
+    if search.part == 1.0:
+        return full, kept
+    every_sample: dict[str, Any] = {"base": kept, "wonder": False, "runs": search.runs}
+    return search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample), kept
+
+
+def _blocks(less: Solution, fit: Solution) -> tuple[float, float]:
+    """Held-out gain of a fit over another, and its standard error by blocks."""
+    fall = less.held_out() - fit.held_out()
+    fall = fall[np.isfinite(fall)]
+    return float(fall.sum()), float(np.std(fall) * math.sqrt(max(fall.size, 1)))
+
+
+def _held_out(
+    search: Search, state: State, final: Solution, slug: str
+) -> tuple[float, float, float, str]:
+    """What one cause gains, its error, the gain over all other parameters, equivalents."""
+    names = names_without(search, final, slug, state.free[slug])
+    noises = final.z[len(final.problem.names) :]
+    kept = [n for n in search.base if n in final.problem.names]
+    rest = _less(search, final.axis, slug)
+    few: dict[str, Any] = {"wonder": False}
+    free = search._free(final)
+    with_all = search.fit(final.axis, free, noises, 6, **few)
+    starts = [rest, with_values(rest, list(search.base), [search.nominal[n] for n in search.base])]
+    tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
+    less = min(tries, key=lambda s: s.cost)
+    all_gain, error = _blocks(less, with_all)
+    others = ""
+    if less.cost - with_all.cost < EQUAL:
+        others = _moved(search, final, less)
+    gain = all_gain
+    if others:
+        alone = search.fit(rest, names, None, 15, base=kept, **few)
+        gain, error = _blocks(alone, with_all)
+    return gain, error, all_gain, others
+
+
+def _less(search: Search, axis: FrictionAxis, slug: str) -> FrictionAxis:
+    return put(axis, slug, named(search.believed).get(slug))
+
+
+def _moved(search: Search, final: Solution, less: Solution) -> str:
+    """Parameters that together do what a cause does, joined by "+"."""
+    before, after = final.values(), less.values()
+    slugs: list[str] = []
+    for name, value in after.items():
+        now = before.get(name, search.nominal.get(name, 0.0))
+        size = max(abs(now), abs(value))
+        if size > 0.0 and abs(value - now) > _PART * size:
+            slugs.append(_SLUGS.get(name, name.partition(".")[0]))
+    return "+".join(dict.fromkeys(slugs))
+
+
+def _cause(
+    search: Search, state: State, final: Solution, slug: str, judged: tuple[float, float, float, str]
+) -> Cause:
+    effect = effect_class(slug)
+    values, errors = final.values(), final.standard_errors()
+    units = {p.name: p.unit for p in final.problem.parameters}
+    own = {n.partition(".")[2]: n for n in state.free[slug]}
+    gain, error, _, others = judged
+    explanation = effect.explanation
+    if holds(search.believed, slug):
+        explanation = f"Already in the nominal axis, with other values. {explanation}"
+    alternatives = (*state.alternatives.get(slug, ()), *([others] if others else []))
+    return Cause(
+        effect=slug,
+        title=title_of(slug),
+        parameters={short: float(values[name]) for short, name in own.items()},
+        standard_errors={short: errors[name] for short, name in own.items()},
+        units={short: units[name] for short, name in own.items()},
+        held_out_gain=2.0 * gain / search.samples,
+        interval=(
+            2.0 * (gain - 1.645 * error) / search.samples,
+            2.0 * (gain + 1.645 * error) / search.samples,
+        ),
+        alternatives=alternatives,
+        explanation=explanation,
+        experiment=effect.experiment,
+    )
+
+
+def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[str]) -> list[Cause]:
+    """Base parameters that are off by more than anybody would call right."""
+    values, errors = final.values(), final.standard_errors()
+    units = {p.name: p.unit for p in final.problem.parameters}
+    found = []
+    sizes = _sizes(search)
+    for name in kept:
+        nominal = search.nominal[name]
+        if nominal > 0.0 and abs(values[name] / nominal - 1.0) <= _RIGHT:
+            continue
+        if abs(values[name] - nominal) * sizes[name] < _NOTABLE * final.random_force():
+            continue
+        gain = 0.5 * ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
+        error = math.sqrt(2.0 * gain)
+        slug = _SLUGS[name]
+        effect = effect_class(slug)
+        size = 2.0 / search.samples
+        cause = Cause(
+            effect=slug,
+            title=title_of(slug),
+            parameters={name: float(values[name])},
+            standard_errors={name: errors[name]},
+            units={name: units[name]},
+            held_out_gain=size * gain,
+            interval=(size * (gain - 1.645 * error), size * (gain + 1.645 * error)),
+            alternatives=(),
+            explanation=effect.explanation,
+            experiment=effect.experiment,
+        )
+        found.append((gain, cause))
+    return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
+
+
+def _sizes(search: Search) -> dict[str, float]:
+    """RMS of the force that base parameters of 1 make while the axis moves."""
+    smooth = [r.derivatives() for r in search.records]
+    v = np.concatenate([one.v for one in smooth])
+    a = np.concatenate([one.a for one in smooth])
+    return {
+        "mass": float(np.sqrt(np.mean(a**2))), "viscous": float(np.sqrt(np.mean(v**2))),
+        "coulomb": 1.0,
+    }  # fmt: skip
+
+
+def _warnings(search: Search, final: Solution, causes: Sequence[Cause]) -> list[str]:
+    messages = []
+    for name in final.at_bound:
+        messages.append(f"{name} ended at a bound: the model does not fit, or the records do not "
+                        "determine it")  # fmt: skip
+    if not final.converged:
+        messages.append("the last fit had not converged")
+    for cause in causes:
+        for name, value in cause.parameters.items():
+            kind = effect_class(cause.effect).parameters().get(name, {}).get("kind")
+            error = cause.standard_errors[name]
+            if kind not in ("place", "angle") and not error <= 0.3 * abs(value):
+                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
+    return messages
+
+
+def _motion(
+    search: Search, windows: Sequence[Windows], final: Solution
+) -> tuple[Gain, Unexplained, bool]:
+    """Errors of free runs, beside replays in which the random force acts."""
+    squares: list[list[FloatArray]] = [[], [], []]
+    structured, places, left, there = False, list[str](), [], []
+    for i, w in enumerate(windows):
+        axis = final.problem.axis_at(final.z, i)
+        active = np.zeros(len(w), bool)
+        moving = np.flatnonzero(w.moving)
+        if moving.size > _REPLAYED:
+            moving = moving[np.linspace(0, moving.size - 1, _REPLAYED).astype(int)]
+        active[moving] = True
+        if not moving.size:
+            continue
+        before = w.evaluate(search.believed, active)
+        at = w.evaluate(axis, active)
+        floor: Floor = noise_floor(
+            w, axis, [axis] * REPLAYS, at, active, force=final.random_force(i)
+        )
+        for row, one in zip(squares, (before, at), strict=False):
+            row.append(w.mean_squares(one.errors)[active])
+        squares[2].append(floor.squares[:, active].mean(axis=0))
+        scores = w.scores(at.costs)
+        left.append(np.maximum(scores - floor.expected, 0.0)[active])
+        there.append(np.maximum(w.scores(before.costs) - floor.expected, 0.0)[active])
+        if not _as_replayed(floor, scores, active):
+            structured = True
+            told = where(
+                np.where(active, scores, np.nan), float(floor.worst[active].max()), w,
+                search.believed.units,
+            )  # fmt: skip
+            places += [t for t in told if t not in places]
+    rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
+    rng = np.random.default_rng(0)
+    picks = rng.integers(0, rows[0].size, size=(1000, rows[0].size))
+    ratios = np.sqrt(rows[0][picks].sum(axis=1) / np.maximum(rows[1][picks].sum(axis=1), 1e-300))
+    low, high = np.quantile(ratios, [0.05, 0.95])
+    before_rms, after_rms, floor_rms = (float(np.sqrt(r.mean())) for r in rows)
+    gain = Gain(before_rms, after_rms, floor_rms, (float(low), float(high)), search.believed.units[0])
+    rest, whole = (float(np.concatenate(v).mean()) if v else 0.0 for v in (left, there))
+    fraction = min(rest / whole, 1.0) if whole > 0.0 else 0.0
+    return gain, Unexplained(fraction if structured else 0.0, structured, tuple(places[:3])), structured
+
+
+def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
+    """Whether free runs err as much as those of replays with the random force."""
+    out = floor.outliers(scores, active)
+    if out.sum() > max(2, _STRAY * active.sum()):
+        return False
+    excess, spread = floor.excess(scores, active & ~out)
+    return bool(excess < max(_EXCESS, 4.0 * spread))
+
+
+def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]]:
+    """Parameters that differ from record to record: values and standard errors."""
+    if len(search.runs) < 2:
+        return {}
+    names, free = list(final.problem.names), search._free(final)
+    base = [n for n in BASE if n not in search.known]
+    noises = final.z[len(names) :]
+    own: list[str] = []
+    now = final
+    while not search.late:
+        best = None
+        for name in dict.fromkeys([*base, *free]):
+            if name in own:
+                continue
+            search.own = (*own, name)
+            one = search.fit(
+                final.axis, free, noises, base=[n for n in base if n in names or n in search.own],
+                wonder=False, runs=search.runs,
+            )  # fmt: skip
+            gain = search.worth(now.cost - one.cost, len(search.runs) - 1)
+            if best is None or gain > best[0]:
+                best = (gain, name, one)
+        if best is None or best[0] < 0.0:
+            break
+        own.append(best[1])
+        now = best[2]
+    search.own = tuple(own)
+    values, errors = now.values(), now.standard_errors()
+    count = range(len(search.runs))
+    return {
+        n: {
+            "values": [values[f"{n}@{i}"] for i in count],
+            "standard_errors": [errors[f"{n}@{i}"] for i in count],
+        }
+        for n in own
+    }

@@ -1,0 +1,87 @@
+"""The random force that is left when the causes found are in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from dryfric_control.estimation.likelihood import Solution
+from dryfric_control.text import fields_of
+
+FloatArray = NDArray[np.float64]
+
+# Samples of a section of the spectrum, and values that are kept of it.
+_SECTION, _KEPT = 1024, 40
+# Longest lag of the correlation [samples].
+_LAGS = 200
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """Random force that is left when the causes found are in the model.
+
+    Attributes
+    ----------
+    rms : float
+        Its RMS [N], as if it were held over each sample; 0 where free runs err by
+        no more than the noise of the readings.
+    correlation_time : float
+        Time over which it keeps its value, 0 for white noise [s].
+    structured : bool
+        Whether free runs err by more than a white force of this size makes them err.
+    where : tuple of str
+        Where they do, in words.
+    frequency, spectrum : tuple of float
+        Power spectral density of the force while the axis slides [N^2/Hz] over the
+        frequency [Hz]; empty where `rms` is 0.
+    unit : str
+        Unit of the force.
+    """
+
+    rms: float
+    correlation_time: float
+    structured: bool
+    where: tuple[str, ...]
+    frequency: tuple[float, ...] = ()
+    spectrum: tuple[float, ...] = ()
+    unit: str = "N"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, ready for JSON."""
+        return fields_of(self)
+
+
+def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str) -> Remaining:
+    """Random force of a fit, from what the readings changed in the velocity."""
+    force, sizes, lags, count = [], [], np.zeros(_LAGS + 1), 0
+    for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):
+        axis = found.problem.axis_at(found.z, i)
+        sliding = (state[2] != 0.0) & run.active
+        pushed = np.where(sliding, axis.mass * state[3] / run.record.dt, 0.0)
+        # One impact must not set the spectrum.
+        size = np.quantile(np.abs(pushed[sliding]), 0.99) if sliding.any() else 0.0
+        pushed = np.clip(pushed, -size, size)
+        force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SECTION, pushed.size)))
+        sizes.append(found.random_force(i))
+        for k in range(min(_LAGS, pushed.size - 1) + 1):
+            lags[k] += float(pushed[k:] @ pushed[: pushed.size - k])
+        count += int(sliding.sum())
+    frequency, spectrum = force[0]
+    edges = np.unique(np.geomspace(1, frequency.size, _KEPT + 1).astype(int))
+    middle = [float(frequency[a:b].mean()) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    power = [float(spectrum[a:b].mean()) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    time = 0.0
+    if lags[0] > 0.0 and count > 10:
+        part = lags / lags[0]
+        small = np.flatnonzero(part[1:] < 2.0 / np.sqrt(count))
+        last = int(small[0]) + 1 if small.size else _LAGS
+        time = 2.0 * found.problem.runs[0].record.dt * float(part[1:last].sum())
+    rms = float(np.sqrt(np.mean(np.square(sizes))))
+    return Remaining(
+        rms, time, structured, tuple(where), tuple(middle), tuple(power), unit
+    )

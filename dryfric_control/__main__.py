@@ -44,7 +44,10 @@ def parser() -> argparse.ArgumentParser:
         "file; an option goes before it.",
     )
     diagnose.add_argument(
-        "record", metavar="RUN.csv", help="measured record (CSV, MAT, xlsx, parquet)"
+        "record",
+        nargs="+",
+        metavar="RUN.csv",
+        help="measured records of one machine (CSV, MAT, xlsx, parquet)",
     )
     diagnose.add_argument(
         "--axis", required=True, metavar="FILE", help="the axis as believed, TOML"
@@ -94,6 +97,21 @@ def parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument(
         "--max-gap", type=float, metavar="S", help="longest gap that --dt may fill [s]"
+    )
+    diagnose.add_argument(
+        "--known",
+        type=lambda text: [name.strip() for name in text.split(",")],
+        metavar="mass,..",
+        help="nominal values that are right",
+    )
+    diagnose.add_argument(
+        "--tolerance",
+        type=_gains,
+        metavar="viscous=0.5,..",
+        help="relative standard deviations of nominal values",
+    )
+    diagnose.add_argument(
+        "--time-limit", type=float, metavar="S", help="time for the best answer so far [s]"
     )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
     diagnose.set_defaults(run=_diagnose)
@@ -159,7 +177,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
     from dryfric_control.records import Scaling, read_record
-    from dryfric_control.store.axis_file import read_axis
+    from dryfric_control.store.axis_file import read_axis, read_knowledge
     from dryfric_control.units import check_units
 
     folder = Path(chosen.out)
@@ -169,18 +187,31 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         for item in fields(Scaling)
         if (value := getattr(chosen, item.name, None)) is not None
     }
-    record = read_record(
-        chosen.record,
-        chosen.columns,
-        replace(Scaling.from_file(chosen.axis), **given),
-        units=chosen.units,
-        dt=chosen.dt,
-        rate=chosen.rate,
-        max_gap=chosen.max_gap,
-    )
-    check_units(axis, record, Path(chosen.record).name)
+    knowledge = read_knowledge(chosen.axis)
+    for name in ("known", "tolerance"):
+        if getattr(chosen, name) is not None:
+            knowledge[name] = getattr(chosen, name)
+    records = []
+    for path in chosen.record:
+        record = read_record(
+            path,
+            chosen.columns,
+            replace(Scaling.from_file(chosen.axis), **given),
+            units=chosen.units,
+            dt=chosen.dt,
+            rate=chosen.rate,
+            max_gap=chosen.max_gap,
+        )
+        check_units(axis, record, Path(path).name)
+        records.append(record)
     _make_room(folder)
-    found = diagnose(axis, record, progress=not chosen.quiet and sys.stderr.isatty())
+    found = diagnose(
+        axis,
+        records if len(records) > 1 else records[0],
+        time_limit=chosen.time_limit,
+        progress=not chosen.quiet and sys.stderr.isatty(),
+        **knowledge,
+    )
     print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
     write_report(found, folder)
     print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")

@@ -27,7 +27,7 @@ from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
-from dryfric_control.estimation.parameters import typical
+from dryfric_control.estimation.parameters import checked_knowledge, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
@@ -51,8 +51,6 @@ _SEARCHES = 3
 _RIVALS = 4
 # Part of the time limit after which no further cause is sought.
 _SEARCHING = 0.6
-# What may be known, or known to within a tolerance.
-_BASES = ("mass", "viscous", "coulomb")
 _SLUGS = {name: slug for slug, name in BASE.items()}
 
 
@@ -154,7 +152,7 @@ def diagnose(
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
     several = isinstance(record, (list, tuple))
-    records = list(record) if isinstance(record, (list, tuple)) else [record]
+    records: list[Any] = list(record) if isinstance(record, (list, tuple)) else [record]
     if not records:
         raise ValueError("record: the list of records is empty: give at least one")
     cuts, parts = [], []
@@ -183,8 +181,12 @@ def diagnose(
         found = None
         if len(records) > 1 or not _exact(selector, settings):
             found = answer(search, cuts)
-            if len(records) == 1 and len(found.final.axis.effects) > len(axis.effects) and exact(
-                windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings
+            if (
+                len(records) == 1
+                and len(found.final.axis.effects) > len(axis.effects)
+                and exact(
+                    windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings
+                )
             ):
                 found = None
         if found is None:
@@ -199,34 +201,6 @@ def diagnose(
             tell("differences between the records")
             found.varies = varying(search, found.final)
         return _likely(axis, records, found, window, hold, part, limit == math.inf)
-
-
-def checked_knowledge(
-    known: Sequence[str], tolerance: Mapping[str, float] | None
-) -> tuple[tuple[str, ...], dict[str, float]]:
-    """What the user knows, by the names of parameters; ValueError for anything else."""
-    if isinstance(known, str):
-        known = (known,)
-    if not isinstance(known, Sequence):
-        raise ValueError(f"known must hold names such as 'mass', got {known!r}")
-    if tolerance is not None and not isinstance(tolerance, Mapping):
-        raise ValueError(f"tolerance must map names to numbers, such as {{'viscous': 0.5}}, "
-                         f"got {tolerance!r}")  # fmt: skip
-    names = tuple("mass" if n == "inertia" else n for n in known)
-    given = {
-        "mass" if n == "inertia" else n: positive(f"tolerance[{n!r}]", v)
-        for n, v in (tolerance or {}).items()
-    }
-    for where_from, some in (("known", names), ("tolerance", tuple(given))):
-        for name in some:
-            if name not in _BASES:
-                raise ValueError(
-                    f"{where_from}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
-                )
-    both = sorted(set(names) & set(given))
-    if both:
-        raise ValueError(f"tolerance: {both[0]} is known already: name it in one of the two")
-    return names, given
 
 
 def _cut(axis: FrictionAxis, record: Record, window: float, hold: str, name: str) -> Windows:
@@ -460,9 +434,7 @@ def _diagnosis(
     )
 
 
-def _remaining(
-    search: Search, final: Fitted, left: Unexplained, explained: bool
-) -> Remaining:
+def _remaining(search: Search, final: Fitted, left: Unexplained, explained: bool) -> Remaining:
     """The random force beside a fit to free runs: none where they reach the noise."""
     unit = search.believed.units[1]
     if explained:

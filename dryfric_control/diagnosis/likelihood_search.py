@@ -43,9 +43,9 @@ FloatArray = NDArray[np.float64]
 _SOME = 8000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
-_REFINED, _AHEAD, _FITTED = 2, 8, 5
+_REFINED, _AHEAD, _FITTED = 2, 10, 5
 # Turns of the quick refinement, along slopes of the base that stay as they are.
-_TURNS = 3
+_TURNS = 4
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
 #: Causes whose costs differ by less do equally well.
@@ -61,6 +61,8 @@ _BENT = 0.1
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
+# Samples of corrections at which first guesses look.
+_SEEN = 8000
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
 _PAIRED, _HOPE = 4, 3.0
@@ -74,6 +76,30 @@ class Candidate:
     free: tuple[str, ...]
     axis: FrictionAxis
     cost: float
+
+
+class Corrections(View):
+    """What first guesses look at: the force by which the filter corrects a model.
+
+    Readings that it believes, in place of derivatives of all readings: far less noisy
+    where the readings are.
+    """
+
+    def __init__(self, found: Solution, believed: dict[str, float]) -> None:
+        axis, run = found.axis, found.problem.runs[0]
+        record, state = run.record, found.point.states[0]
+        super().__init__(axis, record, believed)
+        pick = np.flatnonzero((state[2] != 0.0) & run.active)
+        if pick.size < self.t.size // 4:
+            return
+        stride = -(-pick.size // _SEEN)
+        force = axis.mass * state[3] / record.dt
+        force = np.convolve(force, np.full(stride, 1.0 / stride), "same")
+        pick = pick[::stride]
+        self.t, self.x, self.v, self.u = record.t[pick], record.x[pick], state[1][pick], run.u[pick]
+        self.a = (np.gradient(state[1]) / record.dt)[pick]
+        self.direction = np.sign(state[2][pick]).astype(np.int64)
+        self.residual = force[pick]
 
 
 @dataclass(eq=False)
@@ -254,15 +280,17 @@ class Search:
         best: dict[str, Candidate] = {}
         for beside in besides:
             terms = beside.problem._terms(beside.z, beside.point)
-            view = View(beside.axis, self.records[0], self.nominal)
-            starts = self._parallel([(self._guess, (beside, e, view)) for e in effects])
+            views = [
+                View(beside.axis, self.records[0], self.nominal),
+                Corrections(beside, self.nominal),
+            ]
+            starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
             begun = [one for one in starts if one]
             begun.sort(key=lambda one: one[0][0])
-            runs = self._parallel([(self._refine, (beside, terms, one[:1], 1)) for one in begun])
-            other = {one[0][3]: one[1:] for one in begun}
+            runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
             runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
             ahead = self._parallel(
-                [(self._refine, (beside, terms, [(c.cost, p, z, c.slug), *other[c.slug]], _TURNS))
+                [(self._refine, (beside, terms, [(c.cost, p, z, c.slug)], _TURNS))
                  for c, p, z in runs[:_AHEAD]]
             )  # fmt: skip
             for c, _, _ in [*ahead, *runs[_AHEAD:]]:
@@ -276,19 +304,24 @@ class Search:
     def _bent(self, now: Solution) -> bool:
         values = now.values()
         return any(
-            self.nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > _BENT
+            self.nominal[n] > 0.0
+            and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > _BENT
             for n in self.base
             if n in values
         )
 
-    def _guess(self, now: Solution, effect: str, view: View):  # type: ignore[no-untyped-def]
+    def _guess(self, now: Solution, effect: str, views: Sequence[View]):  # type: ignore[no-untyped-def]
         """The best guesses of one effect: cost, problem, search coordinates."""
         tried: list[Any] = []
+        seen: list[Any] = []
         if self.late:
             return tried
         noises = now.z[len(now.problem.names) :]
-        for values, base in guesses(effect, view):
+        for values, base in (guess for view in views for guess in guesses(effect, view)):
             change = {n: c for n, c in base.items() if n in self.base}
+            if (values, change) in seen:
+                continue
+            seen.append((dict(values), change))
             axis = now.axis
             if change:
                 axis = with_values(axis, list(change), list(change.values()))
@@ -516,9 +549,7 @@ def _backward(search: Search, state: State) -> None:
             state.fit = less
 
 
-def names_without(
-    search: Search, fit: Solution, slug: str, own: Sequence[str]
-) -> tuple[str, ...]:
+def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
     """Free parameters beside the base, as they are called in the axis without a cause."""
     names = [n for n in search._free(fit) if n not in own]
     return tuple(names if holds(search.believed, slug) else renumbered(names, slug))

@@ -61,11 +61,19 @@ def reached(race: Race, one: Any) -> bool:
     return bool(np.any(seen) and np.median(one.scores[seen]) < REACHED)
 
 
-def exact(windows: Windows, axis: FrictionAxis, fit: BoolArray, judge: BoolArray,
-          causes: Sequence[str] = (), at: FrictionAxis | None = None, **settings: Any) -> bool:  # fmt: skip
+def exact(
+    windows: Windows,
+    axis: FrictionAxis,
+    fit: BoolArray,
+    judge: BoolArray,
+    causes: Sequence[str] = (),
+    at: FrictionAxis | None = None,
+    **settings: Any,
+) -> bool:
     """Whether some hypothesis reaches the readings' noise in free runs.
 
-    Then no random force is at work, and free runs are the sharpest judge.
+    Then no random force is at work, and free runs are the sharpest judge.  Hypotheses:
+    the axis with each effect, or the axis `at` with its causes.
     """
 
     def some(mask: BoolArray, most: int) -> BoolArray:
@@ -155,9 +163,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
             table.pop(fallen, None)
     worse = [n for n, cost in references.items() if cost < final.cost]
     if worse and (state.causes or kept):
-        messages.append(
-            f"no answer beats {' and '.join(worse)}: the causes found are not shown"
-        )
+        messages.append(f"no answer beats {' and '.join(worse)}: the causes found are not shown")
         state.causes.clear()
         state.free.clear()
         kept = []
@@ -166,7 +172,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
     causes += _wrong_base(search, state, final, kept)
     messages += _warnings(search, final, causes)
     search.tell("replays")
-    gain, left, structured = _motion(search, windows, final)
+    motion, left, structured = _motion(search, windows, final)
     if causes:
         verdict = "partly explained" if structured else "explained"
     else:
@@ -176,7 +182,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
     unit = search.believed.units[1]
     scores = {slug: -2.0 * gain / search.samples for slug, gain in state.first.items()}
     return Answer(
-        verdict, causes, final, gain, left,
+        verdict, causes, final, motion, left,
         remaining(final, structured, left.where, unit),
         {name: cost - final.cost for name, cost in references.items()},
         messages, scores | {"": 0.0}, state.rivals, state.names,
@@ -257,7 +263,11 @@ def _moved(search: Search, final: Solution, less: Solution) -> str:
 
 
 def _cause(
-    search: Search, state: State, final: Solution, slug: str, judged: tuple[float, float, float, str]
+    search: Search,
+    state: State,
+    final: Solution,
+    slug: str,
+    judged: tuple[float, float, float, str],
 ) -> Cause:
     effect = effect_class(slug)
     values, errors = final.values(), final.standard_errors()
@@ -373,21 +383,27 @@ def _motion(
         there.append(np.maximum(w.scores(before.costs) - floor.expected, 0.0)[active])
         if not _as_replayed(floor, scores, active):
             structured = True
-            told = where(
+            here = where(
                 np.where(active, scores, np.nan), float(floor.worst[active].max()), w,
                 search.believed.units,
             )  # fmt: skip
-            places += [t for t in told if t not in places]
+            places += [t for t in here if t not in places]
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     rng = np.random.default_rng(0)
     picks = rng.integers(0, rows[0].size, size=(1000, rows[0].size))
     ratios = np.sqrt(rows[0][picks].sum(axis=1) / np.maximum(rows[1][picks].sum(axis=1), 1e-300))
     low, high = np.quantile(ratios, [0.05, 0.95])
     before_rms, after_rms, floor_rms = (float(np.sqrt(r.mean())) for r in rows)
-    gain = Gain(before_rms, after_rms, floor_rms, (float(low), float(high)), search.believed.units[0])
+    gain = Gain(
+        before_rms, after_rms, floor_rms, (float(low), float(high)), search.believed.units[0]
+    )
     rest, whole = (float(np.concatenate(v).mean()) if v else 0.0 for v in (left, there))
     fraction = min(rest / whole, 1.0) if whole > 0.0 else 0.0
-    return gain, Unexplained(fraction if structured else 0.0, structured, tuple(places[:3])), structured
+    return (
+        gain,
+        Unexplained(fraction if structured else 0.0, structured, tuple(places[:3])),
+        structured,
+    )
 
 
 def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:

@@ -43,10 +43,10 @@ class Remaining:
         Unit of the force.
     """
 
-    rms: float
-    correlation_time: float
-    structured: bool
-    where: tuple[str, ...]
+    rms: float = 0.0
+    correlation_time: float = 0.0
+    structured: bool = False
+    where: tuple[str, ...] = ()
     frequency: tuple[float, ...] = ()
     spectrum: tuple[float, ...] = ()
     unit: str = "N"
@@ -82,6 +82,4 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
         last = int(small[0]) + 1 if small.size else _LAGS
         time = 2.0 * found.problem.runs[0].record.dt * float(part[1:last].sum())
     rms = float(np.sqrt(np.mean(np.square(sizes))))
-    return Remaining(
-        rms, time, structured, tuple(where), tuple(middle), tuple(power), unit
-    )
+    return Remaining(rms, time, structured, tuple(where), tuple(middle), tuple(power), unit)

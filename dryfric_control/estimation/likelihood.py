@@ -452,9 +452,8 @@ class Solution:
         """
         problem = self.problem
         h = self.information.sum(axis=0) + np.diag(problem.prior_terms(self.z)[2])
-        owner = np.concatenate([np.full(r.edges.size - 1, i) for i, r in enumerate(problem.runs)])
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        costs = np.zeros(owner.size)
+        costs = np.zeros(half.size)
         reach = np.concatenate(
             (np.full(len(problem.names), _REACH), np.full(2 * len(problem.runs), _NOISE_REACH))
         )
@@ -464,11 +463,11 @@ class Solution:
             step = np.linalg.lstsq(rest, self.gradients[mine].sum(axis=0), rcond=1e-12)[0]
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / reach)), 1e-300))
             point = problem.at(np.clip(self.z + step, problem.low, problem.high))
-            for i in range(len(problem.runs)):
-                if math.isfinite(point.cost):
-                    costs[mine & (owner == i)] = problem.blocks(i, point.out[i])[half[owner == i] == k]
-                else:
-                    costs[mine & (owner == i)] = math.inf
+            if not math.isfinite(point.cost):
+                costs[mine] = math.inf
+                continue
+            every = [problem.blocks(i, out) for i, out in enumerate(point.out)]
+            costs[mine] = np.concatenate(every)[mine]
         return costs
 
     def standard_errors(self) -> dict[str, float]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.checks import positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.naming import class_of, named, put, with_named
@@ -36,11 +37,41 @@ _BREAKS_AWAY = ("stick_speed",)
 _DECADES = 3.0
 # A shift is a matter of conventions, at most some samples; more is a delay.
 _LATEST = 5.0
+# What may be known, or known to within a tolerance.
+_BASES = ("mass", "viscous", "coulomb")
 _SPELLINGS = {
     "stribeck_excess": "stribeck.excess",
     "stribeck_speed": "stribeck.speed",
     "inertia": "mass",
 }
+
+
+def checked_knowledge(
+    known: Sequence[str], tolerance: Mapping[str, float] | None
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """What the user knows, by the names of parameters; ValueError for anything else."""
+    if isinstance(known, str):
+        known = (known,)
+    if not isinstance(known, Sequence):
+        raise ValueError(f"known must hold names such as 'mass', got {known!r}")
+    if tolerance is not None and not isinstance(tolerance, Mapping):
+        raise ValueError(f"tolerance must map names to numbers, such as {{'viscous': 0.5}}, "
+                         f"got {tolerance!r}")  # fmt: skip
+    names = tuple("mass" if n == "inertia" else n for n in known)
+    given = {
+        "mass" if n == "inertia" else n: positive(f"tolerance[{n!r}]", v)
+        for n, v in (tolerance or {}).items()
+    }
+    for argument, some in (("known", names), ("tolerance", tuple(given))):
+        for name in some:
+            if name not in _BASES:
+                raise ValueError(
+                    f"{argument}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
+                )
+    both = sorted(set(names) & set(given))
+    if both:
+        raise ValueError(f"tolerance: {both[0]} is known already: name it in one of the two")
+    return names, given
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,8 @@ class Problem:
         3 log(1 + (relative change/0.02)^2), see `prior`.
     bounds : tuple of ndarray, shape (nparameters,), optional
         Lowest and highest search coordinates.  Default: of the parameters.
+    tolerance : mapping of str to float, optional
+        Relative standard deviations of the values that the axis has.
 
     Attributes
     ----------
@@ -155,6 +157,7 @@ class Problem:
         windows: Sequence[Windows],
         believed: Mapping[str, float] | None = None,
         bounds: tuple[FloatArray, FloatArray] | None = None,
+        tolerance: Mapping[str, float] | None = None,
     ) -> None:
         self.axis = axis
         self.parameters = tuple(parameters)
@@ -169,6 +172,14 @@ class Problem:
         self._believed = [
             (i, known[n]) for i, n in enumerate(self.names) if known.get(n, 0.0) > 0.0
         ]
+
+        self._tolerance = []
+        for name, share in (tolerance or {}).items():
+            if name in self.names:
+                i = self.names.index(name)
+                now = float(values_of(axis, [name])[0])
+                if now != 0.0:
+                    self._tolerance.append((i, now, share * abs(now)))
 
     @property
     def start(self) -> FloatArray:
@@ -217,6 +228,13 @@ class Problem:
             total += base_cost(change)
             weight = BASE_COST / (1.0 + change**2)
             g[i], h[i] = weight * change * slope, weight * slope**2
+        for i, now, spread in self._tolerance:
+            p = self.parameters[i]
+            value = p.value(z[i])
+            off, slope = (value - now) / spread, p.slope(value) / spread
+            total += off**2
+            g[i] += off * slope
+            h[i] += slope**2
         return float(total), g, h
 
     def evaluate(

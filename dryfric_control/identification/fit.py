@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,12 @@ from tqdm import tqdm
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding, force_start
-from dryfric_control.estimation.parameters import Parameter, choose, typical
+from dryfric_control.estimation.parameters import (
+    Parameter,
+    checked_knowledge,
+    choose,
+    typical,
+)
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.uncertainty import (
@@ -39,6 +44,7 @@ from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
+_SAME = {"inertia": "mass"}
 # Starts by default where a parameter acts by break-away: the cost has several valleys.
 _STARTS = 6
 # Part of the encoder quantum below which an error is none.
@@ -302,6 +308,8 @@ def fit(
     record: Record | Sequence[Record],
     free: Sequence[str] = ("mass", "viscous", "coulomb"),
     *,
+    known: Sequence[str] = (),
+    tolerance: Mapping[str, float] | None = None,
     window: float = 0.25,
     hold: str = "zero",
     starts: int | None = None,
@@ -326,6 +334,10 @@ def fit(
         an effect: "bias_force", "spring.stiffness".  An effect that the axis
         does not have is added.  "input_shift" is a time by which the recorded
         input acts late (or early, negative): a property of the recording.
+    known : sequence of str, optional
+        Parameters among `free` that stay at their nominal values.
+    tolerance : mapping of str to float, optional
+        Relative standard deviations of nominal values, such as ``{"viscous": 0.5}``.
     window : float, optional
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
@@ -397,11 +409,16 @@ def fit(
         positive("block", block, unit="s")
     whole("seed", seed, least=0)
     whole("jobs", jobs)
+    known, tolerance = checked_knowledge(known, tolerance)
+    if known and not isinstance(free, str):
+        free = [name for name in free if _SAME.get(name, name) not in known]
+        if not free:
+            raise ValueError(f"known: {', '.join(known)} leave nothing free")
     parts = [cut(r, window, hold) for r in records]
     for r in records:
         check_units(axis, r)
         warn_if_implausible(axis, r)
-    return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window)
+    return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window, tolerance)
 
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
@@ -432,18 +449,19 @@ def fit_windows(
     jobs: int = 1,
     progress: bool = False,
     window: float = 0.25,
+    tolerance: Mapping[str, float] | None = None,
 ) -> Fit:
     """The fit itself, on records that are already cut; see `fit`."""
     records = [w.record for w in parts]
     axis, parameters = choose(axis, free, typical(records))
-    problem = Problem(axis, parameters, parts)
+    problem = Problem(axis, parameters, parts, tolerance=tolerance)
     first = problem.start
     if starts is None:
         starts = _STARTS if problem.breaks_away.any() else 2
     points = _starting_points(problem, first, records, starts, seed)
 
     def search(point: FloatArray) -> tuple[FloatArray, list[float]]:
-        own = Problem(axis, parameters, parts)
+        own = Problem(axis, parameters, parts, tolerance=tolerance)
         return minimise(own, point), own.scales
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
@@ -519,6 +537,19 @@ def _prior(parameters: Sequence[Parameter]) -> FloatArray:
     return np.array([1.0 / np.log(10.0) ** 2 if p.logarithmic else 0.0 for p in parameters])
 
 
+def _limits(problem: Problem, z: FloatArray) -> list[str]:
+    """Parameters that a fit left at a bound other than zero."""
+    found = []
+    for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=True):
+        value = p.value(c)
+        if (c <= low or c >= high) and value != 0.0:
+            found.append(
+                f"{p.name} ended at its bound, {value:.4g} {p.unit}: the model does not fit, or "
+                "the record does not determine it"
+            )
+    return found
+
+
 def _result(
     problem: Problem,
     z: FloatArray,
@@ -530,7 +561,8 @@ def _result(
     problem.refine(problem.terms(z, at)[1].sum(axis=0))
     gradients, normals, _ = problem.terms(z, at)
     labels = block_labels(problem.windows, block)
-    covariance, away = jackknife(gradients, normals, labels, _prior(problem.parameters))
+    prior = _prior(problem.parameters) + problem.prior(z)[2]
+    covariance, away = jackknife(gradients, normals, labels, prior)
     if away.size:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
@@ -552,6 +584,7 @@ def _result(
     messages = cannot_tell(
         model.axis, records, problem.parameters, values, errors, correlation, away, slopes
     )
+    messages = (*messages, *_limits(problem, z))
     for message in messages:
         warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
     return Fit(

@@ -31,7 +31,8 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
         The file.  Its keys are the fields of `FrictionAxis`: `coulomb` is a
         level, ``[plus, minus]``, or ``{plus = [c0, c1], minus = [c0]}``;
         ``[stribeck]`` holds excess and speed; every ``[[effects]]`` names its
-        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`.
+        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`,
+        ``[knowledge]`` to `read_knowledge`.
 
     Returns
     -------
@@ -68,11 +69,54 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     try:
         data = tomllib.loads(raw.decode("utf-8"))
         data.pop("record", None)  # how records become those of the axis: Scaling.from_file
+        data.pop("knowledge", None)  # what a diagnosis may rely on: read_knowledge
         return axis_from_dict(data)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
+
+
+def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What is known of an axis beforehand, from the table ``[knowledge]`` of its file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file that `read_axis` reads.  Keys: `known`, names of parameters whose
+        values are right; `tolerance`, relative standard deviations by name.
+
+    Returns
+    -------
+    dict
+        Arguments `known` and `tolerance` of `diagnose` and `fit`, as far as given.
+
+    Raises
+    ------
+    ValueError
+        If the table holds another key.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from dryfric_control.store.axis_file import read_knowledge
+    >>> text = "[knowledge]\\nknown = ['mass']\\ntolerance = {viscous = 0.5}\\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "axis.toml")
+    ...     _ = path.write_text(text)
+    ...     read_knowledge(path)
+    {'known': ['mass'], 'tolerance': {'viscous': 0.5}}
+    """
+    try:
+        found = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("knowledge", {})
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise ValueError(f"{path} is no TOML: {problem}") from None
+    if not isinstance(found, dict) or set(found) - {"known", "tolerance"}:
+        raise ValueError(
+            f'{path}: knowledge must be a table with known = ["mass"] and '
+            f"tolerance = {{viscous = 0.5}}, got {found!r}"
+        )
+    return dict(found)
 
 
 def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:

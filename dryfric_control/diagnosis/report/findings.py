@@ -161,7 +161,7 @@ class Findings:
     window: float
     roles: NDArray[np.int64]
     hold: str = "zero"
-    remaining: Remaining = Remaining(0.0, 0.0, False, ())
+    remaining: Remaining = field(default_factory=Remaining)
     references: dict[str, float] = field(default_factory=dict)
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     others: tuple[Record, ...] = ()

@@ -61,6 +61,9 @@ _BENT = 0.1
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
+# Part of the whole gain that a further cause must bring: where a model leaves something
+# out, that is not white, and likelihood counts what follows it as evidence.
+_FURTHER = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
@@ -459,6 +462,7 @@ def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignor
     """Causes one after the other, or two at once, as long as they pay."""
     search.tell("base parameters")
     state = State(search.alone())
+    first = state.fit.cost
     while len(state.causes) < most and not search.late:
         search.tell(f"cause {len(state.causes) + 1}")
         now = state.fit
@@ -481,6 +485,8 @@ def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignor
         if not ranked:
             break
         _, chosen, fit = _plainest(ranked)
+        if state.causes and now.cost - fit.cost < _FURTHER * (first - fit.cost):
+            break
         state.causes.append(chosen.slug)
         state.free[chosen.slug] = chosen.free
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]

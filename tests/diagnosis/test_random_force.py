@@ -1,0 +1,108 @@
+"""Diagnosis of records in which a random force acts beside the model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
+
+DT = 1e-3
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+
+
+def noisy(machine, seed, seconds=6.0):
+    """A record whose input has 3 % of the Coulomb level as noise."""
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(round(seconds / DT))
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = np.round(machine.simulate(u, dt=DT).y[0] * 1e6) * 1e-6
+    return dfc.Record(t, u + 0.24 * rng.standard_normal(t.size), x)
+
+
+@pytest.fixture(scope="module")
+def biased():
+    return dfc.diagnose(
+        AXIS, noisy(AXIS.replace(effects=(dfc.effects.BiasForce(1.0),)), 1), known=("mass",), jobs=1
+    )
+
+
+@pytest.mark.slow
+def test_names_a_bias_in_noise(biased):
+    assert [c.effect for c in biased.causes] == ["bias_force"]
+    cause = biased.causes[0]
+    assert abs(cause.parameters["force"] - 1.0) < 4.0 * cause.standard_errors["force"] + 0.01
+    assert biased.verdict == "explained"
+    # The random force that was put in, in newtons.
+    assert biased.remaining.rms == pytest.approx(0.24, rel=0.3)
+    assert not biased.remaining.structured
+    assert min(biased.references.values()) > 100.0
+    assert biased.extended.mass == AXIS.mass
+    assert "random force left" in biased.summary()
+
+
+@pytest.mark.slow
+def test_reads_back_as_it_was(biased, tmp_path):
+    biased.save(tmp_path / "d.json")
+    again = dfc.load_diagnosis(tmp_path / "d.json")
+    assert again.remaining == biased.remaining
+    assert again.references == biased.references
+
+
+@pytest.mark.slow
+def test_finds_nothing_in_noise_alone():
+    d = dfc.diagnose(AXIS, noisy(AXIS, 2), jobs=1)
+    assert (d.verdict, d.causes) == ("nothing to find", ())
+    assert d.remaining.rms == pytest.approx(0.24, rel=0.3)
+
+
+@pytest.mark.slow
+def test_two_records_show_what_has_changed():
+    records = [noisy(AXIS, 3), noisy(AXIS.replace(coulomb=9.6), 4)]
+    d = dfc.diagnose(AXIS, records, known=("mass",), jobs=1, time_limit=600.0)
+    assert list(d.varies) == ["coulomb"]
+    first, second = d.varies["coulomb"]["values"]
+    assert second / first == pytest.approx(1.2, rel=0.02)
+    assert d.others == (records[1],)
+
+
+def test_a_muted_mass_is_out_of_reach():
+    """Whatever the record, a mass stays within a factor of 4 of the nominal one."""
+    problem = Likelihood(AXIS, ("mass",), [prepare(noisy(AXIS, 5, 1.0))])
+    z = problem.start()
+    assert problem.axis_at(z + 50.0).mass > 1e3
+    far = maximise(problem, z + 50.0, 0)
+    assert far.axis.mass == pytest.approx(4.0 * AXIS.mass)
+    assert far.at_bound == ("mass",)
+
+
+def test_three_wrong_parameters_cost_more_than_one_cause():
+    problem = Likelihood(
+        AXIS, ("mass", "viscous", "coulomb"), [prepare(noisy(AXIS, 5, 1.0))], wonder=True
+    )
+    z = problem.start()
+    assert problem.prior(z) == pytest.approx(0.0)
+    scaled = AXIS.replace(mass=2.0 / 1.15, viscous=15.0 / 1.15, coulomb=8.0 / 1.15)
+    values = (scaled.mass, scaled.viscous, 8.0 / 1.15)
+    off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
+    assert problem.prior(np.concatenate((off, z[3:]))) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"known": ("masss",)}, "known: 'masss' is no base parameter"),
+        ({"tolerance": {"viscous": -1.0}}, "tolerance"),
+        ({"known": ("mass",), "tolerance": {"mass": 0.1}}, "mass"),
+        ({"time_limit": 0.0}, "time_limit"),
+    ],
+)
+def test_bad_knowledge_is_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        dfc.diagnose(AXIS, noisy(AXIS, 5, 1.0), **settings)
+
+
+def test_no_records_are_refused():
+    with pytest.raises(ValueError, match="list of records is empty"):
+        dfc.diagnose(AXIS, [])

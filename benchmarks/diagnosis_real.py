@@ -1,16 +1,18 @@
-"""Diagnoses of measured machines: a linear drive and a servo pendulum.
+"""Diagnoses of measured machines whose truth is known from elsewhere.
 
-    python benchmarks/diagnosis_real.py [emps] [bam]
+    python benchmarks/diagnosis_real.py [emps] [laas] [pneumatic] [bam] [--time-limit S]
 
-EMPS (doi 10.1109/CDC.2013.6760089 and the benchmark of nonlinearbenchmark.org):
-diagnosed on its first 60 %, starting from the published symmetric parameters;
-the rest is held out.  BAM (servo pendulum XL330): diagnosed on the logs at
-kp = 100, each cause tested on the logs at kp = 400.
+What is known about each record stands in ../shared/data/README.md.  EMPS, a linear
+drive: every contiguous 40 % from the published symmetric parameters, each tested by the
+force residual on the rest.  LAAS, a motor's bench: cogging of 72 a turn.  Pneumatic: one
+seal at four pressures, whose Coulomb level grows.  BAM, a servo pendulum: the logs at
+kp = 100 together, tested on those at kp = 400.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import math
 import time
 import warnings
 from pathlib import Path
@@ -19,59 +21,71 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis import evidence
-from dryfric_control.identification import FitWarning
-from dryfric_control.records import Record, read_bam, read_record
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+TORQUE = 0.025  # N m/A, which only sets the unit
 
 
-def force_error(axis: dfc.FrictionAxis, record: Record) -> float:
-    """RMS of the force residual at sliding samples."""
-    return evidence(axis, record).force_rms
+def diagnosed(title: str, axis, record, **settings) -> dfc.Diagnosis:  # type: ignore[no-untyped-def]
+    """A diagnosis, printed with its time."""
+    begun, used = time.perf_counter(), time.process_time()
+    d = dfc.diagnose(axis, record, **settings)
+    print(f"{title} ({time.perf_counter() - begun:.0f} s, {time.process_time() - used:.0f} s of a "
+          f"core)\n{d.summary()}", flush=True)  # fmt: skip
+    return d
 
 
-def emps() -> None:
-    """What the linear drive's record shows, and whether each cause holds."""
-    path = DATA / "emps" / "DATA_EMPS.mat"
-    if not path.exists():
-        print("EMPS: no record at", path)
-        return
-    first, last = read_record(path).split(0.6)
+def emps(**settings) -> None:  # type: ignore[no-untyped-def]
+    """Viscous asymmetry on every contiguous 40 %."""
+    record = dfc.read_record(DATA / "emps" / "DATA_EMPS.mat")
     axis = dfc.FrictionAxis(mass=95.11, viscous=203.5, coulomb=20.39)
-    begun = time.perf_counter()
-    d = dfc.diagnose(axis, first)
-    print(f"EMPS, first 60 % ({time.perf_counter() - begun:.1f} s)")
-    print(d.summary())
-    before, after = force_error(axis, last), force_error(d.extended, last)
-    print(f"held-out 40 %: force residual {before:.3f} N RMS before, {after:.3f} N after "
-          f"({100 * (after / before - 1):+.0f} %)")  # fmt: skip
-    # Against the same axis with its base parameters refitted, and leaving one out.
-    slugs = [c.effect for c in d.causes]
-    others = [s for s in slugs if s not in ("inertia", "viscous", "coulomb")]
-    free = ("mass", "viscous", "coulomb")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        rows = [("base parameters refitted", free)]
-        rows += [("published: bias force", (*free, "bias_force"))]
-        rows += [("all named causes", (*free, *others))]
-        rows += [
-            (f"without {s}", (*free, *(o for o in others if o != s)))
-            for s in others
-            if len(others) > 1
-        ]
-        for title, names in rows:
-            found = dfc.fit(axis, first, names)
-            run = found.replay(last)
-            print(f"  {title:32s} held out: force {force_error(found.axis, last):.3f} N, free runs "
-                  f"median {1e6 * run.median:.1f} um, RMS {1e6 * run.rms:.1f} um")  # fmt: skip
+    n = len(record)
+    for start in (0.0, 0.2, 0.3, 0.6):
+        a, b = round(start * n), round((start + 0.4) * n)
+        rest = record[b:] if start < 0.5 else record[:a]
+        d = diagnosed(f"EMPS, {100 * start:.0f} to {100 * start + 40:.0f} %", axis, record[a:b],
+                      **settings)  # fmt: skip
+        before, after = (evidence(one, rest).force_rms for one in (axis, d.extended))
+        print(f"  mass {d.extended.mass:.2f} kg; held-out force residual {before:.2f} N before, "
+              f"{after:.2f} N after")  # fmt: skip
 
 
-def bam() -> None:
-    """Whether the servo's gear shows friction that grows with its load."""
-    logs = [read_bam(path) for path in sorted((DATA / "bam_xl330").glob("*.json"))]
-    if not logs:
-        print("BAM: no logs at", DATA / "bam_xl330")
-        return
+def laas(**settings) -> None:  # type: ignore[no-untyped-def]
+    """Cogging of 72 a turn on a motor's bench, 0.5 to 7.9 s."""
+    rows = np.loadtxt(DATA / "laas_cogging" / "speed_test.txt", delimiter=",", skiprows=1)
+    # 16001 rows in 16 s: the time column's first step is twice the others.
+    record = dfc.Record(1e-3 * np.arange(len(rows)), TORQUE * rows[:, 4], rows[:, 1])[500:7900]
+    axis = dfc.FrictionAxis(
+        mass=7e-6, viscous=2e-5, coulomb=1e-3, stick_speed=1e-2, units=("rad", "N m")
+    )
+    d = diagnosed("LAAS, 0.5 to 7.9 s", axis, record, **settings)
+    for cause in d.causes:
+        if "cogging" in cause.effect:
+            print(f"  {2.0 * math.pi / cause.parameters['period']:.3f} a turn, "
+                  f"{cause.parameters['amplitude'] / TORQUE:.4f} A")  # fmt: skip
+    print(f"  inertia over the nominal {d.extended.mass / axis.mass:.2f}")
+
+
+def pneumatic(**settings) -> None:  # type: ignore[no-untyped-def]
+    """Coulomb level of a seal at four pressures, which the bench moves."""
+    records = []
+    for pressure in (1, 3, 5, 7):
+        rows = np.loadtxt(DATA / "pneumatic" / f"O-ring_{pressure}bar.csv", skiprows=15)
+        rows = rows[np.concatenate(([True], np.diff(rows[:, 0]) > 0.0))]
+        t = np.arange(rows[0, 0], rows[-1, 0], 10.0) * 1e-3
+        u, x = (np.interp(1e3 * t, rows[:, 0], rows[:, i]) for i in (6, 4))
+        # The force holds pressure times area, which the median of both ways is.
+        records.append(dfc.Record(t - t[0], u - np.median(u), 1e-3 * x, quantum=4e-6))
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    d = diagnosed("pneumatic, four pressures", axis, records, known=("mass",), **settings)
+    for level, known in zip(d.varies.get("coulomb", {}).get("values", ()), (5.4, 7.3, 8.8, 10.7),
+                            strict=False):  # fmt: skip
+        print(f"  level {level:.2f} N, known {known} N ({100 * (level / known - 1):+.0f} %)")
+
+
+def bam(**settings) -> None:  # type: ignore[no-untyped-def]
+    """Servo pendulum: the four logs at kp = 100 together, judged on those at kp = 400."""
+    logs = [dfc.read_bam(path) for path in sorted((DATA / "bam_xl330").glob("*.json"))]
 
     def enabled(log):  # type: ignore[no-untyped-def]
         off = np.flatnonzero(~log["torque_enable"])
@@ -81,36 +95,21 @@ def bam() -> None:
         mass=0.49 * 0.1**2, viscous=0.1, coulomb=0.05, stick_speed=1e-2, units=("rad", "N m"),
         effects=(dfc.effects.Gravity(0.49 * 9.81 * 0.1), dfc.effects.InputGain(0.2)),
     )  # fmt: skip
-    free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase")
     train = [enabled(g) for g in logs if g["kp"] == 100]
     test = [enabled(g) for g in logs if g["kp"] == 400]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        base = dfc.fit(axis, train, free)
-        print(f"\nBAM: fitted on {len(train)} logs at kp = 100, held out {len(test)} at kp = 400")
-        for log in (g for g in logs if g["kp"] == 100):
-            d = dfc.diagnose(base.axis, enabled(log), window=0.1)
-            named = ", ".join(c.effect for c in d.causes) or "-"
-            ranked = sorted(d.scores, key=d.scores.__getitem__)
-            place = ranked.index("load_dependence") + 1 if "load_dependence" in ranked else None
-            print(f"  {log['trajectory']:18s} {d.verdict}: {named}; load_dependence is number "
-                  f"{place} of {len(ranked)} candidates")  # fmt: skip
-        rows = {"without": base.axis}
-        for slug in ("load_dependence", "input_delay", "stribeck"):
-            rows[slug] = dfc.fit(base.axis, train, (*free, slug)).axis
-        errors = {}
-        for title, one in rows.items():
-            runs = [dfc.replay(one, r) for r in test]
-            errors[title] = [r.rms for r in runs]
-        for title, values in errors.items():
-            text = " ".join(f"{v:.4f}" for v in values)
-            total = float(np.sqrt(np.mean(np.square(values))))
-            first = float(np.sqrt(np.mean(np.square(errors["without"]))))
-            print(f"  held out, {title:16s} windows of 0.25 s: {text} rad, all {total:.4f} rad "
-                  f"({100 * (total / first - 1):+.0f} %)")  # fmt: skip
+    d = diagnosed("BAM, four logs at kp = 100", axis, train, known=("mass",), **settings)
+    for title, one in (("nominal", axis), ("with the causes", d.extended)):
+        runs = [dfc.replay(one, r).rms for r in test]
+        print(f"  {title}, kp = 400: windows of 0.25 s {np.sqrt(np.mean(np.square(runs))):.4f} rad")
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or ["emps", "bam"]
-    for name in chosen:
-        {"emps": emps, "bam": bam}[name]()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", default=["emps", "laas", "pneumatic", "bam"])
+    parser.add_argument("--time-limit", type=float, default=None)
+    chosen = parser.parse_args()
+    warnings.simplefilter("ignore", dfc.FitWarning)
+    for name in chosen.names:
+        {"emps": emps, "laas": laas, "pneumatic": pneumatic, "bam": bam}[name](
+            time_limit=chosen.time_limit
+        )

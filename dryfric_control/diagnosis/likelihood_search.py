@@ -272,12 +272,12 @@ class Search:
         noises = maximise(alone, alone.start(1.0), 6).z
         return self.fit(axis, self._free(now), noises, 0)
 
-    def screen(self, now: Solution) -> list[Candidate]:
+    def screen(self, now: Solution, first: bool = True) -> list[Candidate]:
         """Every effect of the catalogue beside a model, quickly refined, best first."""
         present = named(now.axis)
         effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
         besides = [now]
-        if self._bent(now):
+        if first and self._bent(now):
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
         best: dict[str, Candidate] = {}
@@ -466,7 +466,7 @@ def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignor
     while len(state.causes) < most and not search.late:
         search.tell(f"cause {len(state.causes) + 1}")
         now = state.fit
-        candidates = search.screen(now)
+        candidates = search.screen(now, not state.causes)
         if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
         ranked = search.extend(now, candidates)

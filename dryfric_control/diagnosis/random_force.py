@@ -47,6 +47,8 @@ _RIGHT = 0.004
 _NOTABLE = 0.25
 # Relative change of a parameter that counts as taking part in an equivalence.
 _PART = 0.01
+# Errors of free runs, over those of the nominal axis, with which no cause is shown.
+_WORSE = 1.1
 # Standard errors by which a gain on held-out blocks must exceed zero.
 _CLEAR = 3.0
 # Part of the windows that may err more than all their replays, and mean score above the
@@ -161,18 +163,21 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
         state.causes.remove(fallen)
         for table in (state.free, state.alternatives, state.rivals):
             table.pop(fallen, None)
-    worse = [n for n, cost in references.items() if cost < final.cost]
-    if worse and (state.causes or kept):
-        messages.append(f"no answer beats {' and '.join(worse)}: the causes found are not shown")
+    search.tell("replays")
+    motion, left, worse = _motion(search, windows, final)
+    better = [name for name, cost in references.items() if cost < final.cost]
+    if worse:
+        better.append("free runs of the nominal axis")
+    if better and (state.causes or kept):
+        messages.append(f"not better than {' and '.join(better)}: the causes found are not shown")
         state.causes.clear()
         state.free.clear()
-        kept = []
-        final = search.reference(search.believed)
+        kept, final = [], search.reference(search.believed)
+        motion, left, _ = _motion(search, windows, final)
+    structured = left.significant
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
     causes += _wrong_base(search, state, final, kept)
     messages += _warnings(search, final, causes)
-    search.tell("replays")
-    motion, left, structured = _motion(search, windows, final)
     if causes:
         verdict = "partly explained" if structured else "explained"
     else:
@@ -358,7 +363,10 @@ def _warnings(search: Search, final: Solution, causes: Sequence[Cause]) -> list[
 def _motion(
     search: Search, windows: Sequence[Windows], final: Solution
 ) -> tuple[Gain, Unexplained, bool]:
-    """Errors of free runs, beside replays in which the random force acts."""
+    """Errors of free runs, beside replays in which the random force acts.
+
+    Last, whether by their median they are larger than those of the nominal axis.
+    """
     squares: list[list[FloatArray]] = [[], [], []]
     structured, places, left, there = False, list[str](), [], []
     for i, w in enumerate(windows):
@@ -399,11 +407,8 @@ def _motion(
     )
     rest, whole = (float(np.concatenate(v).mean()) if v else 0.0 for v in (left, there))
     fraction = min(rest / whole, 1.0) if whole > 0.0 else 0.0
-    return (
-        gain,
-        Unexplained(fraction if structured else 0.0, structured, tuple(places[:3])),
-        structured,
-    )
+    left_over = Unexplained(fraction if structured else 0.0, structured, tuple(places[:3]))
+    return gain, left_over, bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
 
 
 def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:

@@ -51,6 +51,8 @@ _SEARCHES = 3
 _RIVALS = 4
 # Part of the time limit after which no further cause is sought.
 _SEARCHING = 0.6
+# The same after which what was found is no longer tested.
+_ANSWERING = 0.85
 _SLUGS = {name: slug for slug, name in BASE.items()}
 
 
@@ -176,7 +178,15 @@ def diagnose(
         until = begun + _SEARCHING * limit
         selector = Selector(race, axis, tell, until)
         search = Search(
-            axis, records, known, tolerance, hold=hold, jobs=jobs, until=until, tell=tell
+            axis,
+            records,
+            known,
+            tolerance,
+            hold=hold,
+            jobs=jobs,
+            until=until,
+            end=begun + _ANSWERING * limit,
+            tell=tell,
         )
         found = None
         if len(records) > 1 or not _exact(selector, settings):

@@ -157,8 +157,8 @@ class Search:
         Further parameters of the believed axis that are free.
     hold : str
     jobs : int
-    until : float
-        Reading of `time.monotonic` at which the search ends.
+    until, end : float
+        Readings of `time.monotonic` at which the search ends, and the answer too.
     tell : callable
         Is told each step.
     """
@@ -172,6 +172,7 @@ class Search:
     hold: str = "zero"
     jobs: int = 1
     until: float = math.inf
+    end: float = math.inf
     tell: Callable[[str], None] = lambda what: None
 
     def __post_init__(self) -> None:

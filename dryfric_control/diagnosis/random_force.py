@@ -139,6 +139,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
     """Search for causes, and everything that is said about them."""
     state = forward(search)
     messages: list[str] = []
+    search.until = search.end
     if state.late:
         messages.append("the time limit ended the search: the best answer so far")
     references = search.references()
@@ -149,6 +150,9 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
         fallen = None
         for slug in state.causes:
             search.tell(f"{slug} confirmed")
+            if search.late:
+                judged[slug] = (0.0, 0.0, 0.0, "")
+                continue
             gain, error, all_gain, others = _held_out(search, state, final, slug)
             if followed(slug, state.causes) and not holds(search.believed, slug):
                 judged[slug] = (gain, error, all_gain, others)
@@ -209,7 +213,9 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
         held = [n for n in every if n not in kept]
         axis = with_values(full.axis, held, [search.nominal[n] for n in held])
         less = search.fit(axis, names, noises, base=kept, wonder=False)
-        if less.cost - full.cost < least * len(held) or search.late:
+        if search.late:
+            return full, every
+        if less.cost - full.cost < least * len(held):
             full = less
             break
         kept.append(max(held, key=sure.__getitem__))

@@ -41,6 +41,13 @@ class Remaining:
         frequency [Hz]; empty where `rms` is 0.
     unit : str
         Unit of the force.
+
+    Examples
+    --------
+    >>> from dryfric_control.diagnosis import Remaining
+    >>> left = Remaining(rms=0.24, correlation_time=0.0, structured=False, where=())
+    >>> left.to_dict()["rms"]
+    0.24
     """
 
     rms: float = 0.0

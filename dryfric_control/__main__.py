@@ -188,7 +188,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         if (value := getattr(chosen, item.name, None)) is not None
     }
     knowledge = read_knowledge(chosen.axis)
-    for name in ("known", "tolerance"):
+    for name in ("known", "tolerance", "time_limit"):
         if getattr(chosen, name) is not None:
             knowledge[name] = getattr(chosen, name)
     records = []
@@ -208,7 +208,6 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     found = diagnose(
         axis,
         records if len(records) > 1 else records[0],
-        time_limit=chosen.time_limit,
         progress=not chosen.quiet and sys.stderr.isatty(),
         **knowledge,
     )

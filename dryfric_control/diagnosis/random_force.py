@@ -316,6 +316,8 @@ def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[st
         nominal = search.nominal[name]
         if nominal > 0.0 and abs(values[name] / nominal - 1.0) <= _RIGHT:
             continue
+        if abs(values[name] - nominal) < _CLEAR * errors[name]:
+            continue
         if abs(values[name] - nominal) * sizes[name] < _NOTABLE * final.random_force():
             continue
         gain = 0.5 * ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2

@@ -14,7 +14,6 @@ import numpy as np
 from dryfric_control._version import __version__
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, Function, Translator
-from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.files import replacing, write_document
 
 PRECISIONS = {"double": "double", "single": "float"}
@@ -88,6 +87,9 @@ def export_c(
         where / f"{made.name}.json": None,
         where / "README.md": code.readme(),
     }
+    for path in texts:
+        if path.is_dir():
+            raise ValueError(f"{str(path)!r} is a folder, and a file of that name is written")
     try:
         with ExitStack() as stack:
             for path, text in texts.items():
@@ -207,16 +209,12 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
         rows += [f"  {s.name} [{s.unit}]: {s.meaning}" for s in made.inputs]
         rows += ["Outputs:"]
         rows += [f"  {s.name} [{s.unit}]: {s.meaning}" for s in made.outputs]
-        rows += ["Ranges:", f"  position {low:.6g} to {high:.6g} {length} (beyond, the levels of "]
-        rows[-1] += "the ends)"
-        level = max(
-            float(axis.coulomb(0.5 * (max(low, -1e9) + min(high, 1e9)), s)) for s in (1, -1)
-        )
-        rows += [
-            f"  Coulomb level {level:.6g} {force} in the middle of it",
-            "  mode -1, 0 or 1",
-            "",
-        ]
+        rows += ["Ranges:"]
+        rows += [f"  position {low:.6g} to {high:.6g} {length} (beyond, the levels of the ends)"]
+        middle = 0.5 * (max(low, -1e9) + min(high, 1e9))
+        level = max(float(axis.coulomb(middle, s)) for s in (1, -1))
+        rows += [f"  Coulomb level {level:.6g} {force} in the middle of it"]
+        rows += ["  mode -1, 0 or 1", ""]
         rows += made.promise.splitlines()
         safe = [row.replace("*/", "* /").replace("/*", "/ *") for row in rows]
         lines = [line for row in safe for line in (textwrap.wrap(row, 94) or [""])]
@@ -311,8 +309,9 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
             before = ""
         zero = self.out.number(0.0)
         return (
-            f"bool {n}_step({n}_state *state{self._list(made.inputs, 'real')}, {n}_output *output)\n"
-            f"{{\n    real out[{len(made.outputs)}] = {{{zero}}};\n\n{self._guard()}{before}"
+            f"bool {n}_step({n}_state *state{self._list(made.inputs, 'real')}, "
+            f"{n}_output *output)\n{{\n    real out[{len(made.outputs)}] = {{{zero}}};\n\n"
+            f"{self._guard()}{before}"
             f"{self._called(self.step, arguments)}    ++state->samples;\n{self._results()}\n"
             "    return true;\n}\n"
         )
@@ -441,8 +440,3 @@ _WORDS = {
     "call": "calls before inlining",
 }
 _COUNTS = 13
-
-
-def is_axis(obj: Any) -> bool:
-    """Whether an object is a plant."""
-    return isinstance(obj, FrictionAxis)

@@ -164,23 +164,22 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
         If the object is none of these, the name is no C identifier, or the drive is so
         late that the line of delayed drives would be longer than 4096 samples.
     """
-    for kind, make in _MAKERS.items():
-        if isinstance(obj, kind):
-            break
-    else:
+    make = next((make for kind, make in _MAKERS.items() if isinstance(obj, kind)), None)
+    if make is None:
         raise ValueError(
             "obj must be a FrictionAxis, an ObserverDesign, a HybridFilter or a Compensation, "
             f"got {type(obj).__name__}"
         )
-    axis: FrictionAxis = obj.axis if not isinstance(obj, FrictionAxis) else obj
-    if not isinstance(obj, FrictionAxis) and dt is not None and dt != obj.dt:
+    plant = isinstance(obj, FrictionAxis)
+    if not plant and dt is not None and dt != obj.dt:
         raise ValueError(
-            f"dt is for an axis: this {kind.__name__} was made for dt = {obj.dt:g} s, got {dt!r}"
+            f"dt is for an axis: this {type(obj).__name__} was made for dt = {obj.dt:g} s, "
+            f"got {dt!r}"
         )
-    step = positive("dt", 1e-3 if dt is None else dt, unit="s")
-    step = step if isinstance(obj, FrictionAxis) else obj.dt
+    step = positive("dt", 1e-3 if dt is None else dt, unit="s") if plant else obj.dt
     # Before any array is made: a delay in the wrong unit would fill the memory.
-    delay = sum(e.inner(axis.effective()).delay for e in axis.effects if e.action == "delay")
+    axis = (obj if plant else obj.axis).effective()
+    delay = sum(effect.inner(axis).delay for effect in axis.effects if effect.action == "delay")
     if delay > MOST_DELAY * step:
         raise ValueError(
             f"the drive is late by {delay:g} s, {delay / step:.4g} samples of dt = {step:g} s; "

@@ -59,7 +59,10 @@ class Whole(Kind):
     """A whole number that is known."""
 
     value: int = 0
-    erased = True  # type: ignore[assignment]
+
+    @property
+    def erased(self) -> bool:
+        return True
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,10 @@ class Table(Kind):
     element: str = "f"
     shape: tuple[int, ...] = ()
     values: tuple[float, ...] = ()
-    erased = True  # type: ignore[assignment]
+
+    @property
+    def erased(self) -> bool:
+        return True
 
 
 @dataclass(frozen=True)
@@ -161,13 +167,13 @@ _FOLD: dict[type, Callable[[Any, Any], Any]] = {
     ast.Eq: lambda a, b: a == b,
     ast.NotEq: lambda a, b: a != b,
 }
+#: Smaller and larger of two numbers: name, type, and how the second compares.
 _HELPERS = {
-    "dfc_min": "static real dfc_min(real a, real b)\n{{\n    return (b < a) ? b : a;\n}}\n",
-    "dfc_max": "static real dfc_max(real a, real b)\n{{\n    return (b > a) ? b : a;\n}}\n",
-    "dfc_least": "static int32_t dfc_least(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}\n",
-    "dfc_most": "static int32_t dfc_most(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}\n",
-    "dfc_square": "static real dfc_square(real x)\n{{\n    return x * x;\n}}\n",
-}  # fmt: skip
+    "dfc_min": ("real", "<"),
+    "dfc_max": ("real", ">"),
+    "dfc_least": ("int32_t", "<"),
+    "dfc_most": ("int32_t", ">"),
+}
 
 #: In single precision these module constants are others: a tolerance below the rounding of
 #: a number would never be met.
@@ -241,24 +247,32 @@ class Translator:
             return self._struct(kind)
         return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
 
+    def declared(self, kind: Kind, name: str) -> str:
+        """Declaration of a name."""
+        base = self.type(kind)
+        return f"{base}{name}" if base.endswith("*") else f"{base} {name}"
+
     def _struct(self, kind: Tuple | Record) -> str:
         """Name of the structure that holds several values; it is declared once."""
         if isinstance(kind, Record):
             name, names = f"dfc_{kind.code.lower()}", kind.names
         else:
-            name = "dfc_" + "".join(k.code for k in kind.kinds)
+            name = f"dfc_{_codes(kind)}"
             names = tuple(f"f{i}" for i in range(len(kind.kinds)))
         if name not in self.records:
             rows = "".join(
-                f"    {self.type(k).rstrip()} {n};\n"
-                for n, k in zip(names, kind.kinds, strict=True)
+                f"    {self.declared(k, n)};\n" for n, k in zip(names, kind.kinds, strict=True)
             )
             self.records[name] = f"typedef struct {{\n{rows}}} {name};\n"
         return name
 
     def text(self) -> str:
         """All structures and functions, each before its use."""
-        helpers = [_HELPERS[name].format() for name in sorted(self.helpers)]
+        helpers = [
+            f"static {kind} {name}({kind} a, {kind} b)\n{{\n    return (b {sign} a) ? b : a;\n}}\n"
+            for name, (kind, sign) in _HELPERS.items()
+            if name in self.helpers
+        ]
         for n in sorted(self.powers):
             helpers.append(_power(n))
         return "\n".join(
@@ -356,19 +370,19 @@ class _Body:
         used = tuple(_c(n) in self.read and n not in self.bound for n in self.parameters)
         returns = self.returns or NOTHING
         given = ", ".join(
-            f"{self.out.type(self.kinds[n])} {_c(n)}".replace("* ", "*")
+            self.out.declared(self.kinds[n], _c(n))
             for n, u in zip(self.parameters, used, strict=True)
             if u
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
         head = f"/* {' '.join(doc.split())} */\n" if doc else ""
-        kind = "void " if returns.erased else f"{self.out.type(returns)} "
-        head += f"static {kind}{self.name}({given or 'void'})".replace("* ", "*")
+        result = NOTHING if returns.erased else returns
+        head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
         if returns.erased:
             return Function(self.name, "", returns, used, True, cost)
         late = [
-            f"    {self.out.type(k)} {_c(n)} = {self.zero(k)};".replace("* ", "*")
-            for n, k in self.late.items()
+            f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
+            for n, kind in self.late.items()
             if n not in self.dead
         ]
         body = "\n".join(_wrapped(line) for line in [*late, *self.lines])
@@ -531,12 +545,9 @@ class _Body:
             self.emit(f"{_c(name)} = {text};")
         elif self.depth == 0:
             self.declared.add(name)
-            fixed = name in self.once and not self.unrolling and not isinstance(kind, Pointer)
-            constant = "const " if fixed else ""
-            kind_text = self.out.type(kind)
-            if kind_text.startswith("const "):
-                constant = ""
-            self.emit(f"{constant}{kind_text} {_c(name)} = {text};".replace("* ", "*", 1))
+            fixed = name in self.once and not self.unrolling
+            constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
+            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};")
         else:
             self.declared.add(name)
             self.late[name] = kind
@@ -579,7 +590,9 @@ class _Body:
         self.temporaries += 1
         name = f"r{self.temporaries}"
         kind = _plain(value.kind)
-        self.emit(f"const {self.out.type(kind)} {name} = {self.converted(value, kind)};")
+        constant = "" if isinstance(kind, (Pointer, Axis)) else "const "
+        text = self.converted(value, kind)
+        self.emit(f"{constant}{self.out.declared(kind, name)} = {text};")
         return Value(name, kind)
 
     def do_if(self, node: ast.If) -> Counter[str] | None:
@@ -654,8 +667,8 @@ class _Body:
             f"{c} {sign} {stop.within(_ORDER)}; {move}) {{"
         )
         cost = self._loop(node.body)
-        turns = len(range(*known)) if None not in known else 8
-        return Counter({what: turns * n for what, n in cost.items()})
+        passes = len(range(*known)) if None not in known else 8
+        return Counter({what: passes * n for what, n in cost.items()})
 
     def _loop(self, body: list[ast.stmt]) -> Counter[str]:
         self.depth += 1
@@ -738,7 +751,7 @@ class _Body:
         if isinstance(value, (bool, np.bool_)):
             return Value("true" if value else "false", BOOL, bool(value))
         if isinstance(value, (int, np.integer)):
-            note = f" /* {name} */" if name else ""
+            note = f" /*{name}*/" if name else ""
             return Value(f"{value}{note}" if value >= 0 else f"({value})", INT, int(value))
         if isinstance(value, (float, np.floating)):
             number = float(value)
@@ -1024,7 +1037,7 @@ class _Body:
         parameters = list(inspect.signature(python).parameters.values())
         for parameter in parameters[len(given) :]:
             given.append(self.constant(parameter.default, node))
-        kinds = []
+        kinds: list[Kind] = []
         for parameter, value in zip(parameters, given, strict=True):
             if parameter.name in ("task", "place") and value.kind == INT:
                 if value.known is None:
@@ -1051,6 +1064,13 @@ class _Body:
             self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
         ]
         return Value(f"{made.name}({', '.join(texts)})", made.returns)
+
+
+def _codes(kind: Kind) -> str:
+    """Letters that name a tuple by what it holds."""
+    if not isinstance(kind, Tuple):
+        return kind.code
+    return "".join(f"t{_codes(k)}e" if isinstance(k, Tuple) else k.code for k in kind.kinds)
 
 
 def _plain(kind: Kind) -> Kind:

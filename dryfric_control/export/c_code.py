@@ -298,22 +298,28 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
     def _step(self) -> str:
         made, n = self.made, self.made.name
         inputs = [s.name for s in made.inputs]
-        if made.moves:
-            dt = self.out.number(made.dt)
-            arguments = ["dfc_numbers", "", "state->memory", self._time, dt, *inputs]
-            arguments += ["state->samples == 0u", "state->switches", "state->count", "out"]
-            before = "    state->count[0] = 0;\n    state->count[2] = 0;\n"
-        else:
+        head = (
+            f"bool {n}_step({n}_state *state{self._list(made.inputs, 'real')}, "
+            f"{n}_output *output)\n{{\n"
+        )
+        out = f"    real out[{len(made.outputs)}] = {{{self.out.number(0.0)}}};\n\n"
+        if not made.moves:
             tables = 1 if len(self.step.used) == 4 + len(inputs) else len(made.tables)
             arguments = [""] * tables + ["state->memory", self._time, *inputs, "out"]
-            before = ""
-        zero = self.out.number(0.0)
+            return (
+                f"{head}{out}{self._guard()}{self._called(self.step, arguments)}"
+                f"    ++state->samples;\n{self._results()}\n    return true;\n}}\n"
+            )
+        arguments = ["numbers", "", "state->memory", "t", "dt", *inputs]
+        arguments += ["state->samples == 0u", "state->switches", "state->count", "out"]
         return (
-            f"bool {n}_step({n}_state *state{self._list(made.inputs, 'real')}, "
-            f"{n}_output *output)\n{{\n    real out[{len(made.outputs)}] = {{{zero}}};\n\n"
-            f"{self._guard()}{before}"
-            f"{self._called(self.step, arguments)}    ++state->samples;\n{self._results()}\n"
-            "    return true;\n}\n"
+            f"/* One sample of length dt from time t on, with these numbers of the axis. */\n"
+            f"static void dfc_move({n}_state *state, const real *numbers, real t, real dt, real u,\n"
+            f"    {n}_output *output)\n{{\n{out}    state->count[0] = 0;\n"
+            f"    state->count[2] = 0;\n    (void)t;\n{self._called(self.step, arguments)}"
+            f"    ++state->samples;\n{self._results()}\n}}\n\n"
+            f"{head}{self._guard()}    dfc_move(state, dfc_numbers, {self._time}, "
+            f"{self.out.number(made.dt)}, u, output);\n    return true;\n}}\n"
         )
 
     def _look(self) -> str:
@@ -322,13 +328,19 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
         made, n = self.made, self.made.name
         dt, zero = self.out.number(made.dt), self.out.number(0.0)
         size = made.memory.size
-        arguments = ["dfc_numbers", "", "memory", self._time, dt, "u", "out"]
+        arguments = ["numbers", "", "memory", "t", "dt", "u", "out"]
         return (
-            f"bool {n}_look(const {n}_state *state, real u, {n}_output *output)\n{{\n"
+            f"/* What the axis shows at time t, with these numbers of the axis. */\n"
+            f"static void dfc_show(const {n}_state *state, const real *numbers, real t, real dt,\n"
+            f"    real u, {n}_output *output)\n{{\n"
             f"    real memory[{size}];\n    real out[{len(made.outputs)}] = {{{zero}}};\n\n"
-            f"{self._guard()}    for (int32_t i = 0; i < {size}; ++i) {{\n"
+            f"    for (int32_t i = 0; i < {size}; ++i) {{\n"
             f"        memory[i] = state->memory[i];\n    }}\n"
-            f"{self._called(self.look, arguments)}{self._results()}\n    return true;\n}}\n"
+            f"    (void)t;\n    (void)dt;\n{self._called(self.look, arguments)}"
+            f"{self._results()}\n}}\n\n"
+            f"bool {n}_look(const {n}_state *state, real u, {n}_output *output)\n{{\n"
+            f"{self._guard()}    dfc_show(state, dfc_numbers, {self._time}, {dt}, u, output);\n"
+            "    return true;\n}\n"
         )
 
     def numbers(self) -> dict[str, Any]:

@@ -336,7 +336,7 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
             f"    real memory[{size}];\n    real out[{len(made.outputs)}] = {{{zero}}};\n\n"
             f"    for (int32_t i = 0; i < {size}; ++i) {{\n"
             f"        memory[i] = state->memory[i];\n    }}\n"
-            f"    (void)t;\n    (void)dt;\n{self._called(self.look, arguments)}"
+            f"    (void)t;\n    (void)dt;\n    (void)u;\n{self._called(self.look, arguments)}"
             f"{self._results()}\n}}\n\n"
             f"bool {n}_look(const {n}_state *state, real u, {n}_output *output)\n{{\n"
             f"{self._guard()}    dfc_show(state, dfc_numbers, {self._time}, {dt}, u, output);\n"

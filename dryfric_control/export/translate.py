@@ -66,6 +66,17 @@ class Whole(Kind):
 
 
 @dataclass(frozen=True)
+class Number(Kind):
+    """A number that is known."""
+
+    value: float = 0.0
+
+    @property
+    def erased(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True)
 class Table(Kind):
     """A constant array of the exported object."""
 
@@ -174,6 +185,9 @@ _HELPERS = {
     "dfc_least": ("int32_t", "<"),
     "dfc_most": ("int32_t", ">"),
 }
+
+#: Arguments for whose value a function is written anew, where that is known.
+_KNOWN = ("dt", "corner")
 
 #: In single precision these module constants are others: a tolerance below the rounding of
 #: a number would never be met.
@@ -401,6 +415,8 @@ class _Body:
         """The value that a type alone is."""
         if isinstance(kind, Whole):
             return Value(str(kind.value), INT, kind.value)
+        if isinstance(kind, Number):
+            return Value(self.out.number(kind.value), F, kind.value)
         if isinstance(kind, Table):
             return Value(kind.name, kind)
         if isinstance(kind, Axis):
@@ -891,19 +907,22 @@ class _Body:
         level = _SUM if op in (ast.Add, ast.Sub) else _PRODUCT
         if not whole or op is ast.Div:
             left, right = self.real(a), self.real(b)
-            self.cost[_COUNTED[op]] += 1
+            known = _folded(op, left.known, right.known)
+            if known is None:
+                self.cost[_COUNTED[op]] += 1
             kind = F
         else:
-            left, right, kind = a, b, INT
+            left, right, kind, known = a, b, INT, None
         text = f"{left.within(level)} {_SIGNS[op]} {right.within(level + 1)}"
-        return Value(text, kind, binds=level)
+        return Value(text, kind, known, level)
 
     def real(self, value: Value) -> Value:
         """The value as a floating-point number."""
         if value.kind == F:
             return value
         text = self.converted(value, F)
-        return Value(text, F, binds=_UNARY if text.startswith("(real)") else _ATOM)
+        known = None if value.known is None else float(value.known)
+        return Value(text, F, known, _UNARY if text.startswith("(real)") else _ATOM)
 
     def power(self, node: ast.BinOp, a: Value, b: Value) -> Value:
         if b.kind == INT and b.known is not None and b.known > 1:
@@ -1017,8 +1036,9 @@ class _Body:
         """A function of the C library."""
         given = [self.real(self.value(a)) for a in node.args]
         suffix = "f" if self.out.single else ""
-        if all(v.known is not None for v in given) and name == "sqrt":
-            return self.constant(math.sqrt(given[0].known), node)
+        if name in _MATH and all(v.known is not None for v in given):
+            # Here, by the library of the kernels: a compiler rounds such a constant its own way.
+            return self.constant(getattr(math, name)(*(v.known for v in given)), node)
         self.cost["function"] += 1
         text = ", ".join(v.text for v in given)
         if name in ("ceil", "floor"):
@@ -1039,7 +1059,9 @@ class _Body:
             given.append(self.constant(parameter.default, node))
         kinds: list[Kind] = []
         for parameter, value in zip(parameters, given, strict=True):
-            if parameter.name in ("task", "place") and value.kind == INT:
+            if parameter.name in _KNOWN and value.kind == F and value.known is not None:
+                kinds.append(Number("k", value.known))
+            elif parameter.name in ("task", "place") and value.kind == INT:
                 if value.known is None:
                     raise self.fail(node, f"{parameter.name} is unknown")
                 kinds.append(Whole("k", value.known))
@@ -1064,6 +1086,14 @@ class _Body:
             self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
         ]
         return Value(f"{made.name}({', '.join(texts)})", made.returns)
+
+
+def _folded(op: type, a: float | None, b: float | None) -> float | None:
+    """Result of an operation on numbers that are known."""
+    if a is None or b is None or (op is ast.Div and b == 0.0):
+        return None
+    result = a / b if op is ast.Div else _FOLD[op](a, b)
+    return float(result) if math.isfinite(result) else None
 
 
 def _codes(kind: Kind) -> str:

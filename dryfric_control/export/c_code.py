@@ -314,8 +314,8 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
         arguments += ["state->samples == 0u", "state->switches", "state->count", "out"]
         return (
             f"/* One sample of length dt from time t on, with these numbers of the axis. */\n"
-            f"static void dfc_move({n}_state *state, const real *numbers, real t, real dt, real u,\n"
-            f"    {n}_output *output)\n{{\n{out}    state->count[0] = 0;\n"
+            f"static void dfc_move({n}_state *state, const real *numbers, real t, real dt,\n"
+            f"    real u, {n}_output *output)\n{{\n{out}    state->count[0] = 0;\n"
             f"    state->count[2] = 0;\n    (void)t;\n{self._called(self.step, arguments)}"
             f"    ++state->samples;\n{self._results()}\n}}\n\n"
             f"{head}{self._guard()}    dfc_move(state, dfc_numbers, {self._time}, "

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import jinja2
 import numpy as np
 
 from dryfric_control._version import __version__
@@ -110,15 +111,15 @@ def export_fmu(
     """
     if version not in VERSIONS:
         raise ValueError(f'version must be "3.0" or "2.0", got {version!r}')
+    made = exported(obj, name, dt)
     try:
         target = Path(path)
     except TypeError:
-        raise ValueError(f"path must be a path, got {path!r}") from None
+        raise ValueError(f"path must be a file name, got {path!r}") from None
     if target.suffix != ".fmu" or target.is_dir():
         raise ValueError(f"path must be a file that ends in .fmu, got {str(path)!r}")
     if not target.parent.is_dir():
-        raise ValueError(f"{str(target.parent)!r} is no folder: make it first")
-    made = exported(obj, name, dt)
+        raise ValueError(f"path {str(path)!r} is in no folder that there is: make it first")
     model = Model(made, version)
     content = model.zipped()
     try:
@@ -145,41 +146,39 @@ def parameters(axis: FrictionAxis, dt: float) -> list[Parameter]:
     -------
     list of Parameter
     """
-    base = axis.arrays(dt)
+    base = axis.arrays(dt).numbers
+    # The code is written for these; of several shortest lengths each sets the least.
+    fixed = {axis_step.DELAY, axis_step.LAG}
+    if sum(math.isfinite(min(e.shortest_length, e.shortest_time)) for e in axis.effects) > 1:
+        fixed |= {axis_step.SHORT_WAY, axis_step.SHORT_TIME}
     found = []
-    shortest = sum(
-        math.isfinite(min(e.shortest_length, e.shortest_time)) for e in axis.effects
-    )
-    for row in _candidates(axis):
-        name, unit, meaning, value, low, high, changed = row
+    for name, unit, meaning, value, low, high, changed in _candidates(axis):
         moved = value * 1.01 if value else 1e-3
         try:
-            other = changed(moved).arrays(dt)
+            other = changed(moved).arrays(dt).numbers
         except ValueError:
             continue
-        if other.numbers.size != base.numbers.size:
+        if other.size != base.size:
             continue
-        places: list[tuple[int, float, bool]] | None = []
-        for place in np.flatnonzero(base.numbers != other.numbers):
-            before, after = float(base.numbers[place]), float(other.numbers[place])
-            if place in (axis_step.DELAY, axis_step.LAG):
-                places = None  # the code is written for them
-                break
-            if place in (axis_step.SHORT_WAY, axis_step.SHORT_TIME) and shortest > 1:
-                places = None
-                break
-            if math.isclose(before * moved, after * value, rel_tol=1e-9, abs_tol=1e-300):
-                places.append((int(place), _exact(after / moved), False))
-            elif math.isclose(before * value, after * moved, rel_tol=1e-9):
-                places.append((int(place), _exact(after * moved), True))
-            else:
-                places = None
-                break
-        if places:
-            if any(inverse for _, _, inverse in places):
-                low = max(low, _LEAST)
-            found.append(Parameter(name, unit, meaning, value, low, high, tuple(places)))
+        touched = np.flatnonzero(base != other).tolist()
+        places = [_place(i, value, moved, base[i], other[i]) for i in touched if i not in fixed]
+        if not places or len(places) < len(touched) or None in places:
+            continue
+        known = tuple(place for place in places if place is not None)
+        least = max(low, _LEAST) if any(inverse for _, _, inverse in known) else low
+        found.append(Parameter(name, unit, meaning, value, least, high, known))
     return found
+
+
+def _place(
+    place: int, value: float, moved: float, before: float, after: float
+) -> tuple[int, float, bool] | None:
+    """How a number follows a parameter: in proportion, as a reciprocal, or neither."""
+    if math.isclose(before * moved, after * value, rel_tol=1e-9, abs_tol=_LEAST):
+        return place, _exact(after / moved), False
+    if math.isclose(before * value, after * moved, rel_tol=1e-9):
+        return place, _exact(after * moved), True
+    return None
 
 
 def _exact(factor: float) -> float:
@@ -237,7 +236,7 @@ def _with(levels: CoulombMap, side: str, i: int, value: float) -> CoulombMap:
     """Coulomb levels with one coefficient changed."""
     both = {"plus": list(levels.plus), "minus": list(levels.minus)}
     both[side][i] = value
-    return CoulombMap(both["plus"], both["minus"])
+    return CoulombMap(tuple(both["plus"]), tuple(both["minus"]))
 
 
 def _altered(axis: FrictionAxis, effect: Effect, name: str, value: float) -> list[Effect]:
@@ -304,188 +303,35 @@ class Model:
 
     def _model(self) -> str:
         """The model behind the interface: its variables, start and step."""
-        made, n, number = self.made, self.made.name, self.code.out.number
-        n_in, n_out = len(made.inputs), len(made.outputs)
-        n_start, n_par = len(made.starts), len(self.parameters)
-        n_set = n_start + n_par
+        made = self.made
         rows = [
-            f"    {{{place}, {number(factor)}, {str(inverse).lower()}, {n_start + i}}},"
-            for i, p in enumerate(self.parameters)
-            for place, factor, inverse in p.places
+            (*place, len(made.starts) + i)
+            for i, parameter in enumerate(self.parameters)
+            for place in parameter.places
         ]
-        starts = "".join(f", m->settings[{i}]" for i in range(n_start))
-        inputs = "".join(f", m->inputs[{i}]" for i in range(n_in))
-        settings = [v for v in self.variables if v.causality == "parameter"]
-        values = ", ".join(number(v.start or 0.0) for v in settings) or number(0.0)
-        lows = ", ".join(number(v.low) for v in settings) or number(0.0)
-        highs = ", ".join(number(v.high) for v in settings) or number(0.0)
-        outputs = "\n".join(
-            f"    case {n_in + 1 + i}: *value = (double)m->output.{s.name}; return true;"
-            for i, s in enumerate(made.outputs)
+        numbers = made.tables.get("numbers", np.zeros(0))
+        environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
+        environment.filters["number"] = self.code.out.number
+        return environment.from_string(_source("model.c.jinja")).render(
+            name=made.name,
+            moves=made.moves,
+            late=bool(made.moves and numbers[axis_step.DELAY] > 0.0),
+            dt=made.dt,
+            size=numbers.size,
+            inputs=made.inputs,
+            outputs=made.outputs,
+            settings=[v for v in self.variables if v.causality == "parameter"],
+            first=1 + len(made.inputs) + len(made.outputs) + made.moves,
+            starts=len(made.starts),
+            rows=rows,
         )
-        first_set = 1 + n_in + n_out + made.moves
-        switches = ""
-        if made.moves:
-            switches = f"\n    case {n_in + n_out + 1}: *value = (double)m->switches; return true;"
-        table = f"""
-static const struct {{
-    int place;
-    double factor;
-    bool inverse;
-    int setting;
-}} MODEL_NUMBERS[{max(len(rows), 1)}] = {{
-{chr(10).join(rows) or "    {0, 0.0, false, 0}"}
-}};
-"""
-        late = bool(made.moves and made.tables["numbers"][axis_step.DELAY] > 0.0)
-        return f"""/* The model behind the interface.  Generated. */
-#include <string.h>
-
-#include "{n}.c"
-
-#define MODEL_TOKEN "@TOKEN@"
-
-typedef struct {{
-    {n}_state state;
-    {n}_output output;
-    double inputs[{n_in}];
-    double settings[{max(n_set, 1)}];{
-        f'''
-    double numbers[{made.tables["numbers"].size}];
-    int switches;
-    bool stale;''' if made.moves else '''
-    double taken; /* samples */'''
-    }
-    double start;
-    double time;
-}} model_t;
-
-static const double MODEL_VALUES[{max(n_set, 1)}] = {{{values}}};
-static const double MODEL_LOWEST[{max(n_set, 1)}] = {{{lows}}};
-static const double MODEL_HIGHEST[{max(n_set, 1)}] = {{{highs}}};
-{table if made.moves and rows else ""}
-static void model_start(model_t *m)
-{{
-    {n}_init(&m->state{starts});
-    m->time = m->start;
-{"    m->switches = 0;" if made.moves else "    m->taken = 0.0;"}
-{"    m->stale = true;" if made.moves else ""}
-}}
-
-static void model_reset(model_t *m)
-{{
-    memset(m, 0, sizeof *m);
-    memcpy(m->settings, MODEL_VALUES, sizeof m->settings);
-{"    memcpy(m->numbers, dfc_numbers, sizeof m->numbers);" if made.moves else ""}
-    model_start(m);
-}}
-
-static bool model_get(model_t *m, unsigned vr, double *value)
-{{
-    if (vr == 0) {{
-        *value = m->time;
-        return true;
-    }}
-    if (vr <= {n_in}) {{
-        *value = m->inputs[vr - 1];
-        return true;
-    }}
-    if (vr >= {first_set} && vr < {first_set + n_set}) {{
-        *value = m->settings[vr - {first_set}];
-        return true;
-    }}
-{'''    if (m->stale) {
-        dfc_show(&m->state, m->numbers, m->time, %s, m->inputs[0], &m->output);
-        m->stale = false;
-    }''' % number(made.dt) if made.moves else ""}
-    switch (vr) {{
-{outputs}{switches}
-    default: return false;
-    }}
-}}
-
-static const char *model_set(model_t *m, unsigned vr, double value)
-{{
-    if (!isfinite(value)) {{
-        return "a value must be a finite number";
-    }}
-{"    m->stale = true;" if made.moves else ""}
-    if (vr >= 1 && vr <= {n_in}) {{
-        m->inputs[vr - 1] = value;
-        return NULL;
-    }}
-    if (vr >= {first_set} && vr < {first_set + n_set}) {{
-        const unsigned i = vr - {first_set};
-        if (value < MODEL_LOWEST[i] || value > MODEL_HIGHEST[i]) {{
-            return "a parameter is outside its bounds";
-        }}
-        m->settings[i] = value;
-{'''        for (size_t k = 0; k < sizeof MODEL_NUMBERS / sizeof *MODEL_NUMBERS; ++k) {
-            if (MODEL_NUMBERS[k].setting == (int)i) {
-                m->numbers[MODEL_NUMBERS[k].place] = MODEL_NUMBERS[k].inverse
-                    ? MODEL_NUMBERS[k].factor / value : MODEL_NUMBERS[k].factor * value;
-            }
-        }''' if made.moves and rows else ""}
-        return NULL;
-    }}
-    return "no variable of that reference can be set";
-}}
-
-{self._advance(late, inputs)}"""
-
-    def _advance(self, late: bool, inputs: str) -> str:
-        """One communication step in C."""
-        made, n = self.made, self.made.name
-        dt = self.code.out.number(made.dt)
-        if made.moves:
-            refusal = (
-                "    if (fabs(piece - dt) > 1e-9 * dt) {\n"
-                '        return "the drive is late: steps must be whole numbers of samples";\n'
-                "    }\n    piece = dt;\n"
-                if late
-                else ""
-            )
-            body = f"""    const double dt = {dt};
-    const double whole = fmax(1.0, ceil(step / dt - 1e-9));
-    double piece = step / whole;
-    if (!(step > 0.0) || whole > 1e8) {{
-        return "a step must be positive, and at most 10^8 samples";
-    }}
-{refusal}    m->switches = 0;
-    for (double k = 0.0; k < whole; k += 1.0) {{
-        dfc_move(&m->state, m->numbers, time + k * piece, piece, m->inputs[0], &m->output);
-        m->switches += m->state.count[0] + m->state.count[2];
-    }}
-    m->stale = true;
-"""
-        else:
-            body = f"""    const double dt = {dt};
-    const double end = (time + step - m->start) / dt - 1e-6;
-    if (!(step > 0.0) || step > 1e8 * dt) {{
-        return "a step must be positive, and at most 10^8 samples";
-    }}
-    for (; m->taken < end; m->taken += 1.0) {{
-        if (!{n}_step(&m->state{inputs}, &m->output)) {{
-            return "an input is no finite number";
-        }}
-    }}
-"""
-        return f"""static const char *model_step(model_t *m, double time, double step)
-{{
-{body}    m->time = time + step;
-    return NULL;
-}}
-"""
 
     @property
     def files(self) -> dict[str, str]:
         """Names and texts of the source."""
         n = self.made.name
-        wrapper = resources.files("dryfric_control.export").joinpath(
-            f"sources/fmi{self.major}.c"
-        )
         return {
-            f"fmi{self.major}.c": wrapper.read_text(encoding="utf-8"),
+            f"fmi{self.major}.c": _source(f"fmi{self.major}.c"),
             "model.c": self.model,
             f"{n}.c": self.code.source,
             f"{n}.h": self.code.header,
@@ -530,7 +376,9 @@ static const char *model_set(model_t *m, unsigned vr, double value)
             ]  # fmt: skip
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
             if done.returncode:
-                raise ValueError(f"{compiler} refuses the C of the FMU: {done.stderr.strip()[-600:]}")
+                raise ValueError(
+                    f"{compiler} refuses the C of the FMU: {done.stderr.strip()[-600:]}"
+                )
             return f"{place}/{name}", (Path(folder) / name).read_bytes()
 
     def description(self) -> str:
@@ -540,9 +388,7 @@ static const char *model_set(model_t *m, unsigned vr, double value)
         units = sorted({v.unit for v in self.variables} - {"1", ""} | {"s"})
         rotary = made.axis.units != ("m", "N")
         lines = ['<?xml version="1.0" encoding="UTF-8"?>']
-        identity = (
-            f'instantiationToken="{self.token}"' if three else f'guid="{self.token}"'
-        )
+        identity = f'instantiationToken="{self.token}"' if three else f'guid="{self.token}"'
         more = "" if three else ' variableNamingConvention="flat" numberOfEventIndicators="0"'
         lines.append(
             f'<fmiModelDescription fmiVersion="{self.version}" modelName="{made.name}" {identity} '
@@ -625,6 +471,11 @@ static const char *model_set(model_t *m, unsigned vr, double value)
             "    </SourceFileSet>\n"
             "  </BuildConfiguration>\n</fmiBuildDescription>\n"
         )
+
+
+def _source(name: str) -> str:
+    """Text of a file in the folder `sources`."""
+    return resources.files(__package__).joinpath("sources", name).read_text(encoding="utf-8")
 
 
 def _base_unit(unit: str, rotary: bool) -> str:

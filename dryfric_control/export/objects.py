@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import positive
+from dryfric_control.compensation import load_compensation
+from dryfric_control.compensation import storage as compensations
 from dryfric_control.compensation.design import Compensation
 from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
 from dryfric_control.export import entries
@@ -27,9 +31,13 @@ from dryfric_control.export.translate import (
 )
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import law_address
+from dryfric_control.observer import storage as designs
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.hybrid_filter import HybridFilter
 from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.observer.storage import load_design
+from dryfric_control.store.axis_file import read_axis
+from dryfric_control.store.files import existing_file
 
 Array = NDArray[Any]
 
@@ -187,6 +195,40 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
         )
     made = make(obj, step)
     return replace(made, name=_identifier(made.name if name is None else name, name is None))
+
+
+def read_exportable(path: str | os.PathLike[str]) -> Any:
+    """Read a saved axis, observer design or compensation, whichever the file holds.
+
+    Parameters
+    ----------
+    path : str or path
+        File of `write_axis`, or of the method `save` of a design or a compensation.
+
+    Returns
+    -------
+    FrictionAxis, ObserverDesign or Compensation
+
+    Raises
+    ------
+    ValueError
+        If the file holds none of these, or is damaged.
+    """
+    source = existing_file(path)
+    if source.suffix == ".toml":
+        return read_axis(source)
+    loaders = {compensations.KIND: load_compensation, designs.KIND: load_design}
+    try:
+        form = json.loads(source.read_text(encoding="utf-8")).get("format", "")
+    except (ValueError, AttributeError, RecursionError):
+        form = ""
+    for kind, load in loaders.items():
+        if form == f"dryfric-control {kind}":
+            return load(source)
+    raise ValueError(
+        f"{source} can not be exported: give an axis (TOML), or what `save` wrote of an observer "
+        "design or a compensation (JSON)"
+    )
 
 
 def _identifier(name: Any, of_axis: bool) -> str:

@@ -89,7 +89,12 @@ def compensated(law):
     """A compensation, its inputs, and what its kernel returns."""
     comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6, law=law)
     rows = dfc.motion_profile(
-        [0.0, 0.02, -0.01, 0.02, -0.01] * 3, 1e-3, velocity=0.08, acceleration=1.0, jerk=50.0, dwell=0.1
+        [0.0, 0.02, -0.01, 0.02, -0.01] * 3,
+        1e-3,
+        velocity=0.08,
+        acceleration=1.0,
+        jerk=50.0,
+        dwell=0.1,
     ).rows[:, :N]
     y = rows[0] + 1e-6 * np.round(np.random.default_rng(2).normal(0.0, 5.0, rows.shape[1]))
     memory, out = comp.controller.memory(), np.empty((2, rows.shape[1]))
@@ -149,7 +154,9 @@ def calls(source):
     """Functions of a C text, with those that each calls."""
     parts = re.split(r"^(?:static )?\w[\w ]*\*?\b(\w+)\([^;{]*\)\n\{$", source, flags=re.MULTILINE)
     bodies = dict(zip(parts[1::2], parts[2::2], strict=True))
-    return {name: {n for n in bodies if re.search(rf"\b{n}\(", body)} for name, body in bodies.items()}
+    return {
+        name: {n for n in bodies if re.search(rf"\b{n}\(", body)} for name, body in bodies.items()
+    }
 
 
 @needs_gcc
@@ -158,8 +165,12 @@ def test_no_heap_no_globals_no_recursion_and_bounded_loops(tmp_path):
     for obj in (axis, observed(LATE)[0], compensated("learned")[0]):
         source = export_c(obj, tmp_path)[1]
         text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
-        subprocess.run(["gcc", *native.FLAGS, "-c", str(source), "-o", str(tmp_path / "x.o")], check=True)
-        sizes = subprocess.run(["size", str(tmp_path / "x.o")], capture_output=True, text=True).stdout
+        subprocess.run(
+            ["gcc", *native.FLAGS, "-c", str(source), "-o", str(tmp_path / "x.o")], check=True
+        )
+        sizes = subprocess.run(
+            ["size", str(tmp_path / "x.o")], capture_output=True, text=True
+        ).stdout
         assert sizes.split()[7:9] == ["0", "0"]  # data and bss: no variable outlives a call
         assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|while|goto)\b", text)
         graph = calls(text)

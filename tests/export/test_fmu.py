@@ -45,7 +45,9 @@ class Unit:
             instanceName=name,
         )  # fmt: skip
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
-        self.whole = {v.name for v in self.description.modelVariables if v.type in ("Int32", "Integer")}
+        self.whole = {
+            v.name for v in self.description.modelVariables if v.type in ("Int32", "Integer")
+        }
         self.fmu.instantiate()
         self.values = dict(values)
         self.begin()
@@ -112,7 +114,12 @@ def test_fmpy_simulates_the_plant(stages, version):
     held = np.zeros(N, dtype=[("time", float), ("u", float)])
     held["time"], held["u"] = np.arange(N) * DT, U
     result = fmpy.simulate_fmu(
-        str(stages[version]), stop_time=1.0, step_size=DT, output_interval=DT, input=held, output=["x", "v", "switches"]
+        str(stages[version]),
+        stop_time=1.0,
+        step_size=DT,
+        output_interval=DT,
+        input=held,
+        output=["x", "v", "switches"],
     )
     expected = STAGE.simulate(U[:1001], DT)
     for name, row in (("x", 0), ("v", 1)):
@@ -166,7 +173,11 @@ def test_parameters_are_those_of_the_axis(stages, tmp_path):
         "cogging_phase": 0.5, "dwell_time_rise": 0.4, "dwell_time_time_constant": 0.5,
     }  # fmt: skip
     unit = Unit(stages["3.0"], tmp_path, values)
-    starts = {v.name: float(v.start) for v in unit.description.modelVariables if v.start and v.type == "Float64"}
+    starts = {
+        v.name: float(v.start)
+        for v in unit.description.modelVariables
+        if v.start and v.type == "Float64"
+    }
     assert starts["mass"] == 2.0 and starts["cogging_period"] == 0.01
     assert np.abs(run(unit, U) - changed.simulate(U, DT).y).max() < 1e-9
 
@@ -203,7 +214,9 @@ def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path, version)
         export_fmu(design, tmp_path / "obs.fmu", version),
     ]
     assert [validate_fmu(str(file)) for file in files] == [[], []]
-    move = dfc.motion_profile([0.0, 0.01, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05)
+    move = dfc.motion_profile(
+        [0.0, 0.01, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
+    )
     expected = dfc.simulate_loop(STAGE, comp.controller, move, quantum=1e-6)
     plant, control, watch = (
         Unit(path, tmp_path / str(i)) for i, path in enumerate([stages[version], *files])
@@ -238,7 +251,10 @@ def test_the_hybrid_filter_is_valid(tmp_path, version):
 def test_the_same_object_gives_the_same_file(tmp_path):
     comp = dfc.hybrid_filter(STAGE, DT, 1e-6)
     files = [export_fmu(comp, tmp_path / f"{i}.fmu") for i in range(2)]
-    assert fmpy.read_model_description(str(files[0])).guid == fmpy.read_model_description(str(files[1])).guid
+    assert (
+        fmpy.read_model_description(str(files[0])).guid
+        == fmpy.read_model_description(str(files[1])).guid
+    )
 
 
 @pytest.mark.parametrize(
@@ -247,7 +263,7 @@ def test_the_same_object_gives_the_same_file(tmp_path):
         ({"version": "1.0"}, 'version must be "3.0" or "2.0"'),
         ({"path": "stage.zip"}, "must be a file that ends in .fmu"),
         ({"path": "nowhere/stage.fmu"}, "make it first"),
-        ({"path": None}, "path must be a path"),
+        ({"path": None}, "path must be a file name"),
         ({"name": "2 fast"}, "is no C identifier"),
         ({"obj": "stage"}, "obj must be a FrictionAxis"),
     ],

@@ -151,6 +151,7 @@ class Function:
     used: tuple[bool, ...]
     pure: bool
     cost: Counter[str]
+    known: Any = None  # what it returns, where that is known
 
 
 _KEYWORDS = frozenset(
@@ -289,9 +290,13 @@ class Translator:
         ]
         for n in sorted(self.powers):
             helpers.append(_power(n))
-        return "\n".join(
-            [*self.records.values(), *helpers, *(f.text for f in self.functions.values())]
-        )
+        # What was decided here leaves functions that nothing calls.
+        called, kept = {"dfc_sample", "dfc_look"}, []
+        for function in reversed(self.functions.values()):
+            if function.name in called and function.text:
+                kept.append(function.text)
+                called |= set(re.findall(r"\bdfc_\w+", function.text))
+        return "\n".join([*self.records.values(), *helpers, *reversed(kept)])
 
     def function(self, source: Any, kinds: tuple[Kind, ...], name: str = "") -> Function:
         """C function of a kernel for arguments of these types."""
@@ -370,11 +375,14 @@ class _Body:
             self.bound: dict[str, Value] = {}
             self.declared: set[str] = set()
             self.late: dict[str, Kind] = {}
+            self.unrolling_seen = False
+            self.returned: list[Any] = []
             self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
             for name, kind in self.kinds.items():
                 if kind.erased and name in self.once:
                     self.bound[name] = self.erased(kind)
             cost = self.block(self.node.body)
+            self.results = set(self.returned)
             self.read = _read(self.lines)
             self.dead = {n for n in self.vars if _c(n) not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
@@ -384,7 +392,7 @@ class _Body:
         used = tuple(_c(n) in self.read and n not in self.bound for n in self.parameters)
         returns = self.returns or NOTHING
         given = ", ".join(
-            self.out.declared(self.kinds[n], _c(n))
+            self.out.declared(self.parameter(n), _c(n))
             for n, u in zip(self.parameters, used, strict=True)
             if u
         )
@@ -394,14 +402,53 @@ class _Body:
         head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
         if returns.erased:
             return Function(self.name, "", returns, used, True, cost)
-        late = [
-            f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
-            for n, kind in self.late.items()
-            if n not in self.dead
-        ]
-        body = "\n".join(_wrapped(line) for line in [*late, *self.lines])
+        for n, kind in self.late.items():
+            if n not in self.dead:
+                self.place(n, kind)
+        body = "\n".join(_wrapped(line) for line in self.lines)
         text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
-        return Function(self.name, text, returns, used, self.pure, cost)
+        known = self.results.pop() if len(self.results) == 1 and self.pure else None
+        return Function(self.name, text, returns, used, self.pure, cost, known)
+
+    def parameter(self, name: str) -> Kind:
+        """Type of a parameter; an address that is only read through is one of constants."""
+        kind, c = self.kinds[name], _c(name)
+        if not isinstance(kind, Pointer) or kind.constant:
+            return kind
+        lines = [_bare(line) for line in self.lines]
+        if any(re.search(rf"\b{c}\b(?!\[)|^\s*{c}\[.*\] [-+*/]?= ", line) for line in lines):
+            return kind
+        return Pointer("p", kind.element, True)
+
+    def place(self, name: str, kind: Kind) -> None:
+        """Declare a variable that is first stored inside a block, in the smallest block it has."""
+        c, paths = _c(name), _paths(self.lines)
+        found = [i for i, line in enumerate(self.lines) if _uses(_bare(line), {c})]
+        if not found:
+            return
+        block = paths[found[0]]
+        for i in found:
+            block = _shared(block, paths[i])
+        first, declaration = found[0], self.out.declared(kind, c)
+        line = self.lines[first]
+        start = re.match(rf"(\s*){c} = ", line)
+        if start and paths[first] == block:
+            once = name in self.once and not self.unrolling_seen
+            constant = "const " if once and not isinstance(kind, (Pointer, Axis)) else ""
+            self.lines[first] = f"{start[1]}{constant}{declaration} = {line[start.end() :]}"
+            return
+        # What a loop carries from turn to turn is declared outside of it.
+        for depth, opened in enumerate(block):
+            if self.lines[opened].lstrip().startswith("for "):
+                block = block[:depth]
+                break
+        before = max(
+            i
+            for i in range(first + 1)
+            if paths[i] == block and not self.lines[i].lstrip().startswith("}")
+        )
+        indent = "    " * (len(block) + 1)
+        self.lines.insert(before, f"{indent}{declaration} = {self.zero(kind)};")
 
     def zero(self, kind: Kind) -> str:
         """Something to start from, never read."""
@@ -473,6 +520,7 @@ class _Body:
             self.emit("return;")
             return
         value = self.value(node.value)
+        self.returned.append(value.known)
         plain = _plain(value.kind)
         self.returns = plain if self.returns is None else unified(self.returns, plain)
         if not self.returns.erased:
@@ -703,6 +751,7 @@ class _Body:
             raise self.fail(node, "break and continue in a loop over laws")
         cost: Counter[str] = Counter()
         self.unrolling += 1
+        self.unrolling_seen = True
         for i in turns:
             self.bound[node.target.id] = Value(str(i), INT, i)
             cost += self.block(node.body)
@@ -1082,6 +1131,8 @@ class _Body:
             self.pure = False
         if made.returns.erased:
             return self.erased(made.returns)
+        if made.known is not None:
+            return self.constant(made.known, node)
         texts = [
             self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
         ]
@@ -1142,14 +1193,38 @@ def _calls_law(node: ast.For) -> bool:
     return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
 
 
+def _bare(line: str) -> str:
+    """A C line without comments and names of members."""
+    return re.sub(r"/\*.*?\*/|\.[A-Za-z_]\w*", " ", line)
+
+
 def _read(lines: list[str]) -> set[str]:
     """Words of C lines that are read, and not stored to alone."""
     words: set[str] = set()
     for line in lines:
-        text = re.sub(r"/\*.*?\*/|\.[A-Za-z_]\w*", " ", line)
+        text = _bare(line)
         stored = re.match(r"\s*(?:[\w*]+ \*?)*?(\w+) [-+*/]?= (.*)", text)
         words |= set(re.findall(r"[A-Za-z_]\w*", stored[2] if stored else text))
     return words
+
+
+def _paths(lines: list[str]) -> list[tuple[int, ...]]:
+    """Lines that open the blocks in which each line stands."""
+    paths: list[tuple[int, ...]] = []
+    path: tuple[int, ...] = ()
+    for i, line in enumerate(lines):
+        if line.lstrip().startswith("}"):
+            path = path[:-1]
+        paths.append(path)
+        if line.endswith("{"):
+            path = (*path, i)
+    return paths
+
+
+def _shared(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
+    """The blocks in which both stand."""
+    n = next((i for i, (p, q) in enumerate(zip(a, b, strict=False)) if p != q), min(len(a), len(b)))
+    return a[:n]
 
 
 def _hashable(value: Any) -> bool:

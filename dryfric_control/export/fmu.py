@@ -63,7 +63,7 @@ def export_fmu(
     name: str | None = None,
     dt: float | None = None,
 ) -> Path:
-    """Write an axis, an observer or a compensation as an FMU for co-simulation.
+    """Write an axis, an observer or a compensation as an FMU.
 
     Parameters
     ----------
@@ -107,7 +107,12 @@ def export_fmu(
     --------
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, name="stage")
-    >>> dfc.export_fmu(axis, "stage.fmu")                     # doctest: +SKIP
+    >>> dfc.export_fmu(axis, "stage.fmu", version="2.0")      # doctest: +SKIP
+    PosixPath('stage.fmu')
+    >>> dfc.export_fmu(axis, "stage.zip")
+    Traceback (most recent call last):
+    ...
+    ValueError: path must be a file that ends in .fmu, got 'stage.zip'
     """
     if version not in VERSIONS:
         raise ValueError(f'version must be "3.0" or "2.0", got {version!r}')

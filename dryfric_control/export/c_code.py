@@ -63,6 +63,8 @@ def export_c(
     (``-ffp-contract=off``), in double precision, it returns the bits of the kernels where
     both call the same mathematical library.
 
+    The switched observer is exported with ``switching="reading"``, see `pi_observer`.
+
     Nothing is allocated, no variable is global, no function calls itself, and every loop is
     bounded.  Single precision shifts the tolerances of the axis from 3e-9 to 1e-4.
 

@@ -262,6 +262,7 @@ class Variable:
     low: float = -math.inf
     high: float = math.inf
     whole: bool = False
+    fixed: bool = False  # set before the start alone
 
 
 class Model:
@@ -299,7 +300,10 @@ class Model:
         if made.moves:
             words = "switches located in the last step"
             rows.append(Variable("switches", "1", words, "output", whole=True))
-        rows += [Variable(s.name, s.unit, s.meaning, "parameter", 0.0) for s, _ in made.starts]
+        rows += [
+            Variable(s.name, s.unit, s.meaning, "parameter", 0.0, fixed=True)
+            for s, _ in made.starts
+        ]
         rows += [
             Variable(p.name, p.unit, p.meaning, "parameter", p.value, p.low, p.high)
             for p in self.parameters
@@ -446,7 +450,7 @@ class Model:
         variability = {
             "input": "continuous" if continuous else "discrete",
             "output": "discrete" if v.whole or not continuous else "continuous",
-            "parameter": "tunable" if v.start is not None and not v.name.endswith("0") else "fixed",
+            "parameter": "fixed" if v.fixed else "tunable",
         }[v.causality]
         kind = ("Int32" if v.whole else "Float64") if three else "Integer" if v.whole else "Real"
         initial = {"input": "", "output": ' initial="calculated"', "parameter": ' initial="exact"'}

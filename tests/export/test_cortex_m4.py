@@ -148,6 +148,7 @@ def test_the_observer_is_the_same_on_a_cortex_m4(tmp_path):
     assert np.array_equal(out, code.run(U, Y)[0])
 
 
+@pytest.mark.slow
 def test_the_filter_and_the_compensation_are_the_same_but_for_the_library(tmp_path):
     made = dfc.hybrid_filter(AXIS, 1e-3, 1e-6)
     expected = np.empty((N, hybrid_filter.OUTPUTS))

@@ -38,7 +38,8 @@ def axis_case(rng, n, structure=False):
 def observer_case(rng, n):
     """A design for a random axis, with the reading of a mismatched plant."""
     axis = native.random_axis(rng)
-    design = dfc.design_pi_observer(axis, dt=DT, encoder_quantum=QUANTUM)
+    form = str(rng.choice(["current", "prediction"]))
+    design = dfc.design_pi_observer(axis, dt=DT, encoder_quantum=QUANTUM, form=form)
     u = native.random_drive(rng, n)
     truth = native.mismatched(axis, rng).simulate(u, DT).y
     y = QUANTUM * np.round(truth[0] / QUANTUM)
@@ -59,8 +60,9 @@ def filter_case(rng, n):
     return made, (u, y), out.T, truth
 
 
-def compensation_case(rng, n, law="learned"):
+def compensation_case(rng, n):
     """A compensation in a loop with a mismatched plant, its samples taken again."""
+    law = str(rng.choice(["learned", "learned", "fixed", "pid", "disturbance observer", "adrc"]))
     while True:
         axis = native.random_axis(rng)
         axis = axis.replace(effects=[e for e in axis.effects if e.slug not in _HARD])

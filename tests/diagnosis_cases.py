@@ -44,7 +44,8 @@ def believed(case: Case) -> dfc.FrictionAxis:
 
 def record(case: Case) -> dfc.Record:
     """What the user measured: time, force, encoder reading, and no more."""
-    return dfc.Record(case.t, case.u, case.x)
+    make = dfc.Record.from_irregular if case.condition == "jitter" else dfc.Record
+    return make(case.t, case.u, case.x)
 
 
 def foreign(causes: list[str]) -> list[str]:

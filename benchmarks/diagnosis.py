@@ -155,7 +155,10 @@ def keys(options: argparse.Namespace) -> list[Key]:
         for condition in dict.fromkeys(
             name for given in options.conditions for name in GROUPS.get(given, (given,))
         )
-        for what in kinds[condition]
+        for what in (
+            *kinds[condition],
+            *(truth.ADDED if options.effects and condition != MACHINE else ()),
+        )
         if not options.effects or what in options.effects
         for seed in range(options.seeds * (CLEAN_PER_SEED if what == CLEAN else 1))
     ]
@@ -271,7 +274,7 @@ def outcome(rows: list[Row], condition: str) -> None:
     hidden = [r for r in rows if r["what"] != CLEAN]
     clean = [r for r in rows if r["what"] == CLEAN]
     print(f"\n{condition}: what was named, by truth")
-    for what in (*truth.EFFECTS, CLEAN):
+    for what in (*truth.EFFECTS, *truth.ADDED, CLEAN):
         group = [r for r in rows if r["what"] == what]
         if group:
             print(f"  {what:20s} {_told(Counter(answer(r) for r in group))}")
@@ -309,12 +312,12 @@ def _failures(rows: list[Row]) -> None:
 
 def report(rows: list[Row], condition: str) -> None:
     """Print everything about one blind condition."""
-    single = [r for r in rows if r["what"] in truth.EFFECTS]
+    single = [r for r in rows if r["what"] in (*truth.EFFECTS, *truth.ADDED)]
     clean = [r for r in rows if r["what"] == CLEAN]
     pairs = [r for r in rows if r["what"] == PAIR]
     outside = [r for r in rows if r["what"] == OUTSIDE]
     print(f"\n{condition}: what was named, by truth (best existing way in brackets)")
-    for what in (*truth.EFFECTS, CLEAN, OUTSIDE):
+    for what in (*truth.EFFECTS, *truth.ADDED, CLEAN, OUTSIDE):
         group = [r for r in rows if r["what"] == what]
         if group:
             ours = _told(Counter(answer(r) for r in group))
@@ -441,7 +444,7 @@ def main() -> None:
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS),
                         choices=[*CONDITIONS, *GROUPS])  # fmt: skip
     parser.add_argument("--effects", nargs="+",
-                        choices=[*truth.EFFECTS, CLEAN, PAIR, OUTSIDE, MACHINE],
+                        choices=[*truth.EFFECTS, *truth.ADDED, CLEAN, PAIR, OUTSIDE, MACHINE],
                         help="effects and kinds of records (default: all)")  # fmt: skip
     parser.add_argument("--jobs", type=int, default=2, help="records at the same time")
     parser.add_argument("--store", type=Path, default=Path("diagnosis.jsonl"))

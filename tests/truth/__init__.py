@@ -5,6 +5,7 @@ axes, encoders, controllers and hidden effects and returns the record, `recorder
 spoils what a logger writes down of it.
 """
 
+from .bands import ADDED
 from .bench import (
     CONDITIONS,
     EFFECTS,
@@ -21,6 +22,7 @@ from .plant import Plant, closed_loop, free_runs, open_loop
 from .recorder import RECORDERS
 
 __all__ = [
+    "ADDED",
     "CONDITIONS",
     "EFFECTS",
     "EQUAL",

@@ -53,6 +53,14 @@ FIELDS: dict[str, dict[str, str]] = {
 }
 EFFECTS = tuple(FIELDS)
 
+# In the catalogue, but drawn for no blind pair and no machine: these stay as they are.
+ADDED_FIELDS: dict[str, dict[str, str]] = {
+    "warm_up": {"rise": "warm_rise", "time_constant": "warm_time"},
+    "stribeck_asymmetry": {"difference": "excess_difference", "speed": "difference_speed"},
+    "load_asymmetry": {"coefficient": "load_difference"},
+}
+ADDED = tuple(ADDED_FIELDS)
+
 OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
     "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
     "impacts": {},
@@ -182,6 +190,20 @@ class Bands:
         if slug == "saturation":
             least = 1.2 * force * (1.0 + (axis["stribeck"] or {"excess": 0.0})["excess"])
             return {"limit": max(float(uniform(0.6, 0.85)) * self.peak / stretch, least)}
+        if slug == "warm_up":
+            return {
+                "rise": float(uniform(0.15, 0.5) * stretch),
+                "time_constant": float(uniform(0.1, 0.3)) * record,
+            }
+        if slug == "stribeck_asymmetry":
+            difference = signed(0.15, 0.4) * stretch
+            least = slowest(abs(difference), force, axis["mass"])
+            return {
+                "difference": difference,
+                "speed": max(float(uniform(0.006, 0.025) * scale), least),
+            }
+        if slug == "load_asymmetry":
+            return {"coefficient": signed(0.05, 0.2) * stretch}
         return {
             "amplitude": float(uniform(0.1, 0.3) * stretch) * force,
             "frequency": float(uniform(0.5, 8.0)),

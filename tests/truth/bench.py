@@ -25,7 +25,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bands import DT, EFFECTS, FIELDS, OUTSIDE, OUTSIDE_FIELDS, Bands, Effects, slowest
+from .bands import (
+    ADDED,
+    ADDED_FIELDS,
+    DT,
+    EFFECTS,
+    FIELDS,
+    OUTSIDE,
+    OUTSIDE_FIELDS,
+    Bands,
+    Effects,
+    slowest,
+)
 from .plant import Plant, closed_loop, free_runs
 from .recorder import RECORDERS, noisy, recorded
 from .reference import make_reference, make_runs
@@ -132,7 +143,7 @@ def make_case(
     if condition in RECORDERS:
         return _spoiled(make_case(effects, seed), condition)
     slugs = (effects,) if isinstance(effects, str) else tuple(effects)
-    known = FIELDS | OUTSIDE_FIELDS
+    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
     for slug in slugs:
         if slug not in known:
             raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(known)}")
@@ -268,7 +279,7 @@ def _plant(axis: Mapping[str, Any], truth: Mapping[str, Mapping[str, float]]) ->
     if axis["stribeck"] is not None:
         values["excess"] = axis["stribeck"]["excess"]
         values["stribeck_speed"] = axis["stribeck"]["speed"]
-    known = FIELDS | OUTSIDE_FIELDS
+    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
     for slug, parameters in truth.items():
         for name, value in parameters.items():
             if name in known[slug]:
@@ -292,7 +303,15 @@ def _substeps(plant: Plant) -> int:
 
 
 def _twins(axis: Mapping[str, Any], truth: Effects) -> dict[str, tuple[str, ...]]:
-    even = {"stribeck", "position_dependence", "presliding", "drift", "backlash", "compliance"}
+    even = {
+        *ADDED,
+        "stribeck",
+        "position_dependence",
+        "presliding",
+        "drift",
+        "backlash",
+        "compliance",
+    }
     if axis["stribeck"] is None and "bias_force" in truth and not even & set(truth):
         return {"bias_force": ("coulomb_asymmetry",)}
     return {}

@@ -51,6 +51,12 @@ Friction sits on the load because that is where guide, seals and ways are; the
 encoder sits on the motor because that is where most axes carry it.
 Drive chain: delay, saturation, lag, gain, dead zone, in this order.
 
+Added to the catalogue later, and no part of the blind conditions:
+
+    warm_up             g = Fc (1 + rise exp(-t/time_constant)) S
+    stribeck_asymmetry  g + s Fc difference exp(-(v/speed)^2); breakaway: at v = 0
+    load_asymmetry      g + s coefficient |w|
+
 Outside the product's catalogue:
 
     local_defect        g multiplied by 1 + height exp(-((x - place)/width)^2)
@@ -125,6 +131,11 @@ class Plant(NamedTuple):
     eccentricity: float = 0.0
     eccentricity_period: float = 1.0
     eccentricity_phase: float = 0.0
+    load_difference: float = 0.0
+    excess_difference: float = 0.0
+    difference_speed: float = 1.0
+    warm_rise: float = 0.0
+    warm_time: float = 1.0
 
 
 # State vector: motor position and speed, load position and speed, presliding
@@ -163,6 +174,8 @@ def _level(p, t, x, speed, w, s, wander):
         g *= 1.0 + p.slope * q + p.curvature * q * q
     if p.drift != 0.0:
         g *= 1.0 + p.drift * t
+    if p.warm_rise != 0.0:
+        g *= 1.0 + p.warm_rise * exp(-t / p.warm_time)
     if p.defect != 0.0:
         g *= 1.0 + p.defect * exp(-(((x - p.defect_place) / p.defect_width) ** 2))
     if p.excess != 0.0:
@@ -172,7 +185,13 @@ def _level(p, t, x, speed, w, s, wander):
             ratio = (speed - p.stick_speed) / p.stribeck_speed
             if ratio < 6.0:
                 g *= 1.0 + p.excess * exp(-ratio * ratio)
-    return g + p.load * abs(w)
+    g += p.load * abs(w)
+    if p.excess_difference != 0.0:
+        ratio = max(speed, 0.0) / p.difference_speed
+        g += s * p.coulomb * p.excess_difference * exp(-ratio * ratio)
+    if p.load_difference != 0.0:
+        g += s * p.load_difference * abs(w)
+    return max(g, 0.0)
 
 
 @njit(cache=True)

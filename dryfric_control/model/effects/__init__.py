@@ -33,8 +33,11 @@ from dryfric_control.model.effects.levels import (
     CoulombAsymmetry,
     Drift,
     DwellTime,
+    LoadAsymmetry,
     LoadDependence,
     PositionDependence,
+    StribeckAsymmetry,
+    WarmUp,
 )
 
 __all__ = [
@@ -54,16 +57,19 @@ __all__ = [
     "Inner",
     "InputDelay",
     "InputGain",
+    "LoadAsymmetry",
     "LoadDependence",
     "PositionDependence",
     "Presliding",
     "QuadraticDrag",
     "Saturation",
     "Spring",
+    "StribeckAsymmetry",
     "StribeckPeak",
     "TimePeriodic",
     "ViscousAsymmetry",
     "ViscousFriction",
+    "WarmUp",
     "parameter",
     "register_effect",
 ]

@@ -185,6 +185,7 @@ def innovations(
     memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
     if structure != 0:
         step.settle(plant, t0, dt, m, u[0])
+    step.place(plant, t0, dt, y[0], m)
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
@@ -302,7 +303,7 @@ def innovations(
         x, v = memory[step.X], memory[step.V]
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
-            e = y[k] - x
+            e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
             out[0, k], out[1, k] = e, s
             ratio = e * e / s

@@ -58,17 +58,18 @@ ADDED_FIELDS: dict[str, dict[str, str]] = {
     "warm_up": {"rise": "warm_rise", "time_constant": "warm_time"},
     "stribeck_asymmetry": {"difference": "excess_difference", "speed": "difference_speed"},
     "load_asymmetry": {"coefficient": "load_difference"},
+    "eccentric_encoder": {
+        "amplitude": "eccentricity",
+        "period": "eccentricity_period",
+        "phase": "eccentricity_phase",
+    },
+    "load_encoder_backlash": {"gap": "gap", "load_fraction": "load_fraction"},
 }
 ADDED = tuple(ADDED_FIELDS)
 
 OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
     "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
     "impacts": {},
-    "eccentricity": {
-        "amplitude": "eccentricity",
-        "period": "eccentricity_period",
-        "phase": "eccentricity_phase",
-    },
     "lost_steps": {},
     "end_stop": {"stiffness": "stop_stiffness", "place": "stop_place"},
     "wandering_friction": {},
@@ -165,7 +166,13 @@ class Bands:
             }
         if slug == "presliding":
             return {"distance": float(uniform(20e-6, 70e-6) * stretch * micro) * scale}
-        if slug == "backlash":
+        if slug == "eccentric_encoder":
+            return {
+                "amplitude": float(uniform(30e-6, 150e-6) * stretch * micro) * scale,
+                "period": float(uniform(0.02, 0.08)) * span,
+                "phase": phase,
+            }
+        if slug in ("backlash", "load_encoder_backlash"):
             return {
                 "gap": float(uniform(60e-6, 250e-6) * stretch * micro) * scale,
                 "load_fraction": float(uniform(0.3, 0.7)),
@@ -233,12 +240,6 @@ class Bands:
                 size = self._signed(1.5, 4.0) * force * stretch
                 self.push[start : start + length] += size * burst
             return {"count": float(count)}
-        if slug == "eccentricity":
-            return {
-                "amplitude": float(uniform(30e-6, 150e-6) * stretch) * scale * micro,
-                "period": float(uniform(0.02, 0.08)) * span,
-                "phase": float(uniform(0.0, 2.0 * np.pi)),
-            }
         if slug == "lost_steps":
             self.offset[:] = 0.0
             count = int(rng.integers(3, 7))

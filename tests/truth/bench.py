@@ -147,7 +147,7 @@ def make_case(
     for slug in slugs:
         if slug not in known:
             raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(known)}")
-    if {"backlash", "compliance"} <= set(slugs):
+    if len({"backlash", "compliance", "load_encoder_backlash"} & set(slugs)) > 1:
         raise ValueError("effects: the bench has one transmission: backlash or compliance")
     if condition not in CONDITIONS:
         known_conditions = ", ".join((*CONDITIONS, *RECORDERS))
@@ -284,7 +284,8 @@ def _plant(axis: Mapping[str, Any], truth: Mapping[str, Mapping[str, float]]) ->
         for name, value in parameters.items():
             if name in known[slug]:
                 values[known[slug][name]] = value
-    if "backlash" in truth:
+    values["load_encoder"] = float("load_encoder_backlash" in truth)
+    if {"backlash", "load_encoder_backlash"} & set(truth):
         # Contact: the Coulomb level bends it by 2e-6 of the travel (0.6 um of
         # 0.3 m), damping ratio 0.7: next to rigid, next to no rebound.
         share = values["load_fraction"]

@@ -56,12 +56,13 @@ Added to the catalogue later, and no part of the blind conditions:
     warm_up             g = Fc (1 + rise exp(-t/time_constant)) S
     stribeck_asymmetry  g + s Fc difference exp(-(v/speed)^2); breakaway: at v = 0
     load_asymmetry      g + s coefficient |w|
+    eccentric_encoder   the encoder reads x + amplitude sin(2 pi x/period + phase)
+    load_encoder_backlash  as backlash, the encoder reads the load's position
 
 Outside the product's catalogue:
 
     local_defect        g multiplied by 1 + height exp(-((x - place)/width)^2)
     impacts             e = short force bursts at random moments
-    eccentricity        the encoder reads x + amplitude sin(2 pi x/period + phase)
     lost_steps          the encoder's reading jumps and stays off
     end_stop            e = - stiffness max(0, x - place)^2
     wandering_friction  g multiplied by 1 + a slow random process
@@ -136,12 +137,22 @@ class Plant(NamedTuple):
     difference_speed: float = 1.0
     warm_rise: float = 0.0
     warm_time: float = 1.0
+    load_encoder: float = 0.0  # 1: the encoder is on the load
 
 
 # State vector: motor position and speed, load position and speed, presliding
 # deflection, time at rest, force behind the actuator lag.
 X, V, XL, VL, Z, REST, LAG = range(7)
 NSTATES = 7
+
+
+@njit(cache=True)
+def _read(p, state):
+    """Position that an encoder without quantum and noise reads."""
+    x = state[XL] if p.load_encoder != 0.0 else state[X]
+    if p.eccentricity != 0.0:
+        x += p.eccentricity * sin(2.0 * pi * x / p.eccentricity_period + p.eccentricity_phase)
+    return x
 
 
 @njit(cache=True)
@@ -377,11 +388,7 @@ def closed_loop(
     total = 0.0
     for k in range(n):
         states[k] = state
-        reading = state[X] + noise[k]
-        if p.eccentricity != 0.0:
-            reading += p.eccentricity * sin(
-                2.0 * pi * state[X] / p.eccentricity_period + p.eccentricity_phase
-            )
+        reading = _read(p, state) + noise[k]
         if quantum > 0.0:
             reading = quantum * floor(reading / quantum + 0.5)
         y[k] = reading + offset[k]
@@ -413,7 +420,7 @@ def open_loop(p, u, dt, substeps, start):
 
 @njit(cache=True)
 def free_runs(p, u, dt, substeps, true, window):
-    """Motor positions of p, restarted from the true state every `window` samples."""
+    """Readings of p, restarted from the true state every `window` samples."""
     n = u.size
     x = np.zeros(n)
     state = true[0].copy()
@@ -422,7 +429,7 @@ def free_runs(p, u, dt, substeps, true, window):
             force = state[LAG]
             state[:] = true[k]
             state[LAG] = force
-        x[k] = state[X]
+        x[k] = _read(p, state)
         before, now = _delayed(p, u, k, dt)
         _advance(p, state, k * dt, dt, substeps, before, now, 0.0, 0.0)
     return x

@@ -19,7 +19,13 @@ from dryfric_control.model.effects.effect import (
     parameter,
     register_effect,
 )
-from dryfric_control.model.effects.elastic import Backlash, Compliance, Presliding
+from dryfric_control.model.effects.elastic import (
+    Backlash,
+    Compliance,
+    LoadEncoderBacklash,
+    Presliding,
+)
+from dryfric_control.model.effects.encoder import EccentricEncoder
 from dryfric_control.model.effects.forces import (
     BiasForce,
     Cogging,
@@ -51,6 +57,7 @@ __all__ = [
     "DeadZone",
     "Drift",
     "DwellTime",
+    "EccentricEncoder",
     "Effect",
     "Gravity",
     "Inertia",
@@ -59,6 +66,7 @@ __all__ = [
     "InputGain",
     "LoadAsymmetry",
     "LoadDependence",
+    "LoadEncoderBacklash",
     "PositionDependence",
     "Presliding",
     "QuadraticDrag",

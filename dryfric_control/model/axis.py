@@ -888,7 +888,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         axis_step.CONTACT * (inner.contact > 0.0)
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
-        | axis_step.ON_LOAD * bool(behind and inner.on_load)
+        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
     )
     task = elastic.inner_task() if structure else axis_step.rigid_task()
     integers = [

@@ -178,8 +178,8 @@ class Inner(NamedTuple):
         Of an elastic transmission between them [N/m], [N s/m].
     load_fraction : float
         Share of the mass behind play or transmission.
-    on_load : bool
-        Whether the encoder is on the load, behind play or transmission.
+    on_load : float
+        1 if the encoder is on the load, behind play or transmission.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class Inner(NamedTuple):
     stiffness: float = 0.0
     damping: float = 0.0
     load_fraction: float = 0.0
-    on_load: bool = False
+    on_load: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ class Backlash(Effect):
     action = "transmission"
     depends_on_place = False
     remembers = True
-    rank = 20
+    rank = 20.0
     explanation = (
         "There is play between motor and load: after each reversal the motor runs free, then "
         "strikes the load."
@@ -204,7 +204,7 @@ class LoadEncoderBacklash(Backlash):
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load, which is what is read.
-        return super().inner(axis)._replace(on_load=True)
+        return super().inner(axis)._replace(on_load=1.0)
 
 
 @register_effect

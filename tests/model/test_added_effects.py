@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import control as ct
 import numpy as np
 import pytest
 from diagnosis_cases import believed, record
@@ -85,3 +86,27 @@ def test_diagnosed(slug):
     with registry(cls, *rivals):
         found = dfc.diagnose(believed(case), record(case), jobs=1)
     assert [cause.effect for cause in found.causes] == [slug], str(found)
+
+
+def test_every_face_reads_alike():
+    encoder = fx.EccentricEncoder(amplitude=2e-4, period=0.01, phase=0.5)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(encoder,))
+    u = 20.0 * np.sin(30.0 * DT * np.arange(200))
+    run = axis.simulate(u, DT)
+    true = axis.replace(effects=()).simulate(u, DT).y[0]
+    wave = 2e-4 * np.sin(2.0 * np.pi * true / 0.01 + 0.5)
+    np.testing.assert_allclose(run.y[0], true + wave, rtol=0, atol=1e-15)
+    block = ct.input_output_response(dfc.axis_block(axis, DT), run.t, u)
+    np.testing.assert_allclose(block.outputs[0], run.y[0], rtol=0, atol=1e-15)
+    stepper = axis.stepper(DT)
+    for k in range(100):
+        stepper.step(u[k])
+    assert stepper.x == pytest.approx(run.y[0, 100], abs=1e-15)
+    # A loop follows the reading: the axis itself comes to rest elsewhere.
+    loop = dfc.PositionController(kp=2500.0, ki=5000.0, kd=110.0, dt=DT, limit=60.0)
+    closed = dfc.simulate_loop(axis, loop, np.full(2000, 0.0133))
+    assert closed.y[5, -1] == pytest.approx(closed.y[0, -1], abs=1e-12)
+    with pytest.raises(ValueError, match="no place for the effect 'eccentric_encoder', which acts"):
+        dfc.switched_axis(axis, DT)
+    with pytest.raises(ValueError, match="no place for the effect 'eccentric_encoder'"):
+        axis.simulate(u, DT, law=dfc.laws.Tanh(speed=1e-3))

@@ -169,7 +169,8 @@ def innovations(
     n = y.shape[0]
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
-    two = structure & (step.PLAY | step.SPRING) != 0
+    on_load = structure & step.ON_LOAD != 0
+    two = structure & (step.PLAY | step.SPRING) != 0 and not on_load
     plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
     inverse = numbers[step.INVERSE_MOTOR] if two else numbers[step.INVERSE_MASS]
     before, points = np.empty(size), np.empty((2, 3))
@@ -196,6 +197,8 @@ def innovations(
         t = t0 + (k - 1) * dt
         end = u[k] if first else u[k - 1]
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
+        if on_load:
+            v += memory[step.SLIP]
         if mode == 0 and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
         sliding = mode != 0

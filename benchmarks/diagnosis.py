@@ -109,7 +109,7 @@ def run(key: Key, code: str) -> Row:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", dfc.RecordWarning)  # spoiled on purpose
             axis, measured = believed(case), [record(c) for c in cases]
-        several = "records" in inspect.signature(diagnose).parameters
+        several = "known" in inspect.signature(diagnose).parameters
         found = diagnose(axis, measured if several and len(cases) > 1 else measured[0], jobs=1)
     except Exception:  # a run of hours must not end with one record
         return row | {

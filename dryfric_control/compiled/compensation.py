@@ -388,7 +388,7 @@ def run_loop(numbers, integers, state, law, memory, reference, disturbance, quan
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
             count[axis_step.HELD] = events.shape[0] // 3
-        y = encode(state[axis_step.X], quantum)
+        y = encode(axis_step.reading(plant, k * dt, at), quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
         advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)

@@ -13,7 +13,7 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control import effects as fx
 from dryfric_control.compensation.certificate import loop_matrices
-from dryfric_control.compensation.design import LAWS
+from dryfric_control.compensation.tuning import LAWS
 from dryfric_control.model.profiles import MotionProfile
 
 matplotlib.use("Agg")
@@ -262,7 +262,7 @@ def test_linear_loop_is_that_of_the_simulation(law, delay):
     push[0] = 1.0
     # A disturbance passes the axis' delay as the drive does: it acts that much later.
     run = dfc.simulate_loop(plant, comp.controller, np.zeros(n), disturbance=push)
-    A, B = loop_matrices(comp, 1.7, 12.0, delay)
+    A, B = loop_matrices(comp.loop, 1.7, 12.0, delay)
     state, expected = B[:, 0], [0.0]
     for _ in range(n - 1):
         expected.append(state[0])
@@ -293,7 +293,7 @@ def test_linear_loop_with_the_observer_is_that_of_the_simulation():
             dfc.simulate_loop(axis, comp.controller, reference, v0=0.05, disturbance=push).y[0]
         )
     seen = (runs[1] - runs[0])[start:] / 1e-3
-    A, B = loop_matrices(comp, 2.0, 15.0, 0.0)
+    A, B = loop_matrices(comp.loop, 2.0, 15.0, 0.0)
     # The slow filter by which the law judges the observer's friction is left out of the
     # matrices; the rest agrees.
     state, expected = B[:, 0], [0.0]

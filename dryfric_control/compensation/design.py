@@ -415,17 +415,20 @@ def design_compensation(
     Coulomb level there, g the other force effects there ::
 
         u = kp e + ki integral(e) + kd e_v + m a_r + f v_r - g(r)
-            + s (L + c_s + sigma L exp(-((abs(v_r) - Sigma)/vs)^2)) + 0.26 s l
+            + s (L + c_s + sigma L exp(-((abs(v_r) - Sigma)/vs)^2)) + q s l
 
     c_s and sigma are learned by normalised least mean squares from the switched
-    observer's friction while it slides; l is what they leave.  c_s stays within
-    half a level.  With presliding, s runs from -1 to 1 as the reference covers
-    the presliding distance (Dahl's shape, as Prandtl's element has it).
+    observer's friction while it slides; l is what they leave, of which a small part q
+    is fed back.  c_s stays within half a level.  With presliding, s runs from -1 to 1 as
+    the reference covers the presliding distance (Dahl's shape, as Prandtl's element has it).
 
     At rest of reference and axis the integral is held once the error is within
     the tolerance, and after a settling time the drive itself.  Each correction
     widens the tolerance by half: corrections end, and a constant drive below
     breakaway does not hunt.
+
+    e_v mixes the speed read with that of the observer, whose model has no delay: it is
+    ahead of the axis, which damps the loop in spite of the delay.
 
     Static input effects (gain, dead zone) are inverted.  Effects that need
     states of their own (a play, a compliance) are not compensated.
@@ -437,7 +440,7 @@ def design_compensation(
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
     >>> comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6, input_delay=3e-3)
     >>> round(comp.bandwidth)
-    128
+    186
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
@@ -474,7 +477,7 @@ def design_compensation(
         watched = tuned.watchable(axis)
         fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED)
         observer = design_pi_observer(
-            watched, dt, form=tuned.FORM, noise=tuned.calm_noise(watched, dt, quantum, fastest)
+            watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
         )
     made = dict(
         axis=axis,

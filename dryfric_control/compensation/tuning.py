@@ -37,7 +37,7 @@ class Tuning(NamedTuple):
 
 #: With the switched observer; with presliding, of which it knows nothing; without.
 _RIGID = Tuning(0.65, 3.6, 0.44, 0.07)
-_ELASTIC = Tuning(0.5, 2.8, 0.4, 0.05)
+_ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03)
 _BASELINE = Tuning(0.45, 1.86, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.
 ESTIMATE = 0.98
@@ -67,8 +67,6 @@ _QUICKER = 2.0
 BAND, MOST_EXCESS = 0.5, 0.8
 #: Largest held drive, as a part of the least Coulomb level within the mismatch.
 HOLD_SHARE = 0.9
-#: Form of the observer.
-FORM = "current"
 #: Widening of the tolerance at rest with every correction.
 GROWTH = 1.5
 

@@ -92,6 +92,8 @@ LINE = INNER + 6
 
 #: Out to exp(-50) the Stribeck term is followed.
 _REACH = 50.0
+#: Force of an error below which a contact holds an axis at rest, over the Coulomb level.
+_NEAR = 0.5
 #: Most steps to invert the static input effects.
 _MOST_STEPS = 30
 
@@ -336,7 +338,11 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
     level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, level)
-    known = c[KP] * error + c[KD] * (v - speed) + forward + friction
+    damping = c[KD]
+    if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
+        # The elastic contact brakes; a late speed feedback would shake it.
+        damping = 0.0
+    known = c[KP] * error + damping * (v - speed) + forward + friction
     wanted = known + memory[INTEGRAL]
     if drive_held:
         wanted = memory[HELD_DRIVE]

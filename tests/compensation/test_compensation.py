@@ -321,7 +321,7 @@ def test_a_saved_compensation_is_the_same(comp, tmp_path):
     ("name", "value", "named"),
     [
         ("kp", -1.0, "kp"),
-        ("kp", 26000.0, "tube|checksum"),
+        ("kp", 26000.0, "numbers"),
         ("law", "magic", "law"),
         ("law", "pid", "observer"),
         ("mismatch", 1.5, "mismatch"),

@@ -318,6 +318,7 @@ class Compensation(Result):
             kernel.GAIN_X: self.disturbance_bandwidth if self.law != "adrc" else extended[0],
             kernel.GAIN_V: extended[1],
             kernel.GAIN_F: extended[2],
+            kernel.LATE: round((self.drive_delay + self.tuning.late * self.input_delay) / dt),
         }
         for place, value in values.items():
             numbers[place] = value
@@ -455,8 +456,9 @@ def design_compensation(
     acting, tuning = tuned.rigid(axis), tuned.tuning_of(law, axis)
     numbers = acting.arrays(dt).numbers
     whole_delay = delay + float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
+    highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt)
     if bandwidth is None:
-        bandwidth = min(tuning.phase / (whole_delay + tuned.SAMPLED * dt), tuned.FASTEST / dt)
+        bandwidth = min(highest, tuned.FASTEST / dt)
         if quantum > 0.0 and tuned.largest_level(acting) > 0.0:
             kick = tuned.KICK * tuned.largest_level(acting) * dt / quantum + acting.viscous
             bandwidth = min(bandwidth, kick / (tuning.damping * acting.mass))
@@ -475,7 +477,8 @@ def design_compensation(
     observer = None
     if law in ("learned", "fixed"):
         watched = tuned.watchable(axis)
-        fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED)
+        # A loop that is slower than the delay allows leaves room for a faster observer.
+        fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED) * max(highest / w, 1.0)
         observer = design_pi_observer(
             watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
         )

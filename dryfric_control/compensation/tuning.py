@@ -33,12 +33,13 @@ class Tuning(NamedTuple):
     damping: float  # (kd + f)/(m w)
     share: float  # of the observer's speed in the one fed back
     residual: float  # share of the friction residual that is fed back
+    late: float  # part of the largest delay by which the observer expects the feedforward late
 
 
 #: With the switched observer; with presliding, of which it knows nothing; without.
-_RIGID = Tuning(0.65, 3.6, 0.44, 0.07)
-_ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03)
-_BASELINE = Tuning(0.45, 1.86, 0.0, 0.0)
+_RIGID = Tuning(0.65, 3.6, 0.44, 0.07, 0.5)
+_ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03, 0.0)
+_BASELINE = Tuning(0.45, 1.86, 0.0, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.
 ESTIMATE = 0.98
 #: Integral gain over w kp.

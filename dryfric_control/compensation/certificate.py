@@ -236,11 +236,15 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
     if radius >= 1.0:
         return LoopGains(radius, *(math.inf,) * 5)
     n = min(int(math.log(_FADED) / math.log(radius)) + 2, _LONGEST) if radius > 0.0 else 50
-    response = np.empty((n, 2))
-    state = B
-    for k in range(n):
-        response[k] = state[0]
-        state = A @ state
+    # Position of one sample after the other, a block of samples at a time.
+    block = math.isqrt(n) + 1
+    rows, power = np.empty((block, A.shape[0])), np.eye(A.shape[0])
+    for k in range(block):
+        rows[k], power = power[0], A @ power
+    response, state = np.empty((block, block, 2)), B
+    for k in range(block):
+        response[k], state = rows @ state, power @ state
+    response = response.reshape(-1, 2)
     l1, reading = np.abs(response).sum(axis=0)
     force = response[:, 0]
     stepped = np.cumsum(force)

@@ -21,8 +21,7 @@ from dryfric_control.drawing import legend_above, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
-from dryfric_control.observer.design import ObserverDesign, design_pi_observer
-from dryfric_control.observer.storage import design_data
+from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
 from dryfric_control.store.axis_file import axis_to_dict
 from dryfric_control.store.files import write_document
 from dryfric_control.text import Result, plain_data

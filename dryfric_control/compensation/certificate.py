@@ -241,10 +241,10 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
     rows, power = np.empty((block, A.shape[0])), np.eye(A.shape[0])
     for k in range(block):
         rows[k], power = power[0], A @ power
-    response, state = np.empty((block, block, 2)), B
+    blocks, state = np.empty((block, block, 2)), B
     for k in range(block):
-        response[k], state = rows @ state, power @ state
-    response = response.reshape(-1, 2)
+        blocks[k], state = rows @ state, power @ state
+    response = blocks.reshape(-1, 2)
     l1, reading = np.abs(response).sum(axis=0)
     force = response[:, 0]
     stepped = np.cumsum(force)

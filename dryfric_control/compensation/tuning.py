@@ -37,7 +37,7 @@ class Tuning(NamedTuple):
 
 
 #: With the switched observer; with presliding, of which it knows nothing; without.
-_RIGID = Tuning(0.65, 3.6, 0.44, 0.07, 0.5)
+_RIGID = Tuning(0.65, 3.9, 0.44, 0.07, 0.5)
 _ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03, 0.0)
 _BASELINE = Tuning(0.45, 1.86, 0.0, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.

@@ -480,7 +480,7 @@ def design_pi_observer(
     ...                         stick_rate=500.0, stick_speed=1e-4)
     >>> design = dfc.design_pi_observer(
     ...     axis, dt=1e-3, uncertainty=1.0, noise=1e-4, drift=0.0, decay=0.995,
-    ...     performance=(0.0, 1.0, 0.0))
+    ...     performance=(0.0, 1.0, 0.0), form="prediction", discretization="euler")
     >>> print(f"{design.gamma:.4f}")
     0.0141
     """

@@ -185,7 +185,7 @@ def test_effects_of_the_axis_enter_by_their_own_laws(effect):
     plant, motion = NOMINAL.replace(effects=(effect,)), moves()
     errors = []
     for axis in (plant, NOMINAL):
-        comp = dfc.design_compensation(axis, DT, QUANTUM, bandwidth=60.0, law="fixed")
+        comp = dfc.design_compensation(axis, DT, QUANTUM, bandwidth=80.0, law="fixed")
         run = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
         moving = motion.velocity != 0.0
         errors.append(np.sqrt(np.mean((motion.position - run.y[0])[moving] ** 2)))
@@ -227,6 +227,19 @@ def test_a_pid_hunts_where_the_compensated_loop_rests(comp):
         slips[name] = np.count_nonzero(run.events.time > motion.duration - 10.0)
     assert slips["learned"] == 0 < slips["pid"]
     assert comp.certificate.no_hunting and not pid.certificate.no_hunting
+
+
+@pytest.mark.parametrize("dt", [1e-2, 1e-3, 2.5e-4, 5e-5])
+@pytest.mark.parametrize("samples", [0, 1.5, 3, 10, 20])
+@pytest.mark.parametrize("known", [False, True])
+def test_the_loop_is_stable_at_every_rate_and_delay(dt, samples, known):
+    """For every axis within the mismatch, a delay that the axis has as one that it may have."""
+    delay = samples * dt
+    axis = NOMINAL.replace(effects=(fx.InputDelay(delay=delay),) if known and delay else ())
+    comp = dfc.design_compensation(axis, dt, QUANTUM, 0.0 if known else delay)
+    # It forgets an error in at most 25 times 1 / bandwidth.
+    assert comp.certificate.worst.radius < np.exp(-0.04 * comp.bandwidth * dt)
+    assert comp.certificate.tube < np.inf
 
 
 def test_certificate_names_what_fails():

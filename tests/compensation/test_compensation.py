@@ -229,8 +229,8 @@ def test_a_pid_hunts_where_the_compensated_loop_rests(comp):
     assert comp.certificate.no_hunting and not pid.certificate.no_hunting
 
 
-@pytest.mark.parametrize("dt", [1e-2, 1e-3, 2.5e-4, 5e-5])
-@pytest.mark.parametrize("samples", [0, 1.5, 3, 10, 20])
+@pytest.mark.parametrize("dt", [1e-2, 2.5e-4, 5e-5])
+@pytest.mark.parametrize("samples", [1.5, 10, 20])
 @pytest.mark.parametrize("known", [False, True])
 def test_the_loop_is_stable_at_every_rate_and_delay(dt, samples, known):
     """For every axis within the mismatch, a delay that the axis has as one that it may have."""

@@ -278,6 +278,7 @@ class Compensation(Result):
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
         switched = self.law in ("learned", "fixed")
+        whole_delay, (early, late) = self.drive_delay + self.input_delay, tuned.SHARED
         stribeck = axis.stribeck
         keep = math.exp(-dt / self.filter_time) if self.filter_time > 0.0 else 0.0
         rest_speed = 0.1 * self.encoder_quantum or 1e-6 * axis.stick_speed
@@ -305,7 +306,7 @@ class Compensation(Result):
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
             kernel.RESIDUAL: self._residual,
-            kernel.SPEED_SHARE: self.tuning.share,
+            kernel.SPEED_SHARE: self.tuning.share * min((whole_delay / dt + early) / late, 1.0),
             kernel.BUILD: tuned.presliding_distance(self.axis),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,

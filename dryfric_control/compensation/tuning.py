@@ -31,7 +31,7 @@ class Tuning(NamedTuple):
 
     phase: float  # bandwidth times the whole delay of the loop
     damping: float  # (kd + f)/(m w)
-    share: float  # of the observer's speed in the one fed back
+    share: float  # of the observer's speed in the one fed back, with a long delay
     residual: float  # share of the friction residual that is fed back
     late: float  # part of the largest delay by which the observer expects the feedforward late
 
@@ -50,6 +50,9 @@ _CALM, _CALM_RANGE = 0.15, (0.03, 0.3)
 #: Largest natural frequency of the observer times the whole delay of the loop: it has
 #: no delay in its model, and its velocity, ahead of the axis by it, must stay with it.
 AHEAD = 0.83
+#: That share falls with the delay of the drive, in samples, as (delay + 2.5)/5.5: without
+#: one there is nothing to be ahead of.
+SHARED = (2.5, 5.5)
 #: Delay of sampling, hold, difference and low-pass, in samples.
 SAMPLED = 0.5
 #: Time constant of the low-pass on the speed [samples].

@@ -227,7 +227,7 @@ class Compensation(Result):
 
     @panels(3)
     def plot(self, axes: Any) -> str:
-        """Draw a simulated move of the nominal axis, there and back, with its tube."""
+        """Draw a simulated move there and back, with its tube."""
         length, force = self.axis.units
         reference = self._there_and_back()
         run = simulate_loop(self.axis, self.controller, reference, quantum=self.encoder_quantum)

@@ -13,6 +13,7 @@ from dryfric_control.diagnosis import (
     next_experiment,
 )
 from dryfric_control.diagnosis.saved import load_diagnosis
+from dryfric_control.export import export_c, export_fmu
 from dryfric_control.identification import (
     Fit,
     FitWarning,
@@ -82,6 +83,8 @@ __all__ = [
     "diagnose_batch",
     "effects",
     "encoder",
+    "export_c",
+    "export_fmu",
     "fit",
     "hybrid_filter",
     "identify_coulomb",

@@ -1,4 +1,4 @@
-"""Command line: ``python -m dryfric_control demo`` or ``diagnose RUN.csv``."""
+"""Command line: ``python -m dryfric_control demo``, ``diagnose RUN.csv`` or ``export FILE``."""
 
 from __future__ import annotations
 
@@ -115,6 +115,20 @@ def parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
     diagnose.set_defaults(run=_diagnose)
+
+    export = commands.add_parser("export", help="write an axis or a design as C99 or as an FMU")
+    export.add_argument(
+        "file", metavar="FILE", help="axis (TOML), observer or compensation (JSON, as saved)"
+    )
+    export.add_argument("--to", required=True, choices=("c", "fmu"), help="what to write")
+    export.add_argument("--out", default="export", metavar="DIR", help="folder for the files")
+    export.add_argument("--name", metavar="NAME", help="prefix of the names in C")
+    export.add_argument("--dt", type=float, metavar="S", help="sampling time of an axis [s]")
+    export.add_argument(
+        "--precision", choices=("double", "single"), default="double", help="of the C"
+    )
+    export.add_argument("--version", choices=("3.0", "2.0"), default="3.0", help="of the FMU")
+    export.set_defaults(run=_export)
     return top
 
 
@@ -214,6 +228,22 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
     write_report(found, folder)
     print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
+
+
+def _export(chosen: argparse.Namespace) -> None:
+    from dryfric_control.export.c_code import existing_folder, export_c
+    from dryfric_control.export.fmu import export_fmu
+    from dryfric_control.export.objects import exported, read_exportable
+
+    obj = read_exportable(chosen.file)
+    given = {"name": chosen.name, "dt": chosen.dt}
+    if chosen.to == "c":
+        files = export_c(obj, chosen.out, chosen.precision, **given)
+    else:
+        name = exported(obj, **given).name
+        target = existing_folder(chosen.out) / f"{name}.fmu"
+        files = [export_fmu(obj, target, chosen.version, **given)]
+    print(f"{', '.join(file.name for file in files)} in {chosen.out}")
 
 
 def _make_room(folder: Path) -> None:

@@ -79,7 +79,7 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)
 
 
-_NUMBERS = {1: "Axes", 2: "sequence of two Axes", 3: "sequence of three Axes"}
+_COUNTED = {2: "two", 3: "three", 4: "four"}
 _ARGUMENTS = """
 
 Parameters
@@ -111,7 +111,9 @@ def panels(rows: int, **options: Any) -> Callable[[Callable[..., str]], Callable
 
         # Not functools.wraps, whose signature would be that of `draw`.
         plot.__module__, plot.__qualname__ = draw.__module__, draw.__qualname__
-        plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(what=_NUMBERS[rows])
+        plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(
+            what=f"sequence of {_COUNTED[rows]} Axes" if rows > 1 else "Axes"
+        )
         return plot
 
     return made

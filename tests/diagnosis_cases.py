@@ -44,7 +44,8 @@ def believed(case: Case) -> dfc.FrictionAxis:
 
 def record(case: Case) -> dfc.Record:
     """What the user measured: time, force, encoder reading, and no more."""
-    return dfc.Record(case.t, case.u, case.x)
+    make = dfc.Record.from_irregular if case.condition == "jitter" else dfc.Record
+    return make(case.t, case.u, case.x)
 
 
 def foreign(causes: list[str]) -> list[str]:
@@ -129,9 +130,10 @@ def _phase(case: Case, slug: str, true: dict[str, float], got: dict[str, float])
     """Difference of the phases in the middle of the record, -pi to pi."""
     if slug == "gravity":  # sin(x + phase) of the bench, sin(x - phase) of the package
         difference = -got["phase"] - true["phase"]
-    elif slug == "cogging":
+    elif "period" in got:
         place = 0.5 * (float(case.x.min()) + float(case.x.max()))
-        rate = 2.0 * math.pi * (1.0 / got["period"] - 1.0 / true["pitch"])
+        period = true["pitch"] if slug == "cogging" else true["period"]
+        rate = 2.0 * math.pi * (1.0 / got["period"] - 1.0 / period)
         difference = got["phase"] - true["phase"] + rate * place
     else:
         rate = 2.0 * math.pi * (got["frequency"] - true["frequency"])

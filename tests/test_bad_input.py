@@ -209,6 +209,8 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "hybrid_filter": (dfc.hybrid_filter, dict(axis=AXIS)),
     "design_compensation": (dfc.design_compensation, dict(axis=AXIS, dt=DT)),
     "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
+    "export_c": (dfc.export_c, dict(obj=AXIS, folder="/dev/null/no")),
+    "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="/nowhere/axis.fmu")),
     "motion_profile": (
         dfc.motion_profile,
         dict(points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0),
@@ -1150,6 +1152,22 @@ rows(
     (dict(disturbance_bandwidth=0.0), POSITIVE),
     (dict(mismatch=1.0), "below 1"),
     (dict(mismatch=-0.1), NOT_NEGATIVE),
+)
+for _export in ("export_c", "export_fmu"):
+    rows(
+        _export,
+        (dict(obj=2.0), "FrictionAxis"),
+        (dict(name="2 fast"), "no C identifier"),
+        (dict(name="switch"), "taken in C"),
+        (dict(dt=0.0), POSITIVE),
+        (dict(dt="1 ms"), NUMBER),
+    )
+rows("export_c", (dict(precision="half"), "double"), (dict(folder=3.0), "path"))
+rows(
+    "export_fmu",
+    (dict(version="1.0"), "2.0"),
+    (dict(path="axis.zip"), "ends in .fmu"),
+    (dict(path=3.0), "path"),
 )
 CASES.append(
     Case(

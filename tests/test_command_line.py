@@ -5,9 +5,27 @@ import sys
 import numpy as np
 import pytest
 
+import dryfric_control as dfc
 from dryfric_control.__main__ import main
 
 AXIS = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
+
+
+def test_export_writes_c_of_what_was_saved(tmp_path, capsys):
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, name="stage")
+    dfc.write_axis(axis, tmp_path / "stage.toml")
+    dfc.design_pi_observer(axis, dt=1e-3).save(tmp_path / "observer.json")
+    for file, name in (("stage.toml", "stage"), ("observer.json", "stage_observer")):
+        out = str(tmp_path / "out")
+        assert main(["export", str(tmp_path / file), "--to", "c", "--out", out]) == 0
+        assert f"{name}.h, {name}.c, {name}.json, README.md in" in capsys.readouterr().out
+        assert (tmp_path / "out" / f"{name}.c").stat().st_size > 1000
+
+
+def test_export_says_what_it_cannot_read(tmp_path, capsys):
+    (tmp_path / "other.json").write_text("[1]")
+    assert main(["export", str(tmp_path / "other.json"), "--to", "c"]) == 2
+    assert "can not be exported: give an axis" in capsys.readouterr().err
 
 
 @pytest.fixture

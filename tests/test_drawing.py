@@ -189,7 +189,7 @@ def test_design_speaks_in_the_units_of_its_axis():
     design = presets.clutch_observer()
     text = design.summary()
     assert "N m/inc" in text and " inc, drift" in text.replace("\n", " ")
-    assert "G [N m/inc]" in design._repr_html_()
+    assert "G [N\xb7m/inc]" in design._repr_html_()
     assert "N/m" not in text + design._repr_html_()
 
 

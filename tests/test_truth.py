@@ -16,8 +16,10 @@ from truth import (
     EFFECTS,
     EQUAL,
     OUTSIDE,
+    RECORDERS,
     Plant,
     make_case,
+    make_machine,
     make_null,
     make_outside,
     make_pair,
@@ -417,6 +419,53 @@ class TestBench:
         with pytest.raises(ValueError, match="no parameters to give"):
             make_case({"impacts": {}}, 0)
 
+    @pytest.mark.parametrize("how", RECORDERS)
+    def test_recorder_changes_only_what_is_written_down(self, how):
+        for seed in (0, 1):
+            sound, poor = make_case("spring", seed), make_case("spring", seed, how)
+            assert poor.truth == sound.truth and poor.condition == how
+            assert poor.t.size == poor.u.size == poor.x.size == poor.states.shape[0]
+            level, n = sound.actual["coulomb"], sound.t.size
+            if how == "noisy":
+                assert np.std(poor.u - sound.u) == pytest.approx(0.03 * level, rel=0.02)
+            elif how == "10-bit":
+                assert np.unique(poor.u).size <= 1024
+                assert np.abs(poor.u - sound.u).max() <= 0.5001 * np.ptp(sound.u) / 1023.0
+            elif how == "decimated":
+                assert np.diff(poor.t) == pytest.approx(4.0 * DT)
+                impulse = np.sum(poor.u) * 4.0 - np.sum(sound.u)
+                assert (abs(impulse) < 1e-6) == (seed == 0)
+            elif how == "jitter":
+                steps = np.diff(poor.t)
+                assert np.all(steps > 0.69 * DT) and np.all(steps < 4.31 * DT)
+                assert 0.003 < 1.0 - poor.t.size / n < 0.008
+                # Late readings lie on the true path where it is at the stamped time.
+                place = np.interp(poor.t, sound.t, sound.states[:, X])
+                late = np.median(np.abs(poor.x - place)) / poor.quantum
+                assert (late < 1.0) == (seed == 0)
+            else:
+                changed = np.abs(poor.x - sound.x)
+                assert 0.0005 < np.mean(changed > 0.0015 * np.ptp(sound.x)) < 0.002
+                assert np.array_equal(poor.u, sound.u)
+
+    def test_machine(self):
+        counts = set()
+        for seed in range(4):
+            runs = make_machine(seed)
+            first = runs[0]
+            counts.add(len(first.truth))
+            assert len(runs) == 3 and all(r.truth == first.truth for r in runs)
+            assert all(7.0 <= r.t.size * DT <= 9.0 for r in runs)
+            assert all(r.believed == first.believed and r.plant == first.plant for r in runs)
+            shares = {round(first.believed[k] / first.actual[k] - 1.0, 9) for k in
+                      ("mass", "viscous", "coulomb")}  # fmt: skip
+            assert shares == {-0.2, 0.2}
+            for slug in first.truth:
+                assert np.mean([r.visibility[slug] for r in runs]) >= VISIBLE
+        assert counts <= {2, 3, 4} and len(counts) > 1
+        assert not make_machine(0, 0)[0].truth
+        assert set(make_machine(0, ("spring", "drift"))[1].truth) == {"spring", "drift"}
+
     def test_twins_are_the_same_record(self):
         """A bias without a Stribeck peak is an asymmetry: F = s Fc + b either way."""
         seed = next(s for s in range(20) if make_case("bias_force", s).twins)
@@ -431,7 +480,7 @@ def test_shares_no_code_with_the_package():
     """No import of the package by the generator or by the baseline."""
     root = Path(__file__).parent
     sources = [*(root / "truth").glob("*.py"), root.parent / "benchmarks/diagnosis_baseline.py"]
-    assert len(sources) == 6
+    assert len(sources) == 7
     for source in sources:
         text = source.read_text()
         assert "import dryfric_control" not in text and "from dryfric_control" not in text

@@ -25,6 +25,7 @@ ACTS_ON = {
     "input": "takes the place of the drive force",
     "force": "a force on the mass",
     "friction": "adds to the friction level",
+    "reading": "adds to what the encoder reads",
     "axis": "another base parameter",
     "delay": "delays the drive force",
     "lag": "filters the drive force",

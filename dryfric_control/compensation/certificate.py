@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.text import wrapped
-
-if TYPE_CHECKING:
-    from dryfric_control.compensation.design import Compensation
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.text import Result
 
 Array = NDArray[np.float64]
 
@@ -24,6 +23,23 @@ _FADED = 1e-7
 _LONGEST = 200_000
 #: Places, times and times at rest at which the axis' own laws are read.
 _PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+
+
+class Loop(NamedTuple):
+    """What the certificate reads of a compensation."""
+
+    numbers: Any  # of the compiled law
+    axis: FrictionAxis  # one rigid mass
+    observer: ObserverDesign | None
+    drive_delay: float  # of the axis itself [s]
+    input_delay: float  # beyond it, at most [s]
+    encoder_quantum: float
+    tolerance: float
+
+    @property
+    def dt(self) -> float:
+        """Sampling time [s]."""
+        return float(self.numbers[kernel.DT])
 
 
 class LoopGains(NamedTuple):
@@ -56,7 +72,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrackingCertificate:
+class TrackingCertificate(Result):
     """Tracking tube and rest of a compensated loop.
 
     Attributes
@@ -101,39 +117,26 @@ class TrackingCertificate:
         """Whether every condition of rest without hunting holds."""
         return all(condition.holds for condition in self.conditions)
 
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def summary(self) -> str:
-        """Tube and conditions in words.
-
-        Returns
-        -------
-        str
-        """
+    def _shown(self) -> Iterator[str]:
         length, force = self.units
-        lines = [
+        yield (
             f"tube   {self.tube:.4g} {length} for {100 * self.mismatch:g} % of mismatch: "
-            + ", ".join(f"{name} {value:.3g}" for name, value in self.parts.items()),
+            + ", ".join(f"{name} {value:.3g}" for name, value in self.parts.items())
+        )
+        yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
-            f"at the worst axis; force left over at most {self.friction_left:.4g} {force}",
-        ]
+            f"at the worst axis; force left over at most {self.friction_left:.4g} {force}"
+        )
         for name, holds, detail in self.conditions:
-            lines.append(f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})")
-        return wrapped(lines, indent=7)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.summary()}</pre>"
+            yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
 
 
-def loop_matrices(
-    comp: Compensation, mass: float, viscous: float, delay: float
-) -> tuple[Array, Array]:
+def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Array, Array]:
     """Linear loop while the axis slides, reference at zero.
 
     Parameters
     ----------
-    comp : Compensation
+    loop : Loop
         The controller.
     mass, viscous : float
         Those of the axis [kg], [N s/m].
@@ -153,17 +156,18 @@ def loop_matrices(
     One sample written out as the compiled law and the observer run it, read off
     column by column; the axis is sampled exactly.
     """
-    c = comp.controller.law.numbers
-    dt, own = comp.dt, comp.drive_delay
-    longest = math.ceil(max(delay, own) / dt) + 1
+    c = loop.numbers
+    dt = loop.dt
+    longest = math.ceil(delay / dt) + 1
     rate = viscous / mass
     fall = math.exp(-rate * dt)
     moved = -math.expm1(-rate * dt) / rate if rate * dt > 1e-9 else dt
     pushed = (dt - moved) / (rate * mass) if rate * dt > 1e-6 else 0.5 * dt**2 / mass
-    observer = comp.observer
+    observer = loop.observer
     if observer is not None:
         A, B, E = observer.mode_matrices(1)
-        gain = observer.gains[1]
+        # Of the estimate before a reading, in either form.
+        gain = [1.0, 0.0, 0.0] - observer.error_dynamics(1).A[:, 0]
     # x, v, integral, filtered speed, last reading, observer (3), baseline (6), past drives
     first = 14
 
@@ -197,7 +201,7 @@ def loop_matrices(
         after[first:] = drives[: state.size - first]
         if observer is not None:
             error = y - state[5]
-            after[5:7] = A @ state[5:7] + B * seen(drives, own) + E * state[7] + gain[:2] * error
+            after[5:7] = A @ state[5:7] + B * u + E * state[7] + gain[:2] * error
             after[7] = state[7] + gain[2] * error
         total = seen(drives, delay) + force
         after[0] = state[0] + moved * state[1] + pushed * total
@@ -210,12 +214,12 @@ def loop_matrices(
     return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
 
 
-def loop_gains(comp: Compensation, mass: float, viscous: float, delay: float) -> LoopGains:
+def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGains:
     """Gains of the linear loop of one axis.
 
     Parameters
     ----------
-    comp : Compensation
+    loop : Loop
         The controller.
     mass, viscous : float
         Those of the axis [kg], [N s/m].
@@ -227,16 +231,20 @@ def loop_gains(comp: Compensation, mass: float, viscous: float, delay: float) ->
     LoopGains
         All infinite if the loop is unstable.
     """
-    A, B = loop_matrices(comp, mass, viscous, delay)
+    A, B = loop_matrices(loop, mass, viscous, delay)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
         return LoopGains(radius, *(math.inf,) * 5)
     n = min(int(math.log(_FADED) / math.log(radius)) + 2, _LONGEST) if radius > 0.0 else 50
-    response = np.empty((n, 2))
-    state = B
-    for k in range(n):
-        response[k] = state[0]
-        state = A @ state
+    # Position of one sample after the other, a block of samples at a time.
+    block = math.isqrt(n) + 1
+    rows, power = np.empty((block, A.shape[0])), np.eye(A.shape[0])
+    for k in range(block):
+        rows[k], power = power[0], A @ power
+    blocks, state = np.empty((block, block, 2)), B
+    for k in range(block):
+        blocks[k], state = rows @ state, power @ state
+    response = blocks.reshape(-1, 2)
     l1, reading = np.abs(response).sum(axis=0)
     force = response[:, 0]
     stepped = np.cumsum(force)
@@ -245,13 +253,13 @@ def loop_gains(comp: Compensation, mass: float, viscous: float, delay: float) ->
         float(l1),
         float(max(stepped.max(), 0.0)),
         float(max(-stepped.min(), 0.0)),
-        float(np.abs(force).max()) / comp.dt,
+        float(np.abs(force).max()) / loop.dt,
         float(reading),
     )
 
 
 def certify_tracking(
-    comp: Compensation,
+    loop: Loop,
     mismatch: float,
     learned: float,
     excess: float,
@@ -262,7 +270,7 @@ def certify_tracking(
 
     Parameters
     ----------
-    comp : Compensation
+    loop : Loop
         The controller.
     mismatch : float
         Part by which every parameter may be off.
@@ -302,31 +310,31 @@ def certify_tracking(
     feedforward that is early by the whole delay pushes with m a at a reversal; the
     encoder is off by half an increment.
     """
-    axis, mu = comp.rigid_axis, mismatch
-    c = comp.controller.law.numbers
+    axis, mu = loop.axis, mismatch
+    c = loop.numbers
     corners = [
-        loop_gains(comp, axis.mass * m, axis.viscous * f, comp.drive_delay + d)
+        loop_gains(loop, axis.mass * m, axis.viscous * f, loop.drive_delay + d)
         for m, f, d in itertools.product(
             sorted({1.0 - mu, 1.0, 1.0 + mu}),
             sorted({1.0 - mu, 1.0 + mu}),
-            sorted({0.0, 0.5 * comp.input_delay, comp.input_delay}),
+            sorted({0.0, 0.5 * loop.input_delay, loop.input_delay}),
         )
     ]
-    nominal = loop_gains(comp, axis.mass, axis.viscous, comp.drive_delay)
-    laws = _laws(axis, comp)
+    nominal = loop_gains(loop, axis.mass, axis.viscous, loop.drive_delay)
+    laws = _laws(axis, loop.dt)
     level = laws.level
     left = {
         "levels": (1.0 - learned) * (1.0 + mu - c[kernel.COULOMB]) * level,
         "Stribeck peak": (1.0 + mu) * excess * level,
         "inertia": mu * motion,
     }  # fmt: skip
-    late = comp.input_delay + comp.dt
+    late = loop.input_delay + loop.dt
 
     def tube_parts(corner: LoopGains) -> dict[str, float]:
         made = {name: (corner.pulse, force) for name, force in left.items()}
         made["levels"] = corner.turn, left["levels"]
         made["reversal"] = corner.impulse, axis.mass * (1.0 + mu) * turning * late
-        made["encoder"] = corner.reading, 0.5 * comp.encoder_quantum
+        made["encoder"] = corner.reading, 0.5 * loop.encoder_quantum
         shrink = 1.0 - corner.l1 * laws.slope if laws.slope else 1.0
         return {
             name: gain * size / shrink if shrink > 0.0 else math.inf
@@ -340,7 +348,7 @@ def certify_tracking(
     worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
     return TrackingCertificate(
         float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
-        _conditions(comp, laws, worst, mu), axis.units,
+        _conditions(loop, laws, worst, mu), axis.units,
     )  # fmt: skip
 
 
@@ -353,9 +361,9 @@ class _Laws(NamedTuple):
     wander: float  # largest change of force and level with time at rest [N]
 
 
-def _laws(axis: FrictionAxis, comp: Compensation) -> _Laws:
+def _laws(axis: FrictionAxis, dt: float) -> _Laws:
     """Read levels and force effects of an axis over its travel and over time."""
-    arrays = axis.arrays(comp.dt)
+    arrays = axis.arrays(dt)
     low, high = axis.travel or (-1.0, 1.0)
     places = np.linspace(low, high, _PLACES)
     near = 1e-6 * (high - low)
@@ -373,12 +381,10 @@ def _laws(axis: FrictionAxis, comp: Compensation) -> _Laws:
     )
 
 
-def _conditions(
-    comp: Compensation, laws: _Laws, worst: LoopGains, mu: float
-) -> tuple[Condition, ...]:
+def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[Condition, ...]:
     """Conditions under which an axis at rest stays at rest for ever."""
-    length, force = comp.axis.units
-    c = comp.controller.law.numbers
+    length, force = loop.axis.units
+    c = loop.numbers
     holds = c[kernel.HOLDS] != 0.0
     held = c[kernel.HOLD_SHARE] * laws.level if holds else math.inf
     least = (1.0 - mu) * laws.least
@@ -391,7 +397,7 @@ def _conditions(
         Condition(
             "the drive is constant at rest after finitely many corrections",
             bool(holds and c[kernel.GROWTH] > 1.0),
-            f"each one widens the tolerance {comp.tolerance:.3g} {length} by {c[kernel.GROWTH]:g}"
+            f"each one widens the tolerance {loop.tolerance:.3g} {length} by {c[kernel.GROWTH]:g}"
             if holds
             else "the integral goes on at rest",
         ),
@@ -407,7 +413,7 @@ def _conditions(
         ),
         Condition(
             "the encoder's last digit does not end the hold",
-            bool(2.5 * comp.tolerance >= comp.encoder_quantum),
-            f"released at {2.5 * comp.tolerance:.3g} {length}",
+            bool(2.5 * loop.tolerance >= loop.encoder_quantum),
+            f"released at {2.5 * loop.tolerance:.3g} {length}",
         ),
     )

@@ -71,13 +71,13 @@ class CompensatedController:
         ndarray, shape (nstates,)
         """
         history = int(self.law.observer_axis_integers[_N_HISTORY])
-        memory = np.zeros(kernel.LINE + 2 * self.lead + OBSERVER_LINE + history)
+        memory = np.zeros(kernel.LINE + kernel.STRIDE * self.lead + OBSERVER_LINE + history)
         if motion is not None:
             memory[kernel.DIRECTION] = 1.0
             memory[kernel.SHARE] = self.law.numbers[kernel.EXCESS]
             first = np.minimum(np.arange(self.lead)[::-1], motion.position.size - 1)
-            line = memory[kernel.LINE : kernel.LINE + 2 * self.lead]
-            line[0::2], line[1::2] = motion.position[first], motion.velocity[first]
+            line = memory[kernel.LINE :][: kernel.STRIDE * self.lead].reshape(-1, kernel.STRIDE)
+            line[:, 0], line[:, 1] = motion.position[first], motion.velocity[first]
         return memory
 
     def run(
@@ -153,7 +153,7 @@ class CompensatedController:
             drive = kernel.step(law, memory, u[0], u[1], u[2], u[3])
             return np.array([drive, memory[kernel.FORCE]])
 
-        states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xv")]
+        states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
         return ct.nlsys(
             update,

@@ -7,34 +7,20 @@ import os
 from typing import Any
 
 from dryfric_control.checks import finite, positive, whole
-from dryfric_control.compensation.design import LAWS, Compensation, certified
+from dryfric_control.compensation.design import (
+    KIND,
+    MAY_BE_ZERO,
+    POSITIVE,
+    VERSION,
+    Compensation,
+    certified,
+)
+from dryfric_control.compensation.tuning import LAWS
 from dryfric_control.observer.certificate import CertificateError
-from dryfric_control.observer.storage import design_data, design_of
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
-from dryfric_control.store.files import load_document, write_document
-
-KIND, VERSION = "friction compensation", 1
-_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
-_MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch")
-
-
-def save_compensation(comp: Compensation, path: str | os.PathLike[str]) -> None:
-    """Write a compensation to a text file, as a whole or not at all.
-
-    Parameters
-    ----------
-    comp : Compensation
-        What to write.
-    path : str or path
-        File to write.
-    """
-    data: dict[str, Any] = {"axis": axis_to_dict(comp.axis)}
-    plain = (*_POSITIVE, *_MAY_BE_ZERO, "law", "kd", "lead")
-    data |= {name: getattr(comp, name) for name in plain}
-    data["limit"] = None if math.isinf(comp.limit) else comp.limit
-    data["observer"] = None if comp.observer is None else design_data(comp.observer)
-    data["tube"] = comp.certificate.tube if math.isfinite(comp.certificate.tube) else None
-    write_document(path, KIND, VERSION, data)
+from dryfric_control.observer.storage import design_of
+from dryfric_control.store.axis_file import axis_from_dict
+from dryfric_control.store.files import load_document
+from dryfric_control.text import plain_data
 
 
 def load_compensation(path: str | os.PathLike[str]) -> Compensation:
@@ -73,8 +59,8 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
 
 def _rebuild(data: dict[str, Any]) -> Compensation:
     """Compensation of the numbers in a file, checked."""
-    fields: dict[str, Any] = {name: positive(name, data[name]) for name in _POSITIVE}
-    fields |= {name: positive(name, data[name], zero=True) for name in _MAY_BE_ZERO}
+    fields: dict[str, Any] = {name: positive(name, data[name]) for name in POSITIVE}
+    fields |= {name: positive(name, data[name], zero=True) for name in MAY_BE_ZERO}
     fields["kd"] = finite("kd", data["kd"])
     fields["lead"] = whole("lead", data["lead"], least=0)
     if data["law"] not in LAWS:
@@ -90,6 +76,8 @@ def _rebuild(data: dict[str, Any]) -> Compensation:
     if fields["observer"] is not None and fields["observer"].dt != fields["dt"]:
         raise ValueError("dt differs from that of the observer")
     comp = certified(fields)
+    if data["numbers"] != plain_data(comp.controller.law.numbers):
+        raise ValueError("numbers of its law are not those that this package gives the design")
     stated = math.inf if data["tube"] is None else positive("tube", data["tube"], zero=True)
     if not comp.certificate.tube <= stated * (1.0 + 1e-9):
         raise ValueError(

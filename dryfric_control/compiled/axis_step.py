@@ -101,7 +101,7 @@ FILIPPOV, PAPER = 0, 1
 #: Places in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
 #: force laws depend on place and time alone, the first N_PEAKED of the N_LEVEL
-#: level laws are raised by the Stribeck peak.
+#: level laws are raised by the Stribeck peak; the N_READING laws of the encoder come last.
 #: STRUCTURE tells which inner states the axis has, 0 for none.  With two masses
 #: the numbers are there twice, N_NUMBERS each: with the whole mass, and with
 #: that of the load.  RIGID_TASK and TASK are addresses of what moves the axis
@@ -120,11 +120,12 @@ FILIPPOV, PAPER = 0, 1
     RIGID_TASK,
     TASK,
     N_PEAKED,
+    N_READING,
     LAWS,
-) = range(14)
+) = range(15)
 
-#: What a STRUCTURE is made of, to be added up.
-CONTACT, PLAY, SPRING = 1, 2, 4
+#: What a STRUCTURE is made of, to be added up; ON_LOAD: the encoder is on the load.
+CONTACT, PLAY, SPRING, ON_LOAD = 1, 2, 4, 8
 ADVANCE, _LOOK, SETTLE = 0, 1, 2
 
 #: Places of the memory that every axis carries; the delay line follows.
@@ -157,6 +158,8 @@ LISTED, HELD, LOST, MOST = range(4)
 #: Switches that a stretch may hold while parameters are searched: an axis that needs
 #: more is none that a record asks for, and would take its time.
 FEW_SWITCHES = 64
+# Turns of the search for the place of a reading, see `place`.
+_TURNS = 12
 SHORTEST = 1e-9  # shortest step, as a part of the interval
 
 
@@ -927,6 +930,38 @@ def advance(plant, drive, t0, h, memory, events, count):
 
 
 @internal
+def reading(plant, t, memory):
+    """What an encoder without increments reads."""
+    x = memory[X]
+    if plant.integers[STRUCTURE] & ON_LOAD:
+        x += memory[OFFSET]
+    first = plant.integers[N_INPUT] + plant.integers[N_FORCE] + plant.integers[N_LEVEL]
+    added = 0.0
+    for i in range(first, first + plant.integers[N_READING]):
+        added += _law(plant, i, t, x, memory[V], 0.0, 0.0, 0.0, 0.0)
+    return x + added
+
+
+@internal
+def place(plant, t, dt, y, memory):
+    """Put the axis where its encoder reads y; its velocity is that of the reading."""
+    memory[X] = y
+    if plant.integers[STRUCTURE] & ON_LOAD:
+        memory[X] -= memory[OFFSET]
+    if plant.integers[N_READING] > 0:
+        # What is added changes slowly along the way: each turn leaves a small part of it.
+        for _ in range(_TURNS):
+            memory[X] += y - reading(plant, t, memory)
+        x, way = memory[X], memory[V] * dt
+        if way != 0.0:
+            memory[X] = x + way
+            read = reading(plant, t, memory) - y
+            memory[X] = x
+            if 0.1 < read / way < 10.0:
+                memory[V] *= way / read
+
+
+@internal
 def input_map(plant, t, memory, u):
     """Drive force after the static input effects."""
     for i in range(plant.integers[N_INPUT]):
@@ -1048,6 +1083,12 @@ def outputs_now(numbers, integers, memory, t, dt, u):
 
 
 @njit(cache=True, error_model="numpy")
+def reading_now(numbers, integers, memory, t):
+    """What an encoder without increments reads."""
+    return reading(point(numbers, integers), t, pointer(memory))
+
+
+@njit(cache=True, error_model="numpy")
 def mode_rate(numbers, integers, t, x, v, u, mode):
     """Acceleration and friction force of one mode, which it never leaves."""
     plant = point(numbers, integers)
@@ -1102,7 +1143,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
             if 3 * count[LISTED] + room > events.shape[0]:
                 events = doubled(events)
                 count[HELD] = events.shape[0] // 3
-            out[0, k] = state[X]
+            out[0, k] = reading(plant, t0 + k * dt, state)
             end = u[k + 1] if first else u[k]
             out[1, k], out[2, k], out[3, k] = sample(
                 plant, t0 + k * dt, dt, u[k], end, state, pointer(events), pointer(count)
@@ -1114,7 +1155,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
         # A sample with more switches than there was room for: once more, with more room.
         memory[:] = start
         room *= 8
-    out[0, n - 1] = state[X]
     t = t0 + (n - 1) * dt
+    out[0, n - 1] = reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
     return located(events, count[LISTED])

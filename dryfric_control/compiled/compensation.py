@@ -58,11 +58,12 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     GAIN_X,  # gains of the extended state observer, or the corner
     GAIN_V,
     GAIN_F,
+    LATE,  # samples by which the feedforward is expected to reach the axis late
     LENGTH,
-) = range(34)
+) = range(35)
 
-#: Places of the law's memory; the line of references (x, v) follows the last,
-#: then the memory of the observer.
+#: Places of the law's memory; the line of past samples (reference, its speed,
+#: feedforward) follows the last, then the memory of the observer.
 (
     SAMPLES,
     INTEGRAL,
@@ -89,9 +90,12 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     INNER,  # six states of a disturbance observer
 ) = range(23)
 LINE = INNER + 6
+STRIDE = 3
 
 #: Out to exp(-50) the Stribeck term is followed.
 _REACH = 50.0
+#: Force of an error below which a contact holds an axis at rest, over the Coulomb level.
+_NEAR = 0.5
 #: Most steps to invert the static input effects.
 _MOST_STEPS = 30
 
@@ -240,12 +244,13 @@ def _follow_reference(c, memory, x, v):
         built = memory[CONTACT] + (x - memory[AHEAD]) / c[BUILD]
         memory[CONTACT] = min(max(built, -1.0), 1.0)
     memory[AHEAD] = x
-    last = 2 * (int(c[LEAD]) - 1)
-    if last < 0:
+    lead = int(c[LEAD])
+    if lead == 0:
         return x, v, moving
-    now, speed = memory[LINE + last], memory[LINE + last + 1]
-    for i in range(last, 0, -2):
-        memory[LINE + i], memory[LINE + i + 1] = memory[LINE + i - 2], memory[LINE + i - 1]
+    last = LINE + STRIDE * (lead - 1)
+    now, speed = memory[last], memory[last + 1]
+    for i in range(last + STRIDE - 1, LINE + STRIDE - 1, -1):
+        memory[i] = memory[i - STRIDE]
     memory[LINE], memory[LINE + 1] = x, v
     return now, speed, moving
 
@@ -278,6 +283,19 @@ def _rest(c, memory, mode, error, moving, forces, level):
     return mode == 0 and abs(error) <= wide, memory[HELD] != 0.0
 
 
+@njit(cache=True, error_model="numpy")
+def _late(c, memory, forward):
+    """Feedforward that reaches the axis now, less that of now, which goes into the line."""
+    if c[LATE] == 0.0:
+        return 0.0
+    first = LINE + STRIDE - 1
+    memory[first] = forward
+    if memory[SAMPLES] == 0.0:
+        for i in range(1, int(c[LEAD])):
+            memory[first + STRIDE * i] = forward
+    return memory[first + STRIDE * int(c[LATE])] - forward
+
+
 @axis_step.internal
 def _begin(c, memory, x, v, y, watch):
     """First sample: the axis has followed the reference so far, or rests."""
@@ -285,9 +303,9 @@ def _begin(c, memory, x, v, y, watch):
         v, memory[DIRECTION] = 0.0, 1.0
         memory[SHARE] = c[EXCESS]
         for i in range(int(c[LEAD])):
-            memory[LINE + 2 * i] = x
+            memory[LINE + STRIDE * i] = x
     elif c[LEAD] > 0.0:
-        v = memory[watch - 1]
+        v = memory[watch - STRIDE + 1]
     memory[READING], memory[SPEED], memory[AHEAD] = y - v * c[DT], v, x
     memory[INNER], memory[INNER + 1] = y, v
     memory[watch + observer.XHAT], memory[watch + observer.VHAT] = y, v
@@ -301,7 +319,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     """
     c = law.numbers
     plant = axis_step.point(law.axis_numbers, law.axis_integers)
-    watch = LINE + 2 * int(c[LEAD])
+    watch = LINE + STRIDE * int(c[LEAD])
     seen = memory[watch:]
     t = memory[SAMPLES] * c[DT]
     if memory[SAMPLES] == 0.0:
@@ -319,6 +337,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving)
     s = memory[DIRECTION] if moving else 0.0
     forward = w - _force_effects(plant, later, ahead, speed_ahead, w + friction, s)
+    late = _late(c, memory, forward + friction)
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
@@ -336,7 +355,11 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
     level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, level)
-    known = c[KP] * error + c[KD] * (v - speed) + forward + friction
+    damping = c[KD]
+    if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
+        # The elastic contact brakes; a late speed feedback would shake it.
+        damping = 0.0
+    known = c[KP] * error + damping * (v - speed) + forward + friction
     wanted = known + memory[INTEGRAL]
     if drive_held:
         wanted = memory[HELD_DRIVE]
@@ -349,13 +372,14 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     keep = 1.0 - c[MEAN] if memory[STILL] > 0.0 else 0.0
     memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
     memory[INNER + 4] = given
-    u = _through_input(plant, t, axis_step.pointer(seen), given)
+    inner = axis_step.pointer(seen)
+    u = _through_input(plant, t, inner, given)
     if c[SOURCE] == LEARNED:
         stated = np.empty(observer.OUTPUTS)
         observer.step(
             law.observer_numbers, law.observer_matrices, law.observer_gains,
             law.observer_transitions, law.observer_axis_numbers, law.observer_axis_integers,
-            seen, t, u, y, stated,
+            seen, t, _through_input(plant, t, inner, given + late), y, stated,
         )  # fmt: skip
     memory[MODE] = mode
     memory[SAMPLES] += 1.0
@@ -388,7 +412,7 @@ def run_loop(numbers, integers, state, law, memory, reference, disturbance, quan
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
             count[axis_step.HELD] = events.shape[0] // 3
-        y = encode(state[axis_step.X], quantum)
+        y = encode(axis_step.reading(plant, k * dt, at), quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
         advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)

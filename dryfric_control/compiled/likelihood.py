@@ -170,7 +170,8 @@ def innovations(
     n = y.shape[0]
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
-    two = structure & (step.PLAY | step.SPRING) != 0
+    on_load = structure & step.ON_LOAD != 0
+    two = structure & (step.PLAY | step.SPRING) != 0 and not on_load
     plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
     inverse = numbers[step.INVERSE_MOTOR] if two else numbers[step.INVERSE_MASS]
     before, points = np.empty(size), np.empty((2, 3))
@@ -186,6 +187,7 @@ def innovations(
     memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
     if structure != 0:
         step.settle(plant, t0, dt, m, u[0])
+    step.place(plant, t0, dt, y[0], m)
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
@@ -196,6 +198,8 @@ def innovations(
         t = t0 + (k - 1) * dt
         end = u[k] if first else u[k - 1]
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
+        if on_load:
+            v += memory[step.SLIP]
         if mode == 0 and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
         sliding = mode != 0
@@ -304,7 +308,7 @@ def innovations(
         v_free = v
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
-            e = y[k] - x
+            e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
             out[0, k], out[1, k] = e, s
             ratio = e * e / s

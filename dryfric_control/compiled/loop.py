@@ -57,7 +57,7 @@ def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
     t, force = k * dt, u + disturbance
     if k == 0:
         state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
-    out[0, k], out[4, k], out[5, k] = state[axis_step.X], u, y
+    out[0, k], out[4, k], out[5, k] = axis_step.reading(plant, t, state), u, y
     out[1, k], out[2, k], out[3, k] = axis_step.sample(
         plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
     )
@@ -82,7 +82,7 @@ def run_loop(
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.doubled(events)
             count[axis_step.HELD] = events.shape[0] // 3
-        y = encode(state[axis_step.X], quantum)
+        y = encode(axis_step.reading(plant, k * dt, state), quantum)
         u = control_update(control, past, reference[k], y)
         advance_plant(plant, k, dt, state, u, disturbance[k], y, events, count, out)
     return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]

@@ -169,6 +169,13 @@ def _begin(run, w, i, x0, v0, inner):
             axis_step.settle(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
             _keep(memory, inner)
         _restore(plant, inner, memory)
+        if plant.integers[axis_step.STRUCTURE] & axis_step.ON_LOAD:
+            # The start state is that of the load.
+            memory[axis_step.V] = v0 - inner[2]
+            memory[axis_step.SLIP] = inner[2]
+            if inner[3] == 0.0 and inner[2] != 0.0:
+                memory[axis_step.V] = -inner[2]
+    axis_step.place(plant, w.t0 + a * w.dt, w.dt, x0, state)
     _, _, mode = axis_step.outputs(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
     memory[axis_step.MODE] = mode
     if mode != 0:
@@ -200,13 +207,13 @@ def _free_run(run, w, i, x0, v0, inner, out):
     _begin(run, w, i, x0, v0, inner)
     state = axis_step.pointer(memory)
     switches, counted = axis_step.pointer(run.events), axis_step.pointer(run.count)
-    out[a] = memory[axis_step.X]
+    out[a] = axis_step.reading(run.plant, w.t0 + a * w.dt, state)
     for k in range(a, b):
         run.count[0] = 0
         end = w.u[min(k + 1, last)] if w.first else w.u[k]
         axis_step.sample(run.plant, w.t0 + k * w.dt, w.dt, w.u[k], end, state, switches, counted)
         if k + 1 < b:
-            out[k + 1] = memory[axis_step.X]
+            out[k + 1] = axis_step.reading(run.plant, w.t0 + (k + 1) * w.dt, state)
 
 
 @axis_step.internal

@@ -108,7 +108,7 @@ def prepare(record: Record, active: BoolArray | None = None) -> Run:
     floor = max(floor, (1e-9 * record.range) ** 2)
     drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
     active = np.ones(n, bool) if active is None else active
-    return Run(record, record.u, np.ones(n, bool), active, edges, ((0, n),), floor, drive)
+    return Run(record, record.u, record.good, active, edges, ((0, n),), floor, drive)
 
 
 def some_of(run: Run, most: int, count: int = 4) -> Run:

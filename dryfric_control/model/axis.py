@@ -733,8 +733,9 @@ class AxisStepper:
 
     @property
     def x(self) -> float:
-        """Position [m]."""
-        return float(self._memory[0])
+        """Position, as an encoder reads it [m]."""
+        a = self._arrays
+        return float(axis_step.reading_now(a.numbers, a.integers, self._memory, self.time))
 
     @property
     def v(self) -> float:
@@ -849,11 +850,11 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]
-        for action in ("input", "force", "friction")
+        for action in ("input", "force", "friction", "reading")
     }
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     levels = sorted(by_action["friction"], key=lambda effect: not effect.within_peak)
-    laws = [*by_action["input"], *forces, *levels]
+    laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     # An axis holds one of each kind that has a state, so that adding is collecting.
     states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
     inner = Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
@@ -869,7 +870,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         axis.stick_rate,
         low,
         high,
-        *inner[:-1],
+        *inner[: Inner._fields.index("load_fraction")],
         1.0 / (axis.mass * (1.0 - inner.load_fraction)) if behind else 0.0,
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
@@ -887,6 +888,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         axis_step.CONTACT * (inner.contact > 0.0)
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
+        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
     )
     task = elastic.inner_task() if structure else axis_step.rigid_task()
     integers = [
@@ -903,6 +905,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         axis_step.rigid_task().address,
         task.address,
         sum(effect.within_peak for effect in levels),
+        len(by_action["reading"]),
     ]
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]

@@ -84,10 +84,12 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         return memory[:size]
 
     def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+        memory = full(x)
+        read = axis_step.reading_now(arrays.numbers, arrays.integers, memory, t)
         v, friction, mode = axis_step.outputs_now(
-            arrays.numbers, arrays.integers, full(x), t, dt, u[0]
+            arrays.numbers, arrays.integers, memory, t, dt, u[0]
         )
-        return np.array([x[0], v, friction, float(mode)])
+        return np.array([read, v, friction, float(mode)])
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
@@ -421,5 +423,10 @@ def _memoryless(axis: FrictionAxis, what: str) -> None:
         if effect.remembers:
             raise ValueError(
                 f"{what} has no place for the effect {effect.slug!r}, which remembers the past: "
+                "take axis_block(axis, dt)"
+            )
+        if effect.action == "reading":
+            raise ValueError(
+                f"{what} has no place for the effect {effect.slug!r}, which acts on the encoder: "
                 "take axis_block(axis, dt)"
             )

@@ -116,7 +116,7 @@ class Law(ABC):
         force = samples("u", u)
         dt, x0, v0 = positive("dt", dt, unit="s"), finite("x0", x0), finite("v0", v0)
         for effect in axis.effects:
-            if effect.action in ("contact", "transmission"):
+            if effect.action in ("contact", "transmission", "reading"):
                 raise ValueError(
                     f"law={type(self).__name__}(...) has no place for the effect "
                     f"{effect.slug!r}: leave out the one or the other"

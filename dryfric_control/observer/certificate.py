@@ -9,7 +9,7 @@ of the Lyapunov matrices so that no choice of units hides a violation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import hardest_switching, worst_switching
-from dryfric_control.text import wrapped
+from dryfric_control.text import Result
 from dryfric_control.ties import ranked
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Block:
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate:
+class Certificate(Result):
     """What is proved about a design, and how close it comes.
 
     Attributes
@@ -128,31 +128,18 @@ class Certificate:
         """Relative distance from the limit of any observer."""
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
 
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def summary(self) -> str:
-        """Readable statement of what is proved.
-
-        Returns
-        -------
-        str
-        """
+    def _shown(self) -> Iterator[str]:
         radii = ", ".join(f"mode {m:+d}: {r:.5f}" for m, r in self.spectral_radius.items())
-        runs = _run_lengths(self.worst_sequence)
-        return wrapped(
-            [
-                f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
-                f"(gap {100 * self.gap:.2f} %)",
-                f"      reached by repeating the modes {runs}",
-                f"      no observer can be below {self.limit:.6g}, "
-                f"shown by {_run_lengths(self.hardest_sequence)}",
-                f"decay {self.decay:.6g} per sample for every allowed switching",
-                f"poles {radii}",
-                f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}",
-            ],
-            indent=6,
+        yield (
+            f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
+            f"(gap {100 * self.gap:.2f} %)"
         )
+        yield f"      reached by repeating the modes {_run_lengths(self.worst_sequence)}"
+        shown = _run_lengths(self.hardest_sequence)
+        yield f"      no observer can be below {self.limit:.6g}, shown by {shown}"
+        yield f"decay {self.decay:.6g} per sample for every allowed switching"
+        yield f"poles {radii}"
+        yield f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, ready for JSON."""

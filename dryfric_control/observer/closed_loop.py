@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.blocks import axis_block, encoder, reference_filter
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
+from dryfric_control.observer import figures
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import (
     OUTPUTS,
@@ -24,6 +26,7 @@ from dryfric_control.observer.runtime import (
     tables,
 )
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
+from dryfric_control.text import Result
 
 Array = NDArray[np.float64]
 
@@ -73,7 +76,7 @@ def filter_reference(
 
 
 @dataclass(frozen=True, repr=False)
-class ObservedLoop:
+class ObservedLoop(Result):
     """A closed loop and what an observer made of it.
 
     Attributes
@@ -106,20 +109,11 @@ class ObservedLoop:
         """Time of each switch of the plant and the observer's delay [s]."""
         return switch_delays(self.plant.y[3], self.estimate.y[4], self.design.dt)
 
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def summary(self) -> str:
-        """Errors and switching delays in words.
-
-        Returns
-        -------
-        str
-        """
+    def _shown(self) -> Iterator[str]:
+        yield from self.score.summary(self.axis.units[0]).splitlines()
         _, delay = self.delays
-        text = self.score.summary(self.axis.units[0])
         if not delay.size:
-            return text
+            return
         missed = int(np.isnan(delay).sum())
         seen = delay[np.isfinite(delay)] * 1e3
         spread = (
@@ -127,7 +121,7 @@ class ObservedLoop:
             if seen.size
             else ""
         )
-        return f"{text}\nswitches     {delay.size}, missed {missed}{spread}"
+        yield f"switches     {delay.size}, missed {missed}{spread}"
 
     def to_dict(self) -> dict[str, Any]:
         """Score and delays as plain numbers."""
@@ -170,8 +164,6 @@ class ObservedLoop:
         >>> run.plot(what="speed").axes[1, 0].get_ylabel()
         'error [inc/s]'
         """
-        from dryfric_control.observer import figures
-
         draw = {
             "all": figures.draw_loop,
             "position": figures.draw_position,
@@ -184,9 +176,6 @@ class ObservedLoop:
         if not isinstance(what, str) or what not in draw:
             raise ValueError(f"what must be one of {', '.join(draw)}, maps, got {what!r}")
         return draw[what](self, ax, title)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.summary()}</pre>"
 
 
 def simulate_observed_loop(

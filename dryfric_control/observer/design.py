@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import control
 import numpy as np
@@ -15,6 +15,7 @@ from dryfric_control.checks import whole
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
+    DISCRETIZATIONS,
     FORMS,
     ErrorModel,
     axis_matrices,
@@ -29,7 +30,9 @@ from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.scaling import Scales, scales_of
 from dryfric_control.observer.synthesis import certified_solution
 from dryfric_control.observer.weights import default_weights
-from dryfric_control.text import wrapped
+from dryfric_control.store.axis_file import axis_to_dict
+from dryfric_control.store.files import write_document
+from dryfric_control.text import Result
 
 if TYPE_CHECKING:
     from dryfric_control.model.axis import FrictionAxis
@@ -41,8 +44,15 @@ METHODS = ("paper", "slack", "path", "dwell")
 DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
 
 
+#: What a file holds.
+KIND, VERSION = "observer design", 2
+ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
+NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
+WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class ObserverDesign:
+class ObserverDesign(Result):
     """A switched PI observer: gains, specifications, certificate.
 
     Made by `design_pi_observer`.
@@ -288,7 +298,7 @@ class ObserverDesign:
             1.0 / self.output_scale,
         )
 
-    def save(self, path: str) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a text file; `load_design` reads it back.
 
         Parameters
@@ -296,51 +306,49 @@ class ObserverDesign:
         path : str or path
             File to write, replaced as a whole or not at all.
         """
-        from dryfric_control.observer.storage import save_design
+        write_document(path, KIND, VERSION, design_data(self))
 
-        save_design(self, path)
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def summary(self) -> str:
-        """Specifications, gains and certificate in words.
-
-        Returns
-        -------
-        str
-        """
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         u = self.uncertainty
         length, force = self.axis.units
-        lines = [
+        yield (
             f"Switched PI observer, method {self.method!r}, memory {self.window} samples, "
-            f"dt = {self.dt:g} s, {self.discretization}, {self.form} form",
+            f"dt = {self.dt:g} s, {self.discretization}, {self.form} form"
+        )
+        yield (
             f"asked  uncertainty {u[0]:.4g} / {u[1]:.4g} / {u[-1]:.4g} {force} (modes 0, +1, -1), "
             f"noise {self.noise:.4g} {length}, drift {self.drift:.4g} {force}/sample, weights "
-            + ", ".join(f"{q:.4g}" for q in self.performance),
+            + ", ".join(f"{q:.4g}" for q in self.performance)
+        )
+        radius = self.certificate.spectral_radius
+        rows: list[tuple[str, ...]] = [
+            ("mode", "L_x", "L_v [1/s]", f"G [{force}/{length}]", "radius")
         ]
         for mode, (lx, lv, g) in self.gains.items():
-            lines.append(
-                f"gains  mode {mode:+d}: L = ({lx:.6g}, {lv:.6g} 1/s), "
-                f"G = {g:.6g} {self._gain_unit}"
-            )
-        return f"{wrapped(lines, indent=7)}\n{self.certificate.summary()}"
+            rows.append((f"{mode:+d}", f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
+        yield rows
+        yield from self.certificate._shown()
 
-    @property
-    def _gain_unit(self) -> str:
-        length, force = self.axis.units
-        return f"{force}/{length}"
 
-    def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{mode:+d}</td><td>{lx:.6g}</td><td>{lv:.6g}</td><td>{g:.6g}</td>"
-            f"<td>{self.certificate.spectral_radius[mode]:.5f}</td></tr>"
-            for mode, (lx, lv, g) in self.gains.items()
-        )
-        names = ("mode", "L_x", "L_v [1/s]", f"G [{self._gain_unit}]", "radius")
-        head = f"<tr>{''.join(f'<th>{html.escape(name)}</th>' for name in names)}</tr>"
-        text = html.escape(self.summary())
-        return f"<table>{head}{rows}</table><pre>{text}</pre>"
+def design_data(design: ObserverDesign) -> dict[str, Any]:
+    """A design as plain numbers and words.
+
+    Parameters
+    ----------
+    design : ObserverDesign
+        The design.
+
+    Returns
+    -------
+    dict
+    """
+    data: dict[str, Any] = {"axis": axis_to_dict(design.axis)}
+    data |= {name: getattr(design, name) for name in (*NUMBERS, *WORDS, "window")}
+    data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
+    data["performance"] = design.performance
+    data["integral_modes"] = design.integral_modes
+    data["graph"] = asdict(design.graph)
+    return data | {name: getattr(design, name).tolist() for name in ARRAYS}
 
 
 def _check_mode(mode: int) -> None:
@@ -472,7 +480,7 @@ def design_pi_observer(
     ...                         stick_rate=500.0, stick_speed=1e-4)
     >>> design = dfc.design_pi_observer(
     ...     axis, dt=1e-3, uncertainty=1.0, noise=1e-4, drift=0.0, decay=0.995,
-    ...     performance=(0.0, 1.0, 0.0))
+    ...     performance=(0.0, 1.0, 0.0), form="prediction", discretization="euler")
     >>> print(f"{design.gamma:.4f}")
     0.0141
     """

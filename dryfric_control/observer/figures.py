@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import control as ct
 import numpy as np
+from numpy.typing import NDArray
 
 from dryfric_control.drawing import (
     axes_of,
@@ -16,9 +17,20 @@ from dryfric_control.drawing import (
     title_above,
 )
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.responses import Response
 
-if TYPE_CHECKING:
-    from dryfric_control.observer.closed_loop import ObservedLoop
+
+class Run(Protocol):
+    """What a figure reads of an observed loop."""
+
+    @property
+    def axis(self) -> FrictionAxis: ...
+    @property
+    def reference(self) -> NDArray[np.float64]: ...
+    @property
+    def plant(self) -> Response: ...
+    @property
+    def estimate(self) -> Response: ...
 
 
 def draw_coulomb_maps(
@@ -76,14 +88,12 @@ def draw_coulomb_maps(
     return control_plot(axes)
 
 
-def _title(run: ObservedLoop, axes: Any, name: str, title: str | None) -> None:
+def _title(run: Run, axes: Any, name: str, title: str | None) -> None:
     """The title of a run's figure, once the legend stands."""
     title_above(axes[0], f"{run.axis.name}: {name} and its estimate" if title is None else title)
 
 
-def _signal(
-    run: ObservedLoop, axes: Any, row: int, name: str, unit: str, title: str | None
-) -> None:
+def _signal(run: Run, axes: Any, row: int, name: str, unit: str, title: str | None) -> None:
     """Plant and estimate above, the error below."""
     t = run.plant.t
     true, estimate = run.plant.y[row], run.estimate.y[row]
@@ -103,12 +113,12 @@ def _signal(
     bottom.set_xlabel("Time [s]")
 
 
-def draw_position(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw position, reference and the estimation error (Fig. 8).
 
     Parameters
     ----------
-    run : ObservedLoop
+    run : Run
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
@@ -129,12 +139,12 @@ def draw_position(run: ObservedLoop, ax: Any = None, title: str | None = None) -
     return control_plot(axes)
 
 
-def draw_speed(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw speed and its estimation error (Fig. 9).
+def draw_speed(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    """Draw velocity and its estimation error (Fig. 9).
 
     Parameters
     ----------
-    run : ObservedLoop
+    run : Run
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
@@ -146,16 +156,16 @@ def draw_speed(run: ObservedLoop, ax: Any = None, title: str | None = None) -> c
     control.ControlPlot
     """
     axes = axes_of(ax, 2)
-    _signal(run, axes, 1, "speed", f"{run.axis.units[0]}/s", title)
+    _signal(run, axes, 1, "velocity", f"{run.axis.units[0]}/s", title)
     return control_plot(axes)
 
 
-def draw_friction(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+def draw_friction(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw friction, its estimate and the error (Fig. 10).
 
     Parameters
     ----------
-    run : ObservedLoop
+    run : Run
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
@@ -171,12 +181,12 @@ def draw_friction(run: ObservedLoop, ax: Any = None, title: str | None = None) -
     return control_plot(axes)
 
 
-def draw_modes(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw the mode and the commutation errors (Fig. 11).
+def draw_modes(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    """Draw the mode and the mode-detection errors (Fig. 11).
 
     Parameters
     ----------
-    run : ObservedLoop
+    run : Run
         The run.
     ax : sequence of two Axes, optional
         Where to draw.  Default: a new figure.
@@ -205,12 +215,12 @@ def draw_modes(run: ObservedLoop, ax: Any = None, title: str | None = None) -> c
     return control_plot(axes)
 
 
-def draw_loop(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw position, speed, friction and mode in one figure.
+def draw_loop(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    """Draw position, velocity, friction and mode in one figure.
 
     Parameters
     ----------
-    run : ObservedLoop
+    run : Run
         The run.
     ax : sequence of four Axes, optional
         Where to draw.  Default: a new figure.
@@ -223,7 +233,7 @@ def draw_loop(run: ObservedLoop, ax: Any = None, title: str | None = None) -> ct
     """
     axes = axes_of(ax, 4)
     t, length, force = run.plant.t, *run.axis.units
-    names = (f"position [{length}]", f"speed [{length}/s]", f"friction [{force}]", "mode")
+    names = (f"position [{length}]", f"velocity [{length}/s]", f"friction [{force}]", "mode")
     axes[0].plot(t, run.reference, color="0.55", linewidth=0.8, label="reference")
     for row, (one, name) in enumerate(zip(axes, names, strict=True)):
         mine = row if row < 3 else 4

@@ -14,14 +14,14 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import finite, positive, samples
+from dryfric_control.checks import positive, samples
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.own_axis import own_axis
-from dryfric_control.observer.runtime import OUTPUTS, Estimate, ObserverResponse
+from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
 from dryfric_control.observer.weights import coulomb_level
 
 Array = NDArray[np.float64]
@@ -222,7 +222,7 @@ class HybridFilter:
         return HybridStepper(self)
 
 
-class HybridStepper:
+class HybridStepper(Stepper):
     """A hybrid filter sample by sample.
 
     Made by `HybridFilter.stepper`.
@@ -231,44 +231,22 @@ class HybridStepper:
     ----------
     filter : HybridFilter
         The filter.
-    vhat_sd : float
-        Standard deviation of the velocity after the last sample [m/s].
-    log_likelihood : float
-        Logarithm of the probability of the last reading.
     """
 
     def __init__(self, filter: HybridFilter) -> None:
         self.filter = filter
-        self.vhat_sd = self.log_likelihood = 0.0
-        self._memory, self._out = np.zeros(filter.memory_size), np.empty(kernel.OUTPUTS)
-        self._samples = 0
+        memory = np.zeros(filter.memory_size)
+        super().__init__(kernel.step, filter.tables, memory, kernel.OUTPUTS, filter.dt)
 
-    def step(self, u: float, y: float) -> Estimate:
-        """Take one sample and move on to the next.
+    @property
+    def vhat_sd(self) -> float:
+        """Standard deviation of the velocity after the last sample [m/s]."""
+        return float(self._out[5])
 
-        Parameters
-        ----------
-        u : float
-            Drive force from this sample on [N].
-        y : float
-            Position read at this sample [m].
-
-        Returns
-        -------
-        Estimate
-            x, v, F, w and mode at this sample.
-
-        Raises
-        ------
-        ValueError
-            If `u` or `y` is not a finite number; the filter stays as it was.
-        """
-        drive, reading = finite("u", u), finite("y", y)
-        t = self._samples * self.filter.dt
-        kernel.step(*self.filter.tables, self._memory, t, drive, reading, self._out)
-        self._samples += 1
-        x, v, friction, w, mode, self.vhat_sd, self.log_likelihood = self._out.tolist()
-        return Estimate(x, v, friction, w, int(mode))
+    @property
+    def log_likelihood(self) -> float:
+        """Logarithm of the probability of the last reading."""
+        return float(self._out[6])
 
 
 def hybrid_filter(

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import finite, positive, samples, whole
-from dryfric_control.drawing import DASHES, axes_of, control_plot, legend_above, title_above
+from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -25,6 +24,7 @@ from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import observe
 from dryfric_control.observer.score import EstimateScore, score_estimate
 from dryfric_control.store.batch import fingerprint, run_batch
+from dryfric_control.text import Result
 
 Array = NDArray[np.float64]
 
@@ -121,8 +121,8 @@ class SwitchedEstimator:
         return np.asarray(run.y)
 
 
-@dataclass(frozen=True)
-class MonteCarlo:
+@dataclass(frozen=True, repr=False)
+class MonteCarlo(Result):
     """Scores of several estimators over random mismatches.
 
     Attributes
@@ -167,26 +167,17 @@ class MonteCarlo:
             name: np.quantile(np.abs(table), levels, axis=0) for name, table in self.scores.items()
         }
 
-    def summary(self) -> str:
-        """Table of medians, 95 % quantiles and largest values.
-
-        Returns
-        -------
-        str
-        """
-        heads = (f"position [{self.unit}]", "speed [%]", "friction [%]", "bias [%]", "commut. [%]")
-        lines = [
-            f"{len(self.mismatches)} random mismatches: median / 95 % / largest",
-            f"{'':24}" + "".join(f"{head:>24}" for head in heads),
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        yield f"{len(self.mismatches)} random mismatches: median / 95 % / largest"
+        rows: list[tuple[str, ...]] = [
+            ("", f"position [{self.unit}]", "velocity [%]", "friction [%]", "bias [%]", "mode [%]")
         ]
         for name, table in self.quantiles((0.5, 0.95, 1.0)).items():
-            scaled = table * [1.0, 100.0, 100.0, 100.0, 100.0]
-            cells = "".join(
-                f"{' / '.join(f'{value:.3g}' for value in column):>24}" for column in scaled.T
-            )
-            lines.append(f"{name:24}{cells}")
+            scaled = (table * [1.0, 100.0, 100.0, 100.0, 100.0]).T
+            rows.append((name, *(" / ".join(f"{value:.3g}" for value in one) for one in scaled)))
+        yield rows
         diverged = "; ".join(f"{name}: {count}" for name, count in self.diverged.items())
-        return "\n".join([*lines, f"diverged  {diverged}"])
+        yield f"diverged  {diverged}"
 
     def to_dict(self) -> dict[str, Any]:
         """Mismatches and scores as plain numbers."""
@@ -196,24 +187,12 @@ class MonteCarlo:
             "scores": {name: table.tolist() for name, table in self.scores.items()},
         }
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw which part of the runs stays below an error.
-
-        Parameters
-        ----------
-        ax : sequence of four Axes, optional
-            Where to draw.  Default: a new figure.
-        title : str, optional
-            Title.  Default: how many mismatches were drawn.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        axes = axes_of(ax, 4, sharex=False)
+    @panels(4, sharex=False)
+    def plot(self, axes: Any) -> str:
+        """Draw which part of the runs stays below an error."""
         heads = (
             f"position error, largest [{self.unit}]",
-            "speed error, RMS [% of speed]",
+            "velocity error, RMS [% of velocity]",
             "friction error, mean [% of level]",
             "other mode [% of samples]",
         )
@@ -234,12 +213,7 @@ class MonteCarlo:
             one.set_xlabel(head)
             one.set_ylabel("part of runs")
         legend_above(axes[0])
-        count = len(self.mismatches)
-        title_above(axes[0], f"{count} random mismatches" if title is None else title)
-        return control_plot(axes)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.summary()}</pre>"
+        return f"{len(self.mismatches)} random mismatches"
 
 
 def _minor_label(value: float, place: int) -> str:

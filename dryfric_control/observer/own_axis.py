@@ -8,8 +8,8 @@ from dryfric_control.checks import instance, positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 
-#: What acts through states that the observer does not have.
-LEFT_OUT = ("contact", "transmission")
+#: What acts through states that the observer does not have, or on what it reads.
+LEFT_OUT = ("contact", "transmission", "reading")
 
 
 class ObserverWarning(UserWarning):

@@ -6,6 +6,7 @@ and agree to round-off.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import control as ct
@@ -14,14 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled import observer as kernel
-from dryfric_control.drawing import (
-    axes_of,
-    control_plot,
-    legend_above,
-    settled_scale,
-    shade_stuck,
-    title_above,
-)
+from dryfric_control.drawing import MEASURED, legend_above, panels, settled_scale, shade_stuck
+from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.units import check_units
 
@@ -129,7 +124,7 @@ def first_memory(
     return memory
 
 
-class ObserverResponse(ct.TimeResponseData):
+class ObserverResponse(Response):
     """Estimates over a record.
 
     A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what and mode,
@@ -139,55 +134,32 @@ class ObserverResponse(ct.TimeResponseData):
     def __init__(
         self, time: Array, outputs: Array, u: Array, y: Array, units: tuple[str, str], title: str
     ) -> None:
-        # The base class copies what it is given; a long record must not exist
-        # twice, so it is built on one sample and the arrays are put in after.
-        states, inputs = outputs[[0, 1, 3]], np.vstack([u, y])
         super().__init__(
-            time[:1],
-            outputs[:, :1],
-            states[:, :1],
-            inputs[:, :1],
+            time,
+            outputs,
+            outputs[[0, 1, 3]],
+            np.vstack([u, y]),
+            units,
             output_labels=list(OUTPUTS),
             state_labels=["xhat", "vhat", "what"],
             input_labels=["u", "y"],
-            issiso=False,
             title=title,
         )
-        self.t, self.y, self.x, self.u = time, outputs, states, inputs
-        self.units = units
 
-    @property
-    def mode(self) -> NDArray[np.int64]:
-        """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
-        return self.y[4].astype(np.int64)
-
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    @panels(3)
+    def plot(self, axes: Any) -> str:
         """Draw the estimates over time, estimated rest as a light band.
 
-        Parameters
-        ----------
-        ax : sequence of three Axes, optional
-            Where to draw.  Default: a new figure.
-        title : str, optional
-            Title.  Default: the title of the response.
-
-        Returns
-        -------
-        control.ControlPlot
-
-        Notes
-        -----
         The first 0.1 s do not count for the scales.
         `control.time_response_plot` draws every signal in a panel of its own.
         """
-        axes = axes_of(ax, 3)
         length, force = self.units
-        axes[0].plot(self.t, self.u[1], ".", color="0.6", markersize=2, label="reading")
+        axes[0].plot(self.t, self.u[1], ".", color=MEASURED, markersize=2, label="reading")
         axes[1].plot(self.t, self.y[1], "C0--", linewidth=1.0)
         axes[0].plot(self.t, self.y[0], "C0--", linewidth=1.0, label="estimate")
         axes[2].plot(self.t, self.u[0], color="0.55", linewidth=1.0, label="drive u")
         axes[2].plot(self.t, self.y[2], "C0--", linewidth=1.0, label="friction, estimate")
-        names = (f"position [{length}]", f"speed [{length}/s]", f"force [{force}]")
+        names = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
         shown = ((self.u[1], self.y[0]), (self.y[1],), (self.u[0], self.y[2]))
         for one, name, signals in zip(axes, names, shown, strict=True):
             settled_scale(one, self.t, *signals)
@@ -197,8 +169,7 @@ class ObserverResponse(ct.TimeResponseData):
         legend_above(axes[0])
         legend_above(axes[2])
         axes[-1].set_xlabel("Time [s]")
-        title_above(axes[0], self.title if title is None else title)
-        return control_plot(axes)
+        return str(self.title)
 
 
 def observe(
@@ -400,7 +371,59 @@ def pi_observer(
     )
 
 
-class ObserverStepper:
+class Stepper:
+    """A compiled estimator sample by sample.
+
+    Parameters
+    ----------
+    sample : callable
+        The compiled sample; takes tables, memory, time, drive, reading, output.
+    tables : tuple of ndarray
+        What it reads.
+    memory : ndarray
+        Memory before the first sample.
+    outputs : int
+        Numbers that a sample states, the five of an `Estimate` first.
+    dt : float
+        Sampling time [s].
+    """
+
+    def __init__(
+        self, sample: Callable[..., None], tables: Any, memory: Array, outputs: int, dt: float
+    ) -> None:
+        self._sample, self._tables, self._memory, self._dt = sample, tables, memory, dt
+        self._out = np.zeros(outputs)
+        self._samples = 0
+
+    def step(self, u: float, y: float) -> Estimate:
+        """Take one sample and move on to the next.
+
+        Parameters
+        ----------
+        u : float
+            Drive force from this sample on [N].
+        y : float
+            Position read at this sample [m].
+
+        Returns
+        -------
+        Estimate
+            x, v, F, w and mode at this sample.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `y` is not a finite number; the estimator stays as it was.
+        """
+        drive, reading = finite("u", u), finite("y", y)
+        t = self._samples * self._dt
+        self._sample(*self._tables, self._memory, t, drive, reading, self._out)
+        self._samples += 1
+        x, v, friction, w, mode = self._out[:5].tolist()
+        return Estimate(x, v, friction, w, int(mode))
+
+
+class ObserverStepper(Stepper):
     """The observer sample by sample, for a loop of one's own.
 
     Parameters
@@ -440,34 +463,6 @@ class ObserverStepper:
         encoder_quantum: float | None = None,
     ) -> None:
         self.design = design
-        self._tables = tables(design, switching, encoder_quantum)
-        self._memory = first_memory(design, xhat0, vhat0, what0)
-        self._out = np.empty(kernel.OUTPUTS)
-        self._samples = 0
-
-    def step(self, u: float, y: float) -> Estimate:
-        """Take one sample and move on to the next.
-
-        Parameters
-        ----------
-        u : float
-            Drive force from this sample on [N].
-        y : float
-            Position read at this sample [m].
-
-        Returns
-        -------
-        Estimate
-            x, v, F, w and mode at this sample.
-
-        Raises
-        ------
-        ValueError
-            If `u` or `y` is not a finite number; the observer stays as it was.
-        """
-        drive, reading = finite("u", u), finite("y", y)
-        t = self._samples * self.design.dt
-        kernel.step(*self._tables, self._memory, t, drive, reading, self._out)
-        self._samples += 1
-        x, v, friction, w, mode = self._out.tolist()
-        return Estimate(x, v, friction, w, int(mode))
+        arrays = tables(design, switching, encoder_quantum)
+        memory = first_memory(design, xhat0, vhat0, what0)
+        super().__init__(kernel.step, arrays, memory, kernel.OUTPUTS, design.dt)

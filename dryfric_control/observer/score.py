@@ -73,10 +73,10 @@ class EstimateScore:
         return "\n".join(
             [
                 f"position     at most {self.position:.3g} {unit} off after {SETTLED_POSITION:g} s",
-                f"speed        {100 * self.speed:.2f} % of its RMS after {SETTLED:g} s",
+                f"velocity     {100 * self.speed:.2f} % of its RMS after {SETTLED:g} s",
                 f"friction     {100 * self.friction:.2f} % of the Coulomb level in slip "
                 f"(bias {100 * self.friction_bias:+.2f} %)",
-                f"commutation  {100 * self.commutation:.2f} % of the samples in another mode",
+                f"mode         {100 * self.commutation:.2f} % of the samples in another mode",
             ]
         )
 

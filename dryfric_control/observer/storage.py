@@ -12,56 +12,20 @@ import numpy as np
 from dryfric_control.checks import positive, whole
 from dryfric_control.model.axis import MODES
 from dryfric_control.observer.certificate import Certificate, CertificateError
-from dryfric_control.observer.design import METHODS, ObserverDesign
-from dryfric_control.observer.error_model import (
-    DISCRETIZATIONS,
-    FORMS,
-    check_sampling,
-    mode_classes,
+from dryfric_control.observer.design import (
+    ARRAYS,
+    KIND,
+    NUMBERS,
+    VERSION,
+    WORDS,
+    ObserverDesign,
 )
+from dryfric_control.observer.error_model import check_sampling, mode_classes
 from dryfric_control.observer.memory import ModeGraph
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
-from dryfric_control.store.files import load_document, write_document
+from dryfric_control.store.axis_file import axis_from_dict
+from dryfric_control.store.files import load_document
 
-KIND, VERSION = "observer design", 2
-_ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
-_NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
 _MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
-_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
-
-
-def save_design(design: ObserverDesign, path: str | os.PathLike[str]) -> None:
-    """Write a design to a text file, as a whole or not at all.
-
-    Parameters
-    ----------
-    design : ObserverDesign
-        What to write.
-    path : str or path
-        File to write.
-    """
-    write_document(path, KIND, VERSION, design_data(design))
-
-
-def design_data(design: ObserverDesign) -> dict[str, Any]:
-    """A design as plain numbers and words.
-
-    Parameters
-    ----------
-    design : ObserverDesign
-        The design.
-
-    Returns
-    -------
-    dict
-    """
-    data: dict[str, Any] = {"axis": axis_to_dict(design.axis)}
-    data |= {name: getattr(design, name) for name in (*_NUMBERS, *_WORDS, "window")}
-    data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
-    data["performance"] = design.performance
-    data["integral_modes"] = design.integral_modes
-    data["graph"] = dataclasses.asdict(design.graph)
-    return data | {name: getattr(design, name).tolist() for name in _ARRAYS}
 
 
 def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
@@ -131,7 +95,7 @@ def _rebuild(data: dict[str, Any]) -> ObserverDesign:
         after = {graph["labels"][j] for i, j in edges if i == node}
         if label not in after or following.setdefault(label, after) != after:
             raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
-    arrays: dict[str, Any] = {name: np.array(data[name], dtype=float) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: np.array(data[name], dtype=float) for name in ARRAYS}
     shapes = {
         "node_gains": (nodes, 3), "state_scale": (3,),
         "lyapunov": (nodes, 3, 3), "lyapunov_decay": (nodes, 3, 3),
@@ -142,9 +106,9 @@ def _rebuild(data: dict[str, Any]) -> ObserverDesign:
     if not np.all(arrays["state_scale"] > 0.0):
         raise ValueError(f"state_scale must be positive, got {data['state_scale']!r}")
     plain: dict[str, Any] = {
-        name: positive(name, data[name], zero=name in _MAY_BE_ZERO) for name in _NUMBERS
+        name: positive(name, data[name], zero=name in _MAY_BE_ZERO) for name in NUMBERS
     }
-    plain |= {name: _one_of(name, data[name], known) for name, known in _WORDS.items()}
+    plain |= {name: _one_of(name, data[name], known) for name, known in WORDS.items()}
     if not plain["decay"] <= 1.0:
         raise ValueError(f"decay must be at most 1, got {plain['decay']!r}")
     uncertainty = {

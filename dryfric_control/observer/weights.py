@@ -22,7 +22,7 @@ UNCERTAIN_FRACTION = 0.2
 #: Natural frequency [rad/sample] without knowledge of the sensor, and its range
 #: with it: above, the observer is near-deadbeat and copies the noise into the
 #: velocity; below, it takes thousands of samples to forget its start.
-BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.01, 1.0
+BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.03, 0.7
 #: With a known increment, the natural frequency that force and rounding amount to is
 #: lowered to this share of itself: rounding is no white noise while the axis is slow.
 QUANTIZED = 0.5
@@ -130,7 +130,7 @@ def default_weights(
     Notes
     -----
     With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = 4 quantum / sqrt(12),
-    moved if need be until 0.01 <= beta <= 1, or such that beta = 0.15 if no
+    moved if need be until 0.03 <= beta <= 0.7, or such that beta = 0.15 if no
     quantum is given; drift = beta d / 2 per sample; decay = 1 - beta / 20; and
     z weighs the speed error by 1 and, by what they are worth as a speed at the
     frequency beta, the position error by 2 and the friction error by 0.3:

@@ -24,6 +24,18 @@ import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.checks import positive_number
+from dryfric_control.records.bad_readings import (
+    FILLED,
+    GIVEN,
+    NONE,
+    REASONS,
+    Masked,
+    bridged,
+    evened,
+    filled,
+    find,
+    without,
+)
 from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
@@ -39,6 +51,8 @@ from dryfric_control.records.record_checks import (
     increasing_steps,
     plain_text,
     resample,
+    samples_at_limit,
+    spread_of,
     uniform_step,
     unwrapped,
     vector,
@@ -46,7 +60,7 @@ from dryfric_control.records.record_checks import (
     warn,
     warn_if_suspect,
 )
-from dryfric_control.records.resolution import QUANTA, ROUNDING, Resolution
+from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
 from dryfric_control.ties import samples
 
@@ -102,12 +116,18 @@ class Record:
     raw : mapping, optional
         Unit in which a channel was stored and the factor that made it what it is, such
         as ``{"x": ("counts", 1e-6)}``.
+    good : array_like of bool, shape (n,), optional
+        Readings of ``x`` that may be used.  Default: all but single jumps, and
+        repetitions of the reading before while the axis moves.
 
     Attributes
     ----------
     dt : float
         Sampling step [s].
     notes : tuple of str
+    masked : Masked
+        Readings that are not used: ``indices``, ``reasons`` and ``readings``, what was
+        recorded.  In ``x`` a smooth path bridges them.
 
     Raises
     ------
@@ -118,7 +138,7 @@ class Record:
     -----
     RecordWarning
         When the time looks like milliseconds or microseconds, the input
-        clipped, or the position jumps.
+        clipped, the position jumps, or readings are masked.
 
     Notes
     -----
@@ -148,6 +168,7 @@ class Record:
     notes: tuple[str, ...]
     channels: Mapping[str, FloatArray]
     raw: Mapping[str, tuple[str, float]]
+    masked: Masked
 
     def __init__(
         self,
@@ -163,6 +184,7 @@ class Record:
         unwrap: float | None = None,
         channels: Mapping[str, npt.ArrayLike] | None = None,
         raw: Mapping[str, tuple[str, float]] | None = None,
+        good: npt.ArrayLike | None = None,
     ) -> None:
         labels = checked_units(units)
         if name is not None and not isinstance(name, str):
@@ -176,6 +198,11 @@ class Record:
         if unwrap is not None:
             xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
             notes += (f"x unwrapped with period {unwrap:g}",)
+        usable = None if good is None else usable_readings(good, xv.size)
+        seen = quantum
+        if seen is None:
+            seen = estimated_quantum(xv, stored.get("x", ("", 1.0))[1]) or 0.0
+        xv, masked = repaired(xv, seen, usable)
         check_motion(uv, xv)
         if quantum is not None and quantum > np.ptp(xv):
             raise ValueError(
@@ -184,9 +211,15 @@ class Record:
             )
         warn_if_suspect(tv, dt, uv)
         name = None if name is None else plain_text(name)
-        self._set(tv, uv, xv, rv, dt, labels, name, notes, more, stored)
-        if quantum is not None:
-            self.__dict__["quantum"] = quantum or None
+        self._set(tv, uv, xv, rv, dt, labels, name, notes, more, stored, masked)
+        self.__dict__["quantum"] = seen or None
+        if usable is None and masked.indices.size:
+            k = int(masked.indices[0])
+            warn(
+                f"of {len(self)} readings of x these are masked: {told(self.bad)}; the first is "
+                f"x[{k}] = {masked.readings[0]:.6g} at t = {tv[k]:.6g} s. record.masked lists "
+                "them, good=np.ones(len(x), bool) keeps all"
+            )
 
     def _set(
         self,
@@ -200,14 +233,15 @@ class Record:
         notes: tuple[str, ...],
         channels: Mapping[str, FloatArray],
         raw: Mapping[str, tuple[str, float]],
+        masked: Masked = NONE,
     ) -> None:
-        for array in (t, u, x, reference, *channels.values()):
+        for array in (t, u, x, reference, masked.indices, masked.readings, *channels.values()):
             if array is not None:
                 array.setflags(write=False)
         self.__dict__.update(
             t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes,
             units=MappingProxyType(dict(units)), channels=MappingProxyType(dict(channels)),
-            raw=MappingProxyType(dict(raw)),
+            raw=MappingProxyType(dict(raw)), masked=masked,
         )  # fmt: skip
 
     def _derived(
@@ -219,18 +253,21 @@ class Record:
         dt: float,
         note: str = "",
         channels: Mapping[str, FloatArray] | None = None,
+        masked: Masked = NONE,
     ) -> Record:
         """A record made from this one; a part of it may well stand still."""
         part = object.__new__(Record)
         notes = self.notes + ((note,) if note else ())
-        part._set(t, u, x, reference, dt, self.units, self.name, notes, channels or {}, self.raw)
+        part._set(
+            t, u, x, reference, dt, self.units, self.name, notes, channels or {}, self.raw, masked
+        )
         part.__dict__["quantum"] = self.quantum
         return part
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (
             self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
-            self.notes, self.quantum, dict(self.channels), dict(self.raw),
+            self.notes, self.quantum, dict(self.channels), dict(self.raw), tuple(self.masked),
         )  # fmt: skip
 
     # ------------------------------------------------------------ properties
@@ -283,12 +320,49 @@ class Record:
         reaches while it is slow against the sampling; at least
         quantum / sqrt(12).
         """
-        floor = (self.quantum or 0.0) / QUANTA
-        if len(self) < MIN_SAMPLES:
-            return floor
-        spread = float(np.median(np.abs(np.diff(self.x, 4))))
-        # 0.6745: median of |N(0, 1)|; 70 = 1 + 16 + 36 + 16 + 1
-        return max(floor, spread / 0.6745 / math.sqrt(70))
+        return spread_of(self.x, self.quantum or 0.0)
+
+    @cached_property
+    def good(self) -> npt.NDArray[np.bool_]:
+        """Readings that may be used, shape (n,)."""
+        good = without(len(self), self.masked.indices)
+        good.setflags(write=False)
+        return good
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """Positions as they were recorded, those not used included, shape (n,)."""
+        x = self.x.copy()
+        x[self.masked.indices] = self.masked.readings
+        x.setflags(write=False)
+        return x
+
+    @cached_property
+    def bad(self) -> dict[str, int]:
+        """Number of bad samples by kind; masked are all but those of a clipped input.
+
+        "jump": a single reading away from both neighbours; "repeated": the reading
+        before once more, while the axis moves; "filled": none was recorded; "given":
+        left out by the user; "clipped": the input rests at both its extremes.  Where
+        it was clipped on its way to the record, the force is not known.
+
+        Examples
+        --------
+        >>> import warnings
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> x = np.sin(3 * t)
+        >>> x[700] = 0.1
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore")
+        ...     record = dfc.Record(t, np.cos(t), x)
+        >>> record.bad["jump"], round(float(record.x[700]), 3), float(record.measured[700])
+        (1, 0.863, 0.1)
+        """
+        counts = {reason: self.masked.reasons.count(reason) for reason in REASONS}
+        clipped = [samples_at_limit(self.u, float(end)) for end in (self.u.min(), self.u.max())]
+        return counts | {"clipped": sum(clipped) if all(clipped) else 0}
 
     @cached_property
     def resolution(self) -> Resolution:
@@ -378,7 +452,10 @@ class Record:
         part = slice(start, stop)
         r = None if self.reference is None else self.reference[part]
         more = {name: values[part] for name, values in self.channels.items()}
-        return self._derived(self.t[part], self.u[part], self.x[part], r, self.dt, channels=more)
+        return self._derived(
+            self.t[part], self.u[part], self.x[part], r, self.dt, channels=more,
+            masked=self.masked.within(part),
+        )  # fmt: skip
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -495,6 +572,7 @@ class Record:
             self.t[pick].copy(), u, self.x[pick].copy(), r, self.dt * int(factor),
             f"decimated by {factor}",
             {name: values[pick].copy() for name, values in self.channels.items()},
+            self.masked.within(pick),
         )  # fmt: skip
 
     def resampled(self, dt: float) -> Record:
@@ -516,7 +594,9 @@ class Record:
         t, u, others = resample(self.t, self.u, others, dt, "zero", "monotone")
         x, r = others.pop("x"), others.pop("reference", None)
         note = f"resampled from {self.dt:g} s to {dt:g} s"
-        return self._derived(t, u, x, r, dt, note, others)
+        lost = filled(self.t[self.good], t, dt)
+        masked = Masked(lost, (FILLED,) * lost.size, x[lost])
+        return self._derived(t, u, x, r, dt, note, others, masked)
 
     @classmethod
     def from_irregular(
@@ -584,15 +664,32 @@ class Record:
         if options.get("quantum") is None:
             factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
             options["quantum"] = estimated_quantum(xv, factor) or 0.0
-        note = f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
-        options["notes"] = (*checked_notes(options.get("notes", ())), note)
+        seen = float(options["quantum"])
+        notes = list(checked_notes(options.get("notes", ())))
+        xv, masked = repaired(xv, seen, None)
+        even = evened(tv, xv, spread_of(xv, seen))
+        if even is not None:
+            late = float(np.ptp(tv - even))
+            notes.append(f"stamps off by up to {late:.3g} s put back on a uniform clock")
+            tv = even
+        notes.append(
+            f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
+        )
         others = extra_vectors(options.pop("channels", None), tv.size) | {"x": xv}
         if rv is not None:
             others["reference"] = rv
         grid, held, others = resample(tv, uv, others, step, hold, interpolation)
-        return cls(
-            grid, held, others.pop("x"), others.pop("reference", None), channels=others, **options
-        )
+        lost = filled(tv[without(tv.size, masked.indices)], grid, step)
+        x = others.pop("x")
+        options |= {"notes": notes, "good": without(grid.size, lost)}
+        record = cls(grid, held, x, others.pop("reference", None), channels=others, **options)
+        # Readings that were bad leave a gap as those that were lost do.
+        record.__dict__["masked"] = Masked(lost, (FILLED,) * lost.size, x[lost])
+        if lost.size or even is not None:
+            parts = [told(record.bad)] if lost.size else []
+            parts += [notes[-2]] if even is not None else []
+            warn(f"of {len(record)} samples of the new record: {'; '.join(parts)}")
+        return record
 
     @classmethod
     def split_at_gaps(
@@ -804,7 +901,7 @@ class Record:
 
     def _columns(self) -> dict[str, FloatArray]:
         """Channels under headings with units."""
-        channels = {"t": self.t, "u": self.u, "x": self.x}
+        channels = {"t": self.t, "u": self.u, "x": self.measured}
         if self.reference is not None:
             channels["reference"] = self.reference
         channels |= self.channels
@@ -840,6 +937,7 @@ class Record:
             *(("raw", f"{k}: {f:.6g} per {u or 'unit'}") for k, (u, f) in self.raw.items()),
             ("quantum", quantum),
             ("noise", f"{self.noise:.3g}{unit_x}"),
+            *((("bad samples", told(self.bad)),) if any(self.bad.values()) else ()),
             *(("note", n) for n in self.notes),
         ]
 
@@ -878,7 +976,10 @@ class Record:
 
         axes = axes_of(ax, 2)
         top, bottom = axes
-        top.plot(self.t, self.x, ".", color="0.6", ms=3, label="measured")
+        top.plot(self.t[self.good], self.x[self.good], ".", color="0.6", ms=3, label="measured")
+        left_out = self.masked.indices
+        if left_out.size:
+            top.plot(self.t[left_out], self.masked.readings, "C3x", ms=4, label="masked")
         if self.reference is not None:
             top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
         legend_above(top)
@@ -894,10 +995,47 @@ class Record:
         return control_plot(axes)
 
 
+def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
+    """The user's own mask, checked."""
+    array = np.asarray(good)
+    if array.shape != (size,) or array.dtype != np.bool_:
+        raise ValueError(
+            f"good must be {size} values True or False, one for each reading, got shape "
+            f"{array.shape} of {array.dtype}"
+        )
+    if np.count_nonzero(array) < MIN_SAMPLES:
+        raise ValueError(
+            f"good leaves {np.count_nonzero(array)} readings, at least {MIN_SAMPLES} are needed"
+        )
+    return array
+
+
+def repaired(
+    x: FloatArray, quantum: float, good: npt.NDArray[np.bool_] | None
+) -> tuple[FloatArray, Masked]:
+    """Positions bridged over what is bad, found or given."""
+    if good is None:
+        found = find(x, spread_of(x, quantum), quantum)
+        index = np.fromiter(found, np.int64, len(found))
+        reasons = tuple(found.values())
+    else:
+        index = np.flatnonzero(~good)
+        reasons = (GIVEN,) * index.size
+    if not index.size:
+        return x, NONE
+    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index])
+
+
+def told(counts: Mapping[str, int]) -> str:
+    """Counts in words."""
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+
+
 def restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
-              quantum: float | None, channels: Any, raw: Any) -> Record:  # fmt: skip
+              quantum: float | None, channels: Any, raw: Any,
+              masked: Any = NONE) -> Record:  # fmt: skip
     """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
-    record._set(t, u, x, r, dt, units, name, notes, channels, raw)
+    record._set(t, u, x, r, dt, units, name, notes, channels, raw, Masked(*masked))
     record.__dict__["quantum"] = quantum
     return record

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
 
@@ -354,6 +355,16 @@ def samples_at_limit(u: FloatArray, level: float) -> int:
 
 
 # ----------------------------------------------------- estimates, resampling
+
+
+def spread_of(x: FloatArray, quantum: float) -> float:
+    """Standard deviation of the fast noise of positions, at least that of a quantum."""
+    floor = quantum / QUANTA
+    if x.size < MIN_SAMPLES:
+        return floor
+    spread = float(np.median(np.abs(np.diff(x, 4))))
+    # 0.6745: median of |N(0, 1)|; 70 = 1 + 16 + 36 + 16 + 1
+    return max(floor, spread / 0.6745 / math.sqrt(70))
 
 
 def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:

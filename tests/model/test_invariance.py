@@ -97,6 +97,8 @@ EFFECTS = {
         dfc.effects.PositionDependence(0.9, -1.2, 0.03), dfc.effects.LoadDependence(0.1), dfc.effects.Drift(0.4),
         dfc.effects.DwellTime(3.0, 0.04), dfc.effects.TimePeriodic(2.0, 17.0, 0.2), dfc.effects.Presliding(4e-5),
         dfc.effects.Backlash(2e-4, 0.4), dfc.effects.Compliance(3e4, 12.0, 0.4),
+        dfc.effects.LoadEncoderBacklash(2e-4, 0.4), dfc.effects.EccentricEncoder(1e-4, 0.011, 0.3),
+        dfc.effects.LoadAsymmetry(0.1), dfc.effects.StribeckAsymmetry(0.3, 0.02), dfc.effects.WarmUp(0.4, 0.3),
     )
 }  # fmt: skip
 

@@ -172,7 +172,28 @@ class Belt(Foreign):
             yield {"pitch": pitch}, {}
 
 
+@dataclass(frozen=True)
+class BentScale(Foreign):
+    """Scale whose marks stand ever wider apart."""
+
+    bend: float = parameter("1/m", "relative error of a mark per length", bounds=(-1.0, 1.0))
+
+    slug = "bent_scale"
+    title = "bent scale"
+    action = "reading"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return p[0] * x * x
+
+    @classmethod
+    def guess(cls, view) -> Iterator:
+        for bend in (-0.3, -0.1, 0.1, 0.3):
+            yield {"bend": bend}, {}
+
+
 TRUE = (
+    BentScale(bend=0.2),
     HalfBridge(gain=0.8), Bellows(strength=4000.0), DryCrown(rise=0.6), OneSidedWear(lost=0.2),
     BusCycles(late=6e-3), Hose(fill=9e-3), Bristles(stiffness=8e3), Belt(pitch=20.0),
 )  # fmt: skip

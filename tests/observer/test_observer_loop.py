@@ -291,7 +291,7 @@ def test_figures_of_the_paper(run):
     drawn = [
         (draw_coulomb_maps(run.axis, run.design.axis), [f"friction [{force}]"]),
         (draw_position(run), [f"position [{length}]", f"error [{length}]"]),
-        (draw_speed(run), [f"speed [{length}/s]", f"error [{length}/s]"]),
+        (draw_speed(run), [f"velocity [{length}/s]", f"error [{length}/s]"]),
         (draw_friction(run), [f"friction [{force}]", f"error [{force}]"]),
         (draw_modes(run), ["mode", "mode error"]),
     ]

@@ -217,7 +217,7 @@ SUSPECT = {
     "milliseconds": (good(t=np.arange(N)), "time suspected in milliseconds"),
     "microseconds": (good(t=1000 * np.arange(N)), "time suspected in microseconds"),
     "clipped": (good(u=CLIPPED), r"u rests \d+ samples at its minimum -2 .* maximum 2: clipped"),
-    "glitch": (good(x=with_value(X, 200, 5.0)), r"x jumps 2 times .* first from x\[199\]"),
+    "glitch": (good(x=with_value(X, 200, 5.0)), r"masked: 1 jump; the first is x\[200\] = 5 "),
     "teleport": (good(x=np.r_[X[:300], X[300:] + 9]), "x jumps 1 times|wraps"),
 }
 

@@ -53,14 +53,23 @@ FIELDS: dict[str, dict[str, str]] = {
 }
 EFFECTS = tuple(FIELDS)
 
-OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
-    "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
-    "impacts": {},
-    "eccentricity": {
+# In the catalogue, but drawn for no blind pair and no machine: these stay as they are.
+ADDED_FIELDS: dict[str, dict[str, str]] = {
+    "warm_up": {"rise": "warm_rise", "time_constant": "warm_time"},
+    "stribeck_asymmetry": {"difference": "excess_difference", "speed": "difference_speed"},
+    "load_asymmetry": {"coefficient": "load_difference"},
+    "eccentric_encoder": {
         "amplitude": "eccentricity",
         "period": "eccentricity_period",
         "phase": "eccentricity_phase",
     },
+    "load_encoder_backlash": {"gap": "gap", "load_fraction": "load_fraction"},
+}
+ADDED = tuple(ADDED_FIELDS)
+
+OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
+    "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
+    "impacts": {},
     "lost_steps": {},
     "end_stop": {"stiffness": "stop_stiffness", "place": "stop_place"},
     "wandering_friction": {},
@@ -157,7 +166,13 @@ class Bands:
             }
         if slug == "presliding":
             return {"distance": float(uniform(20e-6, 70e-6) * stretch * micro) * scale}
-        if slug == "backlash":
+        if slug == "eccentric_encoder":
+            return {
+                "amplitude": float(uniform(30e-6, 150e-6) * stretch * micro) * scale,
+                "period": float(uniform(0.02, 0.08)) * span,
+                "phase": phase,
+            }
+        if slug in ("backlash", "load_encoder_backlash"):
             return {
                 "gap": float(uniform(60e-6, 250e-6) * stretch * micro) * scale,
                 "load_fraction": float(uniform(0.3, 0.7)),
@@ -182,6 +197,20 @@ class Bands:
         if slug == "saturation":
             least = 1.2 * force * (1.0 + (axis["stribeck"] or {"excess": 0.0})["excess"])
             return {"limit": max(float(uniform(0.6, 0.85)) * self.peak / stretch, least)}
+        if slug == "warm_up":
+            return {
+                "rise": float(uniform(0.15, 0.5) * stretch),
+                "time_constant": float(uniform(0.1, 0.3)) * record,
+            }
+        if slug == "stribeck_asymmetry":
+            difference = signed(0.15, 0.4) * stretch
+            least = slowest(abs(difference), force, axis["mass"])
+            return {
+                "difference": difference,
+                "speed": max(float(uniform(0.006, 0.025) * scale), least),
+            }
+        if slug == "load_asymmetry":
+            return {"coefficient": signed(0.05, 0.2) * stretch}
         return {
             "amplitude": float(uniform(0.1, 0.3) * stretch) * force,
             "frequency": float(uniform(0.5, 8.0)),
@@ -211,12 +240,6 @@ class Bands:
                 size = self._signed(1.5, 4.0) * force * stretch
                 self.push[start : start + length] += size * burst
             return {"count": float(count)}
-        if slug == "eccentricity":
-            return {
-                "amplitude": float(uniform(30e-6, 150e-6) * stretch) * scale * micro,
-                "period": float(uniform(0.02, 0.08)) * span,
-                "phase": float(uniform(0.0, 2.0 * np.pi)),
-            }
         if slug == "lost_steps":
             self.offset[:] = 0.0
             count = int(rng.integers(3, 7))

@@ -2,6 +2,7 @@
 
     case = make_case("bias_force", seed=3)            # one hidden effect
     case = make_pair(seed=3), make_null(seed=3), make_outside(seed=3)
+    runs = make_machine(seed=3)                       # two to four effects, three records
 
 An effect's strength is drawn relative to the axis (a share of its Coulomb
 level, say) from the band written in `_draw`.  Every effect must matter in the
@@ -18,15 +19,27 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bands import DT, EFFECTS, FIELDS, OUTSIDE, OUTSIDE_FIELDS, Bands, Effects, slowest
+from .bands import (
+    ADDED,
+    ADDED_FIELDS,
+    DT,
+    EFFECTS,
+    FIELDS,
+    OUTSIDE,
+    OUTSIDE_FIELDS,
+    Bands,
+    Effects,
+    slowest,
+)
 from .plant import Plant, closed_loop, free_runs
-from .reference import make_reference
+from .recorder import RECORDERS, noisy, recorded
+from .reference import make_reference, make_runs
 
 Array = NDArray[np.float64]
 
@@ -122,19 +135,23 @@ def make_case(
         Slugs with random parameters, or {slug: parameters} with given ones
         (then used as they are, without the visibility check).
     seed : int
-    condition : {"exact", "off", "coarse", "short"}
+    condition : {"exact", "off", "coarse", "short"} or one of `RECORDERS`
         Believed base parameters exact, encoder 1 to 5 um, 20 s; each of mass,
         viscous and coulomb believed up to 3 % wrong; 50 um encoder; 6 s of steps.
+        A recorder spoils the record "exact" of the same seed, see `recorder`.
     """
+    if condition in RECORDERS:
+        return _spoiled(make_case(effects, seed), condition)
     slugs = (effects,) if isinstance(effects, str) else tuple(effects)
-    known = FIELDS | OUTSIDE_FIELDS
+    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
     for slug in slugs:
         if slug not in known:
             raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(known)}")
-    if {"backlash", "compliance"} <= set(slugs):
+    if len({"backlash", "compliance", "load_encoder_backlash"} & set(slugs)) > 1:
         raise ValueError("effects: the bench has one transmission: backlash or compliance")
     if condition not in CONDITIONS:
-        raise ValueError(f"condition {condition!r}: one of {', '.join(CONDITIONS)}")
+        known_conditions = ", ".join((*CONDITIONS, *RECORDERS))
+        raise ValueError(f"condition {condition!r}: one of {known_conditions}")
     name = zlib.crc32(" ".join(sorted(slugs)).encode())
     rng = np.random.default_rng([seed, name, CONDITIONS.index(condition)])
     if isinstance(effects, Mapping):
@@ -174,6 +191,62 @@ def make_outside(seed: int, condition: str = "exact", kind: str | None = None) -
     return make_case(OUTSIDE[seed % len(OUTSIDE)] if kind is None else kind, seed, condition)
 
 
+def make_machine(seed: int, effects: int | Sequence[str] | None = None) -> tuple[Case, ...]:
+    """Three records of one machine that is far from what is believed of it.
+
+    Each of mass, viscous and coulomb is believed 20 % wrong, not all to the same
+    side; the recorded input has white noise of 2 % of the Coulomb level; the runs
+    last 7 to 9 s, and only together hold every piece of a reference.  Time starts
+    at zero in each.
+
+    Parameters
+    ----------
+    seed : int
+    effects : int or sequence of str, optional
+        Hidden effects or their number, 0 for none; two to four when left out.
+        Wrong base parameters are no effects here: they are always wrong.
+    """
+    rng = np.random.default_rng([seed, 3])
+    if effects is None or isinstance(effects, int):
+        count = int(rng.integers(2, 5)) if effects is None else effects
+        pool = [slug for slug in EFFECTS if slug not in BASE]
+        while True:
+            slugs = tuple(str(s) for s in rng.choice(pool, size=count, replace=False))
+            if not any(pair <= set(slugs) for pair in EQUAL):
+                break
+    else:
+        slugs = tuple(effects)
+    for _ in range(20):
+        bench = _Bench(rng, slugs, "off")
+        sides = rng.permutation([1.0, -1.0, rng.choice((-1.0, 1.0))])
+        for key, side in zip(BASE.values(), sides, strict=True):
+            bench.believed[key] = bench.axis[key] * (1.0 + 0.2 * side)
+        runs = make_runs(rng, bench.axis["travel"], bench.speed, DT)
+        for stretch in (1.0, 1.5, 2.25):
+            hidden = {slug: bench.bands.draw(slug, stretch) for slug in slugs}
+            cases = [bench.rerun(reference, hidden, seed) for reference in runs]
+            if all(np.mean([c.visibility[slug] for c in cases]) >= VISIBLE for slug in slugs):
+                size = 0.02 * bench.axis["coulomb"]
+                return tuple(
+                    replace(c, u=noisy(c.u, size, rng), condition="machine") for c in cases
+                )
+    raise RuntimeError(f"no runs show all of {slugs} (seed {seed}); widen a band")
+
+
+def _spoiled(case: Case, condition: str) -> Case:
+    """The case as a poor logger has recorded it."""
+    name = zlib.crc32(" ".join(sorted(case.truth)).encode())
+    rng = np.random.default_rng([case.seed, name, len(CONDITIONS) + RECORDERS.index(condition)])
+    t, u, x, kept = recorded(
+        condition, case.t, case.u, case.x, case.states, case.quantum,
+        case.actual["coulomb"], bool(case.seed % 2), rng,
+    )  # fmt: skip
+    return replace(
+        case, t=t, u=u, x=x, reference=case.reference[kept], states=case.states[kept],
+        condition=condition,
+    )  # fmt: skip
+
+
 def visibility(case: Case, slug: str) -> float:
     """Score of free runs of the plant without `slug`; see the module."""
     rest = {name: p for name, p in case.truth.items() if name != slug}
@@ -206,12 +279,13 @@ def _plant(axis: Mapping[str, Any], truth: Mapping[str, Mapping[str, float]]) ->
     if axis["stribeck"] is not None:
         values["excess"] = axis["stribeck"]["excess"]
         values["stribeck_speed"] = axis["stribeck"]["speed"]
-    known = FIELDS | OUTSIDE_FIELDS
+    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
     for slug, parameters in truth.items():
         for name, value in parameters.items():
             if name in known[slug]:
                 values[known[slug][name]] = value
-    if "backlash" in truth:
+    values["load_encoder"] = float("load_encoder_backlash" in truth)
+    if {"backlash", "load_encoder_backlash"} & set(truth):
         # Contact: the Coulomb level bends it by 2e-6 of the travel (0.6 um of
         # 0.3 m), damping ratio 0.7: next to rigid, next to no rebound.
         share = values["load_fraction"]
@@ -230,7 +304,15 @@ def _substeps(plant: Plant) -> int:
 
 
 def _twins(axis: Mapping[str, Any], truth: Effects) -> dict[str, tuple[str, ...]]:
-    even = {"stribeck", "position_dependence", "presliding", "drift", "backlash", "compliance"}
+    even = {
+        *ADDED,
+        "stribeck",
+        "position_dependence",
+        "presliding",
+        "drift",
+        "backlash",
+        "compliance",
+    }
     if axis["stribeck"] is None and "bias_force" in truth and not even & set(truth):
         return {"bias_force": ("coulomb_asymmetry",)}
     return {}
@@ -306,6 +388,14 @@ class _Bench:
             self.push, self.wander,
         )  # fmt: skip
         return result
+
+    def rerun(self, reference: Array, truth: Effects, seed: int) -> Case:
+        """The same axis, loop and encoder on another reference."""
+        n = reference.size
+        noise = self.noise * self.rng.standard_normal(n)
+        self.reference, self.readings = reference, noise
+        self.push, self.wander, self.offset = np.zeros(n), np.zeros(n), np.zeros(n)
+        return self.run(truth, seed)
 
     def run(self, truth: Effects, seed: int) -> Case:
         actual = dict(self.axis)

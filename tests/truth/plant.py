@@ -51,11 +51,18 @@ Friction sits on the load because that is where guide, seals and ways are; the
 encoder sits on the motor because that is where most axes carry it.
 Drive chain: delay, saturation, lag, gain, dead zone, in this order.
 
+Added to the catalogue later, and no part of the blind conditions:
+
+    warm_up             g = Fc (1 + rise exp(-t/time_constant)) S
+    stribeck_asymmetry  g + s Fc difference exp(-(v/speed)^2); breakaway: at v = 0
+    load_asymmetry      g + s coefficient |w|
+    eccentric_encoder   the encoder reads x + amplitude sin(2 pi x/period + phase)
+    load_encoder_backlash  as backlash, the encoder reads the load's position
+
 Outside the product's catalogue:
 
     local_defect        g multiplied by 1 + height exp(-((x - place)/width)^2)
     impacts             e = short force bursts at random moments
-    eccentricity        the encoder reads x + amplitude sin(2 pi x/period + phase)
     lost_steps          the encoder's reading jumps and stays off
     end_stop            e = - stiffness max(0, x - place)^2
     wandering_friction  g multiplied by 1 + a slow random process
@@ -125,12 +132,27 @@ class Plant(NamedTuple):
     eccentricity: float = 0.0
     eccentricity_period: float = 1.0
     eccentricity_phase: float = 0.0
+    load_difference: float = 0.0
+    excess_difference: float = 0.0
+    difference_speed: float = 1.0
+    warm_rise: float = 0.0
+    warm_time: float = 1.0
+    load_encoder: float = 0.0  # 1: the encoder is on the load
 
 
 # State vector: motor position and speed, load position and speed, presliding
 # deflection, time at rest, force behind the actuator lag.
 X, V, XL, VL, Z, REST, LAG = range(7)
 NSTATES = 7
+
+
+@njit(cache=True)
+def _read(p, state):
+    """Position that an encoder without quantum and noise reads."""
+    x = state[XL] if p.load_encoder != 0.0 else state[X]
+    if p.eccentricity != 0.0:
+        x += p.eccentricity * sin(2.0 * pi * x / p.eccentricity_period + p.eccentricity_phase)
+    return x
 
 
 @njit(cache=True)
@@ -163,6 +185,8 @@ def _level(p, t, x, speed, w, s, wander):
         g *= 1.0 + p.slope * q + p.curvature * q * q
     if p.drift != 0.0:
         g *= 1.0 + p.drift * t
+    if p.warm_rise != 0.0:
+        g *= 1.0 + p.warm_rise * exp(-t / p.warm_time)
     if p.defect != 0.0:
         g *= 1.0 + p.defect * exp(-(((x - p.defect_place) / p.defect_width) ** 2))
     if p.excess != 0.0:
@@ -172,7 +196,13 @@ def _level(p, t, x, speed, w, s, wander):
             ratio = (speed - p.stick_speed) / p.stribeck_speed
             if ratio < 6.0:
                 g *= 1.0 + p.excess * exp(-ratio * ratio)
-    return g + p.load * abs(w)
+    g += p.load * abs(w)
+    if p.excess_difference != 0.0:
+        ratio = max(speed, 0.0) / p.difference_speed
+        g += s * p.coulomb * p.excess_difference * exp(-ratio * ratio)
+    if p.load_difference != 0.0:
+        g += s * p.load_difference * abs(w)
+    return max(g, 0.0)
 
 
 @njit(cache=True)
@@ -358,11 +388,7 @@ def closed_loop(
     total = 0.0
     for k in range(n):
         states[k] = state
-        reading = state[X] + noise[k]
-        if p.eccentricity != 0.0:
-            reading += p.eccentricity * sin(
-                2.0 * pi * state[X] / p.eccentricity_period + p.eccentricity_phase
-            )
+        reading = _read(p, state) + noise[k]
         if quantum > 0.0:
             reading = quantum * floor(reading / quantum + 0.5)
         y[k] = reading + offset[k]
@@ -394,7 +420,7 @@ def open_loop(p, u, dt, substeps, start):
 
 @njit(cache=True)
 def free_runs(p, u, dt, substeps, true, window):
-    """Motor positions of p, restarted from the true state every `window` samples."""
+    """Readings of p, restarted from the true state every `window` samples."""
     n = u.size
     x = np.zeros(n)
     state = true[0].copy()
@@ -403,7 +429,7 @@ def free_runs(p, u, dt, substeps, true, window):
             force = state[LAG]
             state[:] = true[k]
             state[LAG] = force
-        x[k] = state[X]
+        x[k] = _read(p, state)
         before, now = _delayed(p, u, k, dt)
         _advance(p, state, k * dt, dt, substeps, before, now, 0.0, 0.0)
     return x

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,22 +109,51 @@ def make_reference(
     if short:
         path.steps(total)
     else:
-        pieces = [
-            lambda: path.steps(2.5),
-            lambda: path.ramps(2.0),
-            lambda: path.sine(2.4),
-            lambda: path.crawl(4.0),
-            path.triangle,
-        ]
+        pieces = _pieces(path)
         for i in rng.permutation(len(pieces)):
             pieces[i]()
             path.rest(rng.uniform(0.1, 0.4))
         path.crawl(2.0)
         if path.t[-1] < total:
             path.steps(total - path.t[-1])
-    n = round(total / dt)
-    line = np.interp(np.arange(n) * dt, path.t, path.x)
-    keep = np.exp(-rng.uniform(25.0, 45.0) * dt)
+    return _sampled(path, total, dt)
+
+
+def make_runs(
+    rng: np.random.Generator, travel: tuple[float, float], speed: float, dt: float
+) -> list[Array]:
+    """References of three runs of 7 to 9 s that share the pieces of one of 20 s."""
+    span = travel[1] - travel[0]
+    order = rng.permutation(5)
+    runs = []
+    for i in range(3):
+        path = _Path(rng, travel[0] + 0.08 * span, travel[1] - 0.08 * span, speed)
+        total = round(rng.uniform(7.0, 9.0), 3)
+        path.rest(0.2)
+        for piece in order[i::3]:
+            _pieces(path)[piece]()
+            path.rest(rng.uniform(0.1, 0.4))
+        if path.t[-1] < total:
+            path.steps(total - path.t[-1])
+        runs.append(_sampled(path, total, dt))
+    return runs
+
+
+def _pieces(path: _Path) -> list[Callable[[], None]]:
+    """The pieces of a reference."""
+    return [
+        lambda: path.steps(2.5),
+        lambda: path.ramps(2.0),
+        lambda: path.sine(2.4),
+        lambda: path.crawl(4.0),
+        path.triangle,
+    ]
+
+
+def _sampled(path: _Path, total: float, dt: float) -> Array:
+    """The path as a smooth reference."""
+    line = np.interp(np.arange(round(total / dt)) * dt, path.t, path.x)
+    keep = np.exp(-path.rng.uniform(25.0, 45.0) * dt)
     return _lowpass(_lowpass(line, keep), keep)
 
 

@@ -19,7 +19,13 @@ from dryfric_control.model.effects.effect import (
     parameter,
     register_effect,
 )
-from dryfric_control.model.effects.elastic import Backlash, Compliance, Presliding
+from dryfric_control.model.effects.elastic import (
+    Backlash,
+    Compliance,
+    LoadEncoderBacklash,
+    Presliding,
+)
+from dryfric_control.model.effects.encoder import EccentricEncoder
 from dryfric_control.model.effects.forces import (
     BiasForce,
     Cogging,
@@ -33,8 +39,11 @@ from dryfric_control.model.effects.levels import (
     CoulombAsymmetry,
     Drift,
     DwellTime,
+    LoadAsymmetry,
     LoadDependence,
     PositionDependence,
+    StribeckAsymmetry,
+    WarmUp,
 )
 
 __all__ = [
@@ -48,22 +57,27 @@ __all__ = [
     "DeadZone",
     "Drift",
     "DwellTime",
+    "EccentricEncoder",
     "Effect",
     "Gravity",
     "Inertia",
     "Inner",
     "InputDelay",
     "InputGain",
+    "LoadAsymmetry",
     "LoadDependence",
+    "LoadEncoderBacklash",
     "PositionDependence",
     "Presliding",
     "QuadraticDrag",
     "Saturation",
     "Spring",
+    "StribeckAsymmetry",
     "StribeckPeak",
     "TimePeriodic",
     "ViscousAsymmetry",
     "ViscousFriction",
+    "WarmUp",
     "parameter",
     "register_effect",
 ]

@@ -25,11 +25,11 @@ from dryfric_control.model.units import on_axis
 
 #: What an effect may act on; those of the first row act by a law.
 ACTIONS = (
-    *("input", "force", "friction"),
+    *("input", "force", "friction", "reading"),
     *("axis", "delay", "lag", "contact", "transmission"),
 )
-_BY_LAW = ACTIONS[:3]
-_METHODS = {"axis": "alter", **dict.fromkeys(ACTIONS[4:], "inner")}
+_BY_LAW = ACTIONS[:4]
+_METHODS = {"axis": "alter", **dict.fromkeys(ACTIONS[5:], "inner")}
 
 #: What a parameter is, and the range in which a diagnosis searches it if that is
 #: narrower than its bounds: a load next to nothing is an elastic contact, and a
@@ -178,6 +178,8 @@ class Inner(NamedTuple):
         Of an elastic transmission between them [N/m], [N s/m].
     load_fraction : float
         Share of the mass behind play or transmission.
+    on_load : float
+        1 if the encoder is on the load, behind play or transmission.
 
     Examples
     --------
@@ -193,6 +195,7 @@ class Inner(NamedTuple):
     stiffness: float = 0.0
     damping: float = 0.0
     load_fraction: float = 0.0
+    on_load: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,7 @@ class Effect:
 
     A subclass is a frozen dataclass whose fields are declared with
     `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
-    `experiment`, and, for the actions "input", "force" and "friction", a
+    `experiment`, and, for the actions "input", "force", "friction" and "reading", a
     static method `law`; for "axis" a method ``alter(axis)`` that returns the
     axis with other base parameters; for "delay", "lag", "contact" and
     "transmission" a method ``inner(axis)`` that returns an `Inner` with the
@@ -216,7 +219,9 @@ class Effect:
     - "friction": an addition to the Coulomb level [N]; `level` is that level
       here and in this `direction`, `u` the net force, `rest` the time at rest.
       The Stribeck peak raises what it adds, unless `within_peak` is false;
-    - "input": the drive force that takes the place of `u` [N].
+    - "input": the drive force that takes the place of `u` [N];
+    - "reading": an addition to what the encoder reads [m]; it must change by less than
+      the position does.
 
     `p` holds the parameters in the order of the fields.  The law is compiled
     once for itself; no combination of effects costs a further compilation, and

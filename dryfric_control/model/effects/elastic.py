@@ -137,7 +137,7 @@ class Backlash(Effect):
     action = "transmission"
     depends_on_place = False
     remembers = True
-    rank = 20
+    rank = 20.0
     explanation = (
         "There is play between motor and load: after each reversal the motor runs free, then "
         "strikes the load."
@@ -156,6 +156,55 @@ class Backlash(Effect):
         for part in (1.5, 3.0, 6.0, 12.0, 24.0, 48.0):
             for share in (0.35, 0.65):
                 yield {"gap": part * _elastic_length(view), "load_fraction": share}, {}
+
+
+@register_effect
+@dataclass(frozen=True)
+class LoadEncoderBacklash(Backlash):
+    r"""Free play between motor and load, the encoder on the load.
+
+    Parameters
+    ----------
+    gap : float
+        Whole width of the play [m].
+    load_fraction : float
+        Share of the mass behind the play [1].
+
+    Notes
+    -----
+    .. math:: y = x_l, \quad {|x - x_l|} \le \tfrac{1}{2}\, \text{gap}, \quad x_l \text{ the load}
+
+    The mechanics are those of `Backlash`; what is read, and what `simulate` returns as
+    position, is the load's.  Its velocity is still the motor's.
+
+    Examples
+    --------
+    Nothing is seen to move until the motor has crossed half the play:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> effect = dfc.effects.LoadEncoderBacklash(gap=2e-3, load_fraction=0.5)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1.0, effects=(effect,))
+    >>> resp = axis.simulate(np.full(100, 5.0), dt=1e-3)
+    >>> int(np.flatnonzero(resp.y[0])[0])     # sqrt(gap m/2/u) = 20 ms
+    21
+    """
+
+    slug = "load_encoder_backlash"
+    title = "backlash, encoder on the load"
+    rank = 20.5
+    explanation = (
+        "There is play between motor and load, and the encoder is on the load: after each "
+        "reversal nothing is seen to move while the motor crosses the play."
+    )
+    experiment = (
+        "Reverse under forces of different size: the pause before the load moves shrinks with "
+        "the root of the force."
+    )
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Play and load, which is what is read.
+        return super().inner(axis)._replace(on_load=1.0)
 
 
 @register_effect

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.effects.forces import BiasForce
 from dryfric_control.model.effects.guesses import Guess, View, linear
 
@@ -178,6 +178,215 @@ class LoadDependence(Effect):
     def guess(cls, view: View) -> Iterator[Guess]:
         # Friction with the drive force.
         yield from linear(view, -np.sign(view.v) * np.abs(view.u), "coefficient", 1e-3)
+
+
+@register_effect
+@dataclass(frozen=True)
+class LoadAsymmetry(Effect):
+    r"""Load-dependent friction that differs between the directions.
+
+    Parameters
+    ----------
+    coefficient : float
+        Half the difference of added friction over net force [1]: added for motion in
+        positive direction, subtracted in negative direction.
+
+    Notes
+    -----
+    .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|w|}, \quad s = \pm 1
+        \text{ the direction}
+
+    Beside `LoadDependence` it leaves each direction its own coefficient.  The
+    Stribeck peak does not raise this part, and no level falls below zero.
+
+    Examples
+    --------
+    Of 20 N a quarter is lost forwards, and a quarter gained backwards:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.LoadAsymmetry(coefficient=0.25),))
+    >>> [round(float(axis.simulate([u] * 1001, dt=1e-3).y[1, -1]), 9) for u in (20.0, -20.0)]
+    [3.5, -8.5]
+    """
+
+    coefficient: float = parameter(
+        "1", "half the difference of added friction over net force", bounds=(-1.0, 1.0)
+    )
+
+    slug = "load_asymmetry"
+    title = "load-dependent friction by direction"
+    action = "friction"
+    depends_on_place = False
+    depends_on_direction = True
+    within_peak = False
+    rank = 17
+    explanation = (
+        "The force that a worm or a screw carries presses its flanks together, one flank more "
+        "than the other: friction follows the load one way more than the other way."
+    )
+    experiment = (
+        "Repeat one motion both ways with different loads: friction over load has two slopes."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * abs(u) if direction > 0.0 else -p[0] * abs(u)
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A force against the drive's size, of one sign both ways.
+        yield from linear(view, -np.abs(view.u), "coefficient")
+
+
+@register_effect
+@dataclass(frozen=True)
+class StribeckAsymmetry(Effect):
+    r"""Stribeck peak that differs between the directions.
+
+    Parameters
+    ----------
+    difference : float
+        Half the difference of the relative excess [1]: added for motion in positive
+        direction, subtracted in negative direction.
+    speed : float
+        Speed over which the difference dies [m/s].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + s \cdot \text{difference} \cdot
+        e^{-(v/\text{speed})^2}\right), \quad s = \pm 1 \text{ the direction}
+
+    Beside a Stribeck peak of the same speed it leaves each direction its own excess;
+    without one, friction is higher at the slowest motion one way and lower the other.
+
+    Examples
+    --------
+    Break-away takes 10 N forwards and 6 N backwards:
+
+    >>> import dryfric_control as dfc
+    >>> peak = dfc.effects.StribeckAsymmetry(difference=0.25, speed=0.01)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(peak,))
+    >>> [int(axis.simulate([u] * 10, dt=1e-3).mode[-1]) for u in (9.9, 10.1, -5.9, -6.1)]
+    [0, 1, 0, -1]
+    """
+
+    difference: float = parameter(
+        "1", "half the difference of excess, positive less negative", bounds=(-10.0, 10.0),
+        breaks_away=True, size=1.0,
+    )  # fmt: skip
+    speed: float = parameter(
+        "m/s", "speed over which it dies", bounds=(1e-300, math.inf), breaks_away=True,
+        logarithmic=True,
+    )  # fmt: skip
+
+    slug = "stribeck_asymmetry"
+    title = "Stribeck peak by direction"
+    action = "friction"
+    depends_on_place = False
+    depends_on_direction = True
+    within_peak = False
+    rank = 22
+    explanation = (
+        "At the slowest motion friction is higher one way than the other: a lip seal that scrapes "
+        "the oil off one way only."
+    )
+    experiment = "Crawl slower and slower both ways and compare the levels at equal velocity."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        q = v / p[1]
+        if q * q > 40.0:
+            return 0.0
+        rise = level * p[0] * math.exp(-q * q)
+        return rise if direction > 0.0 else -rise
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> StribeckAsymmetry:
+        # None yet, as narrow as a Stribeck peak starts.
+        return cls(0.0, max(axis.stick_speed, 0.02 * size("m/s")))
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # A force of one sign both ways, over parts of the speed in the record; break-away
+        # itself is in no sliding sample, so that its size is tried as well.
+        fast = float(np.quantile(np.abs(view.v), 0.9))
+        for part in (0.02, 0.05, 0.15):
+            speed = part * fast
+            shape = -view.level * np.exp(-np.minimum((view.v / speed) ** 2, 40.0))
+            for guess, base in linear(view, shape, "difference"):
+                yield (
+                    {"speed": speed, "difference": float(np.clip(guess["difference"], -1, 1))},
+                    base,
+                )
+            for difference in (0.2, -0.2):
+                yield {"difference": difference, "speed": speed}, {}
+
+
+@register_effect
+@dataclass(frozen=True)
+class WarmUp(Effect):
+    r"""Friction that falls exponentially while the machine warms up.
+
+    Parameters
+    ----------
+    rise : float
+        Relative excess of the Coulomb level at t = 0 [1].
+    time_constant : float
+        Time constant with which it dies [s].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{rise} \cdot e^{-t/\text{time constant}}\right)
+
+    The level of the axis is that of the warm machine.  A negative rise is friction
+    that grows towards it.
+
+    Examples
+    --------
+    Of an excess of one half, ln 2 time constants leave a quarter, 10 N in all:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.WarmUp(rise=0.5, time_constant=0.5),))
+    >>> round(float(axis.simulate([10.0] * 1000, dt=1e-3).events.time[0]), 6)
+    0.346574
+    """
+
+    rise: float = parameter("1", "relative excess of the level at t = 0", bounds=(-1.0, math.inf))
+    time_constant: float = parameter(
+        "s", "time constant", bounds=(1e-300, math.inf), logarithmic=True
+    )
+
+    slug = "warm_up"
+    title = "warm-up"
+    action = "friction"
+    depends_on_place = False
+    depends_on_time = True
+    rank = 12.5
+    explanation = (
+        "A cold machine has stiffer grease: friction falls, fast at first and ever slower, until "
+        "it is warm."
+    )
+    experiment = "Repeat the same crawl from cold until the force no longer changes."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return level * p[0] * math.exp(-t / p[1])
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> WarmUp:
+        # None yet.
+        return cls(0.0, 10.0 * size("s"))
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Time constants from a tenth of the record to all of it; longer ones are a drift.
+        span = float(np.ptp(view.t))
+        for part in (0.1, 0.2, 0.4, 0.8):
+            shape = -np.sign(view.v) * view.level * np.exp(-view.t / (part * span))
+            for guess, base in linear(view, shape, "rise", -0.9):
+                yield guess | {"time_constant": part * span}, base
 
 
 @register_effect

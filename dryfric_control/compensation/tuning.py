@@ -1,0 +1,227 @@
+"""Numbers of the compensated loop, and what of an axis they depend on."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled import compensation as kernel
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.own_axis import LEFT_OUT
+from dryfric_control.observer.runtime import tables
+from dryfric_control.observer.weights import UNCERTAIN_FRACTION, coulomb_level
+
+LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
+#: Where the estimate of friction comes from, by law.
+SOURCES = {
+    "learned": kernel.LEARNED,
+    "fixed": kernel.LEARNED,
+    "disturbance observer": kernel.DISTURBANCE,
+    "adrc": kernel.EXTENDED,
+}
+
+
+class Tuning(NamedTuple):
+    """Numbers of the sliding loop, found on plants other than those of the benchmark."""
+
+    phase: float  # bandwidth times the whole delay of the loop
+    damping: float  # (kd + f)/(m w)
+    share: float  # of the observer's speed in the one fed back, with a long delay
+    residual: float  # share of the friction residual that is fed back
+    late: float  # part of the largest delay by which the observer expects the feedforward late
+
+
+#: With the switched observer; with presliding, of which it knows nothing; without.
+_RIGID = Tuning(0.65, 3.9, 0.44, 0.07, 0.5)
+_ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03, 0.0)
+_BASELINE = Tuning(0.45, 1.86, 0.0, 0.0, 0.0)
+#: Share of the estimate that a baseline's disturbance observer feeds back.
+ESTIMATE = 0.98
+#: Integral gain over w kp.
+INTEGRAL = 0.41
+# Natural frequency of the observer [rad/sample] without knowledge of the encoder, and its
+# range with it.
+_CALM, _CALM_RANGE = 0.15, (0.03, 0.3)
+#: Largest natural frequency of the observer times the whole delay of the loop: it has
+#: no delay in its model, and its velocity, ahead of the axis by it, must stay with it.
+AHEAD = 0.83
+#: That share falls with the delay of the drive, in samples, as (delay + 2.5)/5.5: without
+#: one there is nothing to be ahead of.
+SHARED = (2.5, 5.5)
+#: Delay of sampling, hold, difference and low-pass, in samples.
+SAMPLED = 0.5
+#: Time constant of the low-pass on the speed [samples].
+FILTER = 0.3
+#: Largest force by which an encoder step may kick, over the Coulomb level.
+KICK = 1.5
+#: Largest bandwidth times dt.
+FASTEST = 0.2
+#: Rate of learning [1/s].
+LEARNING = 12.5
+#: Share of the Coulomb level that stays at rest; the integral carries the rest.
+REST_SHARE = 0.3
+#: Rate at which the observer is expected to follow, over one by its mean delay.
+_QUICKER = 2.0
+#: Largest correction of a level and largest excess.
+BAND, MOST_EXCESS = 0.5, 0.8
+#: Largest held drive, as a part of the least Coulomb level within the mismatch.
+HOLD_SHARE = 0.9
+#: Widening of the tolerance at rest with every correction.
+GROWTH = 1.5
+
+
+def rigid(axis: FrictionAxis) -> FrictionAxis:
+    """The axis that acts, without effects that need inner states.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+
+    Returns
+    -------
+    FrictionAxis
+    """
+    acting = axis.effective()
+    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in LEFT_OUT))
+
+
+def presliding_distance(axis: FrictionAxis) -> float:
+    """Way over which friction builds up at a reversal [m], 0 without presliding.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+
+    Returns
+    -------
+    float
+    """
+    acting = axis.effective()
+    stiffness = acting.arrays(1.0).numbers[kernel.axis_step.CONTACT_STIFFNESS]
+    middle = 0.5 * sum(acting.travel or (0.0, 0.0))
+    level = 0.5 * float(acting.coulomb(middle, 1) + acting.coulomb(middle, -1))
+    return level / float(stiffness) if stiffness > 0.0 else 0.0
+
+
+def observer_lag(observer: ObserverDesign) -> float:
+    """Part of a change of friction that the observer states a sample later.
+
+    Parameters
+    ----------
+    observer : ObserverDesign
+        The switched observer.
+
+    Returns
+    -------
+    float
+        That of a first-order lag, quicker than the mean delay while sliding: the
+        observer starts from what was learned.
+    """
+    sliding = observer.error_dynamics(1)
+    # Errors of x and v, and of friction, under a unit of unmodelled friction.
+    state, late = np.zeros(3), 0.0
+    for _ in range(100_000):
+        left = 1.0 + state[2]
+        late += left
+        if abs(left) < 1e-9:
+            break
+        state = sliding.A @ state + sliding.B[:, 0]
+    return min(_QUICKER / max(late, 1.0), 1.0)
+
+
+def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[np.float64]:
+    """Gains of an extended state observer with three equal poles.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        Mass and viscous coefficient.
+    dt : float
+        Sampling time [s].
+    bandwidth : float
+        Its bandwidth [rad/s].
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Gains of position [1], speed [1/s] and force [N/m], by the current
+        reading; a resisting force.
+    """
+    rate, m = axis.viscous / axis.mass, axis.mass
+    A = np.array(
+        [
+            [1.0, dt * (1.0 - 0.5 * dt * rate), 0.5 * dt**2 / m],
+            [0.0, 1.0 - dt * rate, dt / m],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    # (I - M C) A has these poles; C A is the first row of A.
+    pole = math.exp(-bandwidth * dt)
+    return np.asarray(ct.acker(A.T, A[:1].T, [pole] * 3), dtype=float).ravel()
+
+
+def tuning_of(law: str, axis: FrictionAxis) -> Tuning:
+    """Numbers of the sliding loop, by law and axis."""
+    if law not in ("learned", "fixed"):
+        return _BASELINE
+    tuning = _ELASTIC if presliding_distance(axis) > 0.0 else _RIGID
+    return tuning if law == "learned" else tuning._replace(residual=0.0)
+
+
+def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) -> tuple[Any, ...]:
+    """Arrays of the observer; of none, such as the compiled law takes all the same."""
+    if isinstance(source, ObserverDesign):
+        return tuple(tables(source, "reading", quantum))
+    arrays = source.arrays(dt)
+    return (
+        np.zeros(6), np.zeros((3, 6)), np.zeros((1, 3)), np.zeros((2, 3), dtype=np.int64),
+        arrays.numbers, arrays.integers,
+    )  # fmt: skip
+
+
+def calm_noise(axis: FrictionAxis, dt: float, quantum: float, fastest: float) -> float:
+    """Reading noise [m] for which the observer is as calm as the law was tuned with.
+
+    Rounding of the encoder, as far as the observer's natural frequency [rad/sample]
+    stays within limits, of which `fastest` is one; `benchmarks/compensation.py` sets them.
+    """
+    step = dt**2 * UNCERTAIN_FRACTION * coulomb_level(axis) / axis.mass
+    frequency = _CALM
+    if quantum:
+        slow, fast = _CALM_RANGE
+        frequency = min(max(math.sqrt(step * math.sqrt(12.0) / quantum), slow), fast)
+    return step / min(frequency, fastest) ** 2
+
+
+def watchable(axis: FrictionAxis) -> FrictionAxis:
+    """The axis as its observer has it.
+
+    Without an elastic contact, which the law compensates by itself, and without delay and
+    lag of the drive: its velocity is then ahead of the axis, as the feedback wants it.
+    """
+    acting = axis.effective()
+    left = ("contact", "delay", "lag")
+    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in left))
+
+
+def largest_level(axis: FrictionAxis) -> float:
+    """Largest Coulomb level of the map over the travel [N].
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+
+    Returns
+    -------
+    float
+    """
+    places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
+    return float(max(axis.coulomb(places, s).max() for s in (1, -1)))

@@ -1,0 +1,371 @@
+"""What can be exported: its numbers, memory, signals and the kernel of one sample."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.checks import positive
+from dryfric_control.compensation import load_compensation
+from dryfric_control.compensation import storage as compensations
+from dryfric_control.compensation.design import Compensation
+from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
+from dryfric_control.export import entries
+from dryfric_control.export.translate import (
+    BOOL,
+    F,
+    Function,
+    Kind,
+    NotInC,
+    Pointer,
+    Record,
+    Table,
+    Translator,
+)
+from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.model.effects.effect import law_address
+from dryfric_control.observer import storage as designs
+from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.hybrid_filter import HybridFilter
+from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.observer.storage import load_design
+from dryfric_control.store.axis_file import read_axis
+from dryfric_control.store.files import existing_file
+
+Array = NDArray[Any]
+
+#: Switches of one sample that an exported axis lists; more are counted.
+ROOM = 16
+#: Longest line of delayed drives, in samples.
+MOST_DELAY = 4096
+#: Words of C that a name must not be.
+_TAKEN = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while main bool true false real".split()
+)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An input, an output or a number to start from."""
+
+    name: str
+    unit: str
+    meaning: str
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Exported:
+    """One object as numbers, memory, signals and the kernel of one sample.
+
+    Attributes
+    ----------
+    name : str
+        Prefix of every C name.
+    kind : str
+        What it is, in words.
+    axis : FrictionAxis
+        The axis that it is or knows.
+    dt : float
+        Sampling time [s].
+    tables : dict
+        Constant arrays by name.
+    memory : ndarray
+        State before the first sample.
+    starts : tuple of (Signal, int)
+        Numbers to start from, and their places in the memory.
+    inputs, outputs : tuple of Signal
+        Signals of one sample.
+    promise : str
+        The certificate in words.
+    """
+
+    name: str
+    kind: str
+    axis: FrictionAxis
+    dt: float
+    tables: dict[str, Array]
+    memory: Array
+    starts: tuple[tuple[Signal, int], ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    promise: str
+    entry: Callable[..., Any]
+    axes: tuple[FrictionAxis, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is an axis, which lists its switches."""
+        return self.entry is entries.move
+
+    def translated(self, single: bool) -> tuple[Translator, Function, Function | None]:
+        """The kernels in C: all of them, that of one sample, and that which only looks."""
+        laws: dict[int, tuple[str, Any]] = {
+            axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)
+        }
+        for axis in self.axes:
+            for effect in axis.effective().effects:
+                if effect.action in ("input", "force", "friction"):
+                    laws[law_address(type(effect))] = (effect.slug, type(effect).law)
+        if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
+            laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
+        out = Translator(laws, single)
+        try:
+            return out, *self._functions(out)
+        except NotInC as problem:
+            raise ValueError(
+                f"{self.name} has no C: {problem}; a law may use numbers, its arguments, if, and "
+                "the functions of math: rewrite it, or export the axis without that effect"
+            ) from None
+
+    def _functions(self, out: Translator) -> tuple[Function, Function | None]:
+        memory, table = Pointer("p"), {n: self._table(n) for n in self.tables}
+        if self.moves:
+            places = [axis_step.DELAY, axis_step.LAG]
+            known = tuple((i, float(self.tables["numbers"][i])) for i in places)
+            numbers = Pointer("p", "f", True, known)
+            plant = (numbers, table["integers"], memory, F, F, F)
+            events = (Pointer("p"), Pointer("p", "i"))
+            step = out.function(entries.move, (*plant, BOOL, *events, memory), "dfc_sample")
+            return step, out.function(entries.look, (*plant, memory), "dfc_look")
+        given: tuple[Kind, ...] = tuple(table.values())
+        if self.entry is entries.compensate:
+            given = (Record("Law", compensation.Law._fields, given),)
+        signals = (F,) * (1 + len(self.inputs))
+        return out.function(self.entry, (*given, memory, *signals, memory), "dfc_sample"), None
+
+    def _table(self, name: str) -> Table:
+        array = self.tables[name]
+        element = "i" if array.dtype.kind == "i" else "f"
+        values = tuple(array.ravel().tolist())
+        return Table("k", f"dfc_{name}", element, array.shape, values)
+
+
+def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
+    """An object as it is exported.
+
+    Parameters
+    ----------
+    obj : FrictionAxis, ObserverDesign, HybridFilter or Compensation
+        What to export.
+    name : str, optional
+        Prefix of the C names.  Default: the name of the axis, with what the object is.
+    dt : float, optional
+        Sampling time of an axis [s], 1 ms by default.  The others have their own.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    ValueError
+        If the object is none of these, the name is no C identifier, or the drive is so
+        late that the line of delayed drives would be longer than 4096 samples.
+    """
+    make = next((make for kind, make in _MAKERS.items() if isinstance(obj, kind)), None)
+    if make is None:
+        raise ValueError(
+            "obj must be a FrictionAxis, an ObserverDesign, a HybridFilter or a Compensation, "
+            f"got {type(obj).__name__}"
+        )
+    plant = isinstance(obj, FrictionAxis)
+    if not plant and dt is not None and dt != obj.dt:
+        raise ValueError(
+            f"dt is for an axis: this {type(obj).__name__} was made for dt = {obj.dt:g} s, "
+            f"got {dt!r}"
+        )
+    step = positive("dt", 1e-3 if dt is None else dt, unit="s") if plant else obj.dt
+    # Before any array is made: a delay in the wrong unit would fill the memory.
+    axis = (obj if plant else obj.axis).effective()
+    delay = sum(effect.inner(axis).delay for effect in axis.effects if effect.action == "delay")
+    if delay > MOST_DELAY * step:
+        raise ValueError(
+            f"the drive is late by {delay:g} s, {delay / step:.4g} samples of dt = {step:g} s; "
+            f"the exported memory holds {MOST_DELAY}: check the units of delay and dt"
+        )
+    made = make(obj, step)
+    return replace(made, name=_identifier(made.name if name is None else name, name is None))
+
+
+def read_exportable(path: str | os.PathLike[str]) -> Any:
+    """Read a saved axis, observer design or compensation, whichever the file holds.
+
+    Parameters
+    ----------
+    path : str or path
+        File of `write_axis`, or of the method `save` of a design or a compensation.
+
+    Returns
+    -------
+    FrictionAxis, ObserverDesign or Compensation
+
+    Raises
+    ------
+    ValueError
+        If the file holds none of these, or is damaged.
+    """
+    source = existing_file(path)
+    if source.suffix == ".toml":
+        return read_axis(source)
+    loaders = {compensations.KIND: load_compensation, designs.KIND: load_design}
+    try:
+        form = json.loads(source.read_text(encoding="utf-8")).get("format", "")
+    except (ValueError, AttributeError, RecursionError):
+        form = ""
+    for kind, load in loaders.items():
+        if form == f"dryfric-control {kind}":
+            return load(source)
+    raise ValueError(
+        f"{source} can not be exported: give an axis (TOML), or what `save` wrote of an observer "
+        "design or a compensation (JSON)"
+    )
+
+
+def _identifier(name: Any, of_axis: bool) -> str:
+    """The name, if C takes it."""
+    mend = 'pass name="..."' + (" or axis.replace(name=...)" if of_axis else "")
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
+        raise ValueError(
+            f"name {name!r} is no C identifier (a letter, then letters, digits and _, at most 41): "
+            f"{mend}"
+        )
+    if name in _TAKEN or name.startswith("dfc_"):
+        raise ValueError(f"name {name!r} is taken in C, or by the generated code: {mend}")
+    return name
+
+
+def _estimates(axis: FrictionAxis) -> tuple[Signal, ...]:
+    length, force = axis.units
+    return (
+        Signal("xhat", length, "position"),
+        Signal("vhat", f"{length}/s", "velocity"),
+        Signal("friction", force, "friction force"),
+        Signal("integral", force, "integral term, minus the friction error"),
+        Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
+    )
+
+
+def _drive_and_reading(axis: FrictionAxis) -> tuple[Signal, ...]:
+    return (
+        Signal("u", axis.units[1], "drive force from this sample on"),
+        Signal("y", axis.units[0], "position read at this sample"),
+    )
+
+
+def _of_axis(axis: FrictionAxis, dt: float) -> Exported:
+    check_pace(axis, dt)
+    arrays = axis.arrays(dt)
+    length, force = axis.units
+    acting = axis.effective()
+    promise = "The switched model of the package, its switches located inside the samples:\n"
+    return Exported(
+        axis.name,
+        "axis with dry friction",
+        axis,
+        dt,
+        {"numbers": arrays.numbers, "integers": arrays.integers},
+        np.zeros(arrays.memory),
+        (
+            (Signal("x0", length, "position at the start"), axis_step.X),
+            (Signal("v0", f"{length}/s", "velocity at the start"), axis_step.V),
+        ),
+        (Signal("u", force, "drive force, held to the next sample"),),
+        (
+            Signal("x", length, "position"),
+            Signal("v", f"{length}/s", "velocity"),
+            Signal("friction", force, "friction force"),
+            Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
+        ),
+        promise + acting.describe(),
+        entries.move,
+        (axis,),
+    )
+
+
+def _of_observer(design: ObserverDesign, dt: float) -> Exported:
+    length, force = design.axis.units
+    return Exported(
+        f"{design.axis.name}_observer",
+        "switched PI observer",
+        design.axis,
+        dt,
+        tables(design)._asdict(),
+        first_memory(design),
+        (
+            (Signal("xhat0", length, "first estimate of the position"), observer.XHAT),
+            (Signal("vhat0", f"{length}/s", "first estimate of the velocity"), observer.VHAT),
+            (Signal("what0", force, "first integral term"), observer.WHAT),
+        ),
+        _drive_and_reading(design.axis),
+        _estimates(design.axis),
+        design.summary(),
+        observer.step,
+        (design.axis,),
+    )
+
+
+def _of_filter(made: HybridFilter, dt: float) -> Exported:
+    more = (
+        Signal("vhat_sd", f"{made.axis.units[0]}/s", "standard deviation of vhat"),
+        Signal("log_likelihood", "1", "logarithm of the probability of the reading"),
+    )
+    return Exported(
+        f"{made.axis.name}_filter",
+        "hybrid cell filter",
+        made.axis,
+        dt,
+        made.tables._asdict(),
+        np.zeros(made.memory_size),
+        (),
+        _drive_and_reading(made.axis),
+        (*_estimates(made.axis), *more),
+        "A filter of three modes carries no certificate: it states its own standard deviation.",
+        hybrid_filter.step,
+        (made.axis,),
+    )
+
+
+def _of_compensation(comp: Compensation, dt: float) -> Exported:
+    length, force = comp.axis.units
+    controller = comp.controller
+    axes = [comp.rigid_axis] + ([comp.observer.axis] if comp.observer is not None else [])
+    return Exported(
+        f"{comp.axis.name}_compensation",
+        "friction-compensating position controller",
+        comp.axis,
+        dt,
+        {n: np.asarray(array) for n, array in controller.law._asdict().items()},
+        controller.memory(),
+        (),
+        (
+            Signal("xref", length, f"reference of {comp.lead} samples later"),
+            Signal("vref", f"{length}/s", "its velocity"),
+            Signal("aref", f"{length}/s^2", "its acceleration"),
+            Signal("y", length, "position read at this sample"),
+        ),
+        (
+            Signal("u", force, "drive force to hold until the next sample"),
+            Signal("friction", force, "its part that compensates friction"),
+        ),
+        comp.summary(),
+        entries.compensate,
+        tuple(axes),
+    )
+
+
+_MAKERS: dict[type, Callable[..., Exported]] = {
+    FrictionAxis: _of_axis,
+    ObserverDesign: _of_observer,
+    HybridFilter: _of_filter,
+    Compensation: _of_compensation,
+}

@@ -1,0 +1,267 @@
+/* FMI 2.0 Co-Simulation round the model in model.c. */
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmi2Functions.h"
+#include "model.c"
+
+typedef struct {
+    model_t model;
+    const fmi2CallbackFunctions *functions;
+    char name[128];
+} instance_t;
+
+static fmi2Status failed(const instance_t *instance, const char *why)
+{
+    if (instance != NULL && instance->functions != NULL && instance->functions->logger != NULL) {
+        instance->functions->logger(instance->functions->componentEnvironment, instance->name,
+                                    fmi2Error, "logStatusError", "%s", why);
+    }
+    return fmi2Error;
+}
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
+{
+    (void)c; (void)on; (void)n; (void)categories;
+    return fmi2OK;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
+{
+    instance_t *instance;
+    (void)resources; (void)visible; (void)logging;
+    if (type != fmi2CoSimulation || guid == NULL || strcmp(guid, MODEL_TOKEN) != 0) {
+        return NULL;
+    }
+    instance = calloc(1, sizeof *instance);
+    if (instance != NULL) {
+        instance->functions = functions;
+        if (name != NULL) {
+            strncpy(instance->name, name, sizeof instance->name - 1);
+        }
+        model_reset(&instance->model);
+    }
+    return instance;
+}
+
+void fmi2FreeInstance(fmi2Component c)
+{
+    free(c);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean ends, fmi2Real stop)
+{
+    (void)given; (void)tolerance; (void)ends; (void)stop;
+    ((instance_t *)c)->model.start = start;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    (void)c;
+    return fmi2OK;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    model_start(&((instance_t *)c)->model);
+    return fmi2OK;
+}
+
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    (void)c;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    model_reset(&((instance_t *)c)->model);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+{
+    for (size_t i = 0; i < n; ++i) {
+        if (!model_get(&((instance_t *)c)->model, vr[i], &value[i])) {
+            return failed(c, "no variable of that reference");
+        }
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
+{
+    for (size_t i = 0; i < n; ++i) {
+        double number = 0.0;
+        if (!model_get(&((instance_t *)c)->model, vr[i], &number)) {
+            return failed(c, "no variable of that reference");
+        }
+        value[i] = (fmi2Integer)number;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    for (size_t i = 0; i < n; ++i) {
+        const char *why = model_set(&((instance_t *)c)->model, vr[i], value[i]);
+        if (why != NULL) {
+            return failed(c, why);
+        }
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean final)
+{
+    const char *why = model_step(&((instance_t *)c)->model, time, step);
+    (void)final;
+    return why == NULL ? fmi2OK : failed(c, why);
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    if (*state == NULL) {
+        *state = malloc(sizeof(model_t));
+    }
+    if (*state == NULL) {
+        return failed(c, "no memory for the state");
+    }
+    memcpy(*state, &((instance_t *)c)->model, sizeof(model_t));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    memcpy(&((instance_t *)c)->model, state, sizeof(model_t));
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    (void)c; (void)state;
+    *size = sizeof(model_t);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    if (size < sizeof(model_t)) {
+        return failed(c, "too little room for the state");
+    }
+    memcpy(bytes, state, sizeof(model_t));
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    if (size != sizeof(model_t)) {
+        return failed(c, "these bytes are no state of this FMU");
+    }
+    if (*state == NULL) {
+        *state = malloc(sizeof(model_t));
+    }
+    if (*state == NULL) {
+        return failed(c, "no memory for the state");
+    }
+    memcpy(*state, bytes, size);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
+{
+    (void)c; (void)kind;
+    *value = fmi2OK;
+    return fmi2OK;
+}
+
+/* What a model of this kind does not have. */
+#define NO_ACCESS(Kind) \
+    fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[]) \
+    { (void)vr; (void)value; return n == 0 ? fmi2OK : failed(c, "no variable of that type"); } \
+    fmi2Status fmi2Set##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Kind value[]) \
+    { (void)vr; (void)value; return n == 0 ? fmi2OK : failed(c, "no variable of that type"); }
+
+NO_ACCESS(Boolean)
+NO_ACCESS(String)
+
+fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
+{
+    (void)vr; (void)value;
+    return n == 0 ? fmi2OK : failed(c, "no integer can be set");
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c)
+{
+    return failed(c, "a step ends before it can be cancelled");
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t nu,
+                                        const fmi2ValueReference known[], size_t nk, const fmi2Real seed[],
+                                        fmi2Real result[])
+{
+    (void)unknown; (void)nu; (void)known; (void)nk; (void)seed; (void)result;
+    return failed(c, "no derivatives");
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real value[])
+{
+    (void)vr; (void)n; (void)order; (void)value;
+    return failed(c, "inputs are held");
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                        const fmi2Integer order[], fmi2Real value[])
+{
+    (void)vr; (void)n; (void)order; (void)value;
+    return failed(c, "no derivatives");
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    *value = ((instance_t *)c)->model.time;
+    return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Discard;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
+{
+    (void)c; (void)kind; (void)value;
+    return fmi2Discard;
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+{
+    (void)c;
+    *value = fmi2False;
+    return kind == fmi2Terminated ? fmi2OK : fmi2Discard;
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
+{
+    (void)c; (void)kind; (void)value;
+    return fmi2Discard;
+}

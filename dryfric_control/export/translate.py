@@ -1,0 +1,1349 @@
+"""C99 from the Python source of the compiled kernels.
+
+The kernels are Python functions over numbers, arrays and tuples that numba compiles.
+`Translator` reads the same functions and writes C: one C function for each kernel and each
+set of argument types.  What is known when the code is written (the counts of an axis, its
+laws, its structure, the numbers of a design) decides branches here, so that the C holds
+what one object needs and nothing else.  The order of operations is that of the source.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.compiled import axis_step
+
+#: Passes of one search loop at most: none is met before its own end.
+MOST_PASSES = 1_000_000
+
+
+class NotInC(ValueError):  # noqa: N818  (an error of what is translated)
+    """A construct that has no C here."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Type of a value: "f", "i", "b" (numbers, truths), or one of the classes below."""
+
+    code: str
+
+    @property
+    def erased(self) -> bool:
+        """Whether the type alone is the value, which then is no argument in C."""
+        return False
+
+
+@dataclass(frozen=True)
+class Pointer(Kind):
+    """Address of numbers; `known` are values that are fixed in the exported object."""
+
+    element: str = "f"
+    constant: bool = False
+    known: tuple[tuple[int, float], ...] = ()
+    length: int = 0  # of a local array
+
+
+@dataclass(frozen=True)
+class Whole(Kind):
+    """A whole number that is known."""
+
+    value: int = 0
+
+    @property
+    def erased(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True)
+class Number(Kind):
+    """A number that is known."""
+
+    value: float = 0.0
+
+    @property
+    def erased(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True)
+class Table(Kind):
+    """A constant array of the exported object."""
+
+    name: str = ""
+    element: str = "f"
+    shape: tuple[int, ...] = ()
+    values: tuple[float, ...] = ()
+
+    @property
+    def erased(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True)
+class Record(Kind):
+    """A named tuple; one of constants alone is erased."""
+
+    names: tuple[str, ...] = ()
+    kinds: tuple[Kind, ...] = ()
+
+    @property
+    def erased(self) -> bool:
+        return bool(self.kinds) and all(kind.erased for kind in self.kinds)
+
+
+@dataclass(frozen=True)
+class Axis(Kind):
+    """A `Plant`: the address of its numbers, its integers being known."""
+
+    integers: tuple[int, ...] = ()
+    known: tuple[tuple[int, float], ...] = ()
+    base: str = ""  # name of the constant array, where it is one
+
+    @property
+    def erased(self) -> bool:
+        return bool(self.base)
+
+
+@dataclass(frozen=True)
+class Tuple(Kind):
+    """Several values."""
+
+    kinds: tuple[Kind, ...] = ()
+
+
+F, INT, BOOL, NOTHING = Kind("f"), Kind("i"), Kind("b"), Kind("v")
+_ATOM, _UNARY, _PRODUCT, _SUM, _ORDER, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
+
+
+@dataclass
+class Value:
+    """A C expression: its text, type, and value where that is known."""
+
+    text: str
+    kind: Kind
+    known: Any = None
+    binds: int = _ATOM
+    parts: list[Value] = field(default_factory=list)  # of a tuple that is written out
+
+    def within(self, level: int) -> str:
+        """The text, in parentheses where `level` binds closer."""
+        return self.text if self.binds >= level else f"({self.text})"
+
+
+@dataclass
+class Function:
+    """One kernel for one set of argument types."""
+
+    name: str
+    text: str
+    returns: Kind
+    used: tuple[bool, ...]
+    pure: bool
+    cost: Counter[str]
+    known: Any = None  # what it returns, where that is known
+
+
+_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while _Bool _Complex _Imaginary bool true false".split()
+)
+_MATH = frozenset("exp expm1 sqrt sin cos tan tanh log erfc erf pow copysign atan2".split())
+_COUNTED = {ast.Add: "add", ast.Sub: "add", ast.Mult: "multiply", ast.Div: "divide"}
+_SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_WHOLE = {ast.FloorDiv: "/", ast.Mod: "%", ast.BitAnd: "&", ast.BitOr: "|"}
+_COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+_FOLD: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.FloorDiv: lambda a, b: a // b,
+    ast.Mod: lambda a, b: a % b,
+    ast.BitAnd: lambda a, b: a & b,
+    ast.BitOr: lambda a, b: a | b,
+    ast.Lt: lambda a, b: a < b,
+    ast.LtE: lambda a, b: a <= b,
+    ast.Gt: lambda a, b: a > b,
+    ast.GtE: lambda a, b: a >= b,
+    ast.Eq: lambda a, b: a == b,
+    ast.NotEq: lambda a, b: a != b,
+}
+#: Smaller and larger of two numbers: name, type, and how the second compares.
+_HELPERS = {
+    "dfc_min": ("real", "<"),
+    "dfc_max": ("real", ">"),
+    "dfc_least": ("int32_t", "<"),
+    "dfc_most": ("int32_t", ">"),
+}
+
+#: Arguments for whose value a function is written anew, where that is known.
+_KNOWN = ("dt", "corner")
+
+#: In single precision these module constants are others: a tolerance below the rounding of
+#: a number would never be met.
+SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
+#: And numbers in the text that are ends of a search, relative.
+_SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
+
+
+def unified(a: Kind, b: Kind) -> Kind:
+    """Type that holds values of both."""
+    if a == b:
+        return a
+    if isinstance(a, Whole):
+        return unified(INT, b)
+    if isinstance(b, Whole):
+        return unified(a, INT)
+    if {a, b} <= {F, INT, BOOL}:
+        return F if F in (a, b) else INT
+    if isinstance(a, Axis) and isinstance(b, Axis) and a.integers == b.integers:
+        return Axis("plant", a.integers, a.known)
+    if isinstance(a, Tuple) and isinstance(b, Tuple) and len(a.kinds) == len(b.kinds):
+        return Tuple("t", tuple(unified(p, q) for p, q in zip(a.kinds, b.kinds, strict=True)))
+    if isinstance(a, Pointer) and isinstance(b, Pointer) and a.element == b.element:
+        return Pointer("p", a.element, a.constant or b.constant)
+    raise NotInC(f"a variable is {a} and {b}")
+
+
+class Translator:
+    """Writes the C functions that an exported object needs.
+
+    Parameters
+    ----------
+    laws : dict of int to (str, callable)
+        Name and Python source of each law and task, by the address that the integers hold.
+    single : bool
+        Whether numbers are `float`.
+    """
+
+    def __init__(self, laws: dict[int, tuple[str, Any]], single: bool = False) -> None:
+        self.laws, self.single = laws, single
+        self.functions: dict[Any, Function] = {}
+        self.records: dict[str, str] = {}
+        self.helpers: set[str] = set()
+        self.names: Counter[str] = Counter()
+        self.powers: set[int] = set()
+        self.impure: set[str] = set()
+
+    def number(self, value: float) -> str:
+        """A floating-point number in C, exactly."""
+        if math.isinf(value):
+            return "(real)INFINITY" if value > 0.0 else "-(real)INFINITY"
+        if not self.single:
+            text = repr(float(value))
+            return text if "." in text or "e" in text else f"{text}.0"
+        near = float(np.float32(value)) if abs(value) < 3e38 else math.copysign(3e38, value)
+        if value != 0.0 and abs(near) < 1.2e-38:
+            near = math.copysign(1.2e-38, value)
+        text = f"{np.float32(near)!s}"
+        return (text if "." in text or "e" in text else f"{text}.0") + "f"
+
+    def type(self, kind: Kind) -> str:
+        """A type in C."""
+        if isinstance(kind, Pointer):
+            base = "real" if kind.element == "f" else "int32_t"
+            return f"const {base} *" if kind.constant else f"{base} *"
+        if isinstance(kind, Axis):
+            return "const real *"
+        if isinstance(kind, Whole):
+            return "int32_t"
+        if isinstance(kind, (Tuple, Record)):
+            return self._struct(kind)
+        return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
+
+    def declared(self, kind: Kind, name: str) -> str:
+        """Declaration of a name."""
+        base = self.type(kind)
+        return f"{base}{name}" if base.endswith("*") else f"{base} {name}"
+
+    def _struct(self, kind: Tuple | Record) -> str:
+        """Name of the structure that holds several values; it is declared once."""
+        if isinstance(kind, Record):
+            name, names = f"dfc_{kind.code.lower()}", kind.names
+        else:
+            name = f"dfc_{_codes(kind)}"
+            names = tuple(f"f{i}" for i in range(len(kind.kinds)))
+        if name not in self.records:
+            rows = "".join(
+                f"    {self.declared(k, n)};\n" for n, k in zip(names, kind.kinds, strict=True)
+            )
+            self.records[name] = f"typedef struct {{\n{rows}}} {name};\n"
+        return name
+
+    def text(self) -> str:
+        """All structures and functions, each before its use."""
+        helpers = [
+            f"static {kind} {name}({kind} a, {kind} b)\n{{\n    return (b {sign} a) ? b : a;\n}}\n"
+            for name, (kind, sign) in _HELPERS.items()
+            if name in self.helpers
+        ]
+        for n in sorted(self.powers):
+            helpers.append(_power(n))
+        # What was decided here leaves functions that nothing calls.
+        called, kept = {"dfc_sample", "dfc_look"}, []
+        for function in reversed(self.functions.values()):
+            if function.name in called and function.text:
+                kept.append(function.text)
+                called |= set(re.findall(r"\bdfc_\w+", function.text))
+        return "\n".join([*self.records.values(), *helpers, *reversed(kept)])
+
+    def function(self, source: Any, kinds: tuple[Kind, ...], name: str = "") -> Function:
+        """C function of a kernel for arguments of these types."""
+        python = getattr(source, "py_func", source)
+        key = (python, kinds)
+        if key not in self.functions:
+            if not name:
+                module = python.__module__.rpartition(".")[2].removesuffix("_step")
+                name = f"dfc_{module}_{python.__name__.strip('_')}"
+            self.names[name] += 1
+            if self.names[name] > 1:
+                name += f"_{self.names[name]}"
+            made = _Body(self, python, kinds, name).made()
+            if not made.pure:
+                self.impure.add(name)
+            self.functions[key] = made
+        return self.functions[key]
+
+
+def _power(n: int) -> str:
+    """C function of a whole power, in the order in which numba multiplies."""
+    lines, result, name = [], "", "x"
+    m = n
+    while m:
+        if m & 1:
+            result = f"{result} * {name}" if result else name
+        m >>= 1
+        if m:
+            lines.append(f"    const real {name}{name[0]} = {name} * {name};\n")
+            name += name[0]
+    body = "".join(lines)
+    return f"static real dfc_power{n}(real x)\n{{\n{body}    return {result};\n}}\n"
+
+
+class _Body:
+    """The body of one function while it is written."""
+
+    def __init__(self, out: Translator, python: Any, kinds: tuple[Kind, ...], name: str) -> None:
+        self.out, self.python, self.name = out, python, name
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
+        except (OSError, TypeError, SyntaxError) as problem:
+            raise NotInC(f"its Python source cannot be read ({problem})") from None
+        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
+        if node is None:
+            raise NotInC("its Python source is no plain function")
+        self.node = node
+        self.parameters = [a.arg for a in node.args.args]
+        self.kinds = dict(zip(self.parameters, kinds, strict=True))
+        self.vars: dict[str, Kind] = dict(self.kinds)
+        self.returns: Kind | None = None
+        self.read: set[str] = set()
+        self.dead: set[str] = set()
+        closure = inspect.getclosurevars(python).nonlocals
+        self.globals = {**python.__globals__, **closure}
+        stored = Counter(
+            n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+        )
+        for n in ast.walk(node):
+            if isinstance(n, ast.AugAssign) and isinstance(n.target, ast.Name):
+                stored[n.target.id] += 1
+        stored.update(self.parameters)
+        counted = Counter(
+            n.target.id
+            for n in ast.walk(node)
+            if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
+        )
+        self.assigned = {n for n, count in stored.items() if count > counted[n]}
+        self.once = {n for n, count in stored.items() if count == 1}
+
+    def made(self) -> Function:
+        """Translate until types and unread variables are settled."""
+        before: Any = None
+        for _ in range(12):
+            self.lines: list[str] = []
+            self.bound: dict[str, Value] = {}
+            self.declared: set[str] = set()
+            self.late: dict[str, Kind] = {}
+            self.unrolling_seen = False
+            self.returned: list[Any] = []
+            self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
+            for name, kind in self.kinds.items():
+                if kind.erased and name in self.once:
+                    self.bound[name] = self.erased(kind)
+            cost = self.block(self.node.body)
+            self.results = set(self.returned)
+            self.read = _read(self.lines)
+            self.dead = {n for n in self.vars if _c(n) not in self.read}
+            now = (dict(self.vars), self.returns, frozenset(self.dead))
+            if now == before:
+                break
+            before = now
+        used = tuple(_c(n) in self.read and n not in self.bound for n in self.parameters)
+        returns = self.returns or NOTHING
+        given = ", ".join(
+            self.out.declared(self.parameter(n), _c(n))
+            for n, u in zip(self.parameters, used, strict=True)
+            if u
+        )
+        doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
+        head = f"/* {' '.join(doc.split())} */\n" if doc else ""
+        result = NOTHING if returns.erased else returns
+        head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
+        if returns.erased:
+            return Function(self.name, "", returns, used, True, cost)
+        for n, kind in self.late.items():
+            if n not in self.dead:
+                self.place(n, kind)
+        body = "\n".join(_wrapped(line) for line in self.lines)
+        text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
+        known = self.results.pop() if len(self.results) == 1 and self.pure else None
+        return Function(self.name, text, returns, used, self.pure, cost, known)
+
+    def parameter(self, name: str) -> Kind:
+        """Type of a parameter; an address that is only read through is one of constants."""
+        kind, c = self.kinds[name], _c(name)
+        if not isinstance(kind, Pointer) or kind.constant:
+            return kind
+        lines = [_bare(line) for line in self.lines]
+        if any(re.search(rf"\b{c}\b(?!\[)|^\s*{c}\[.*\] [-+*/]?= ", line) for line in lines):
+            return kind
+        return Pointer("p", kind.element, True)
+
+    def place(self, name: str, kind: Kind) -> None:
+        """Declare a variable that is first stored inside a block, in the smallest block it has."""
+        c, paths = _c(name), _paths(self.lines)
+        found = [i for i, line in enumerate(self.lines) if _uses(_bare(line), {c})]
+        if not found:
+            return
+        block = paths[found[0]]
+        for i in found:
+            block = _shared(block, paths[i])
+        first, declaration = found[0], self.out.declared(kind, c)
+        line = self.lines[first]
+        start = re.match(rf"(\s*){c} = ", line)
+        if start and paths[first] == block:
+            once = name in self.once and not self.unrolling_seen
+            constant = "const " if once and not isinstance(kind, (Pointer, Axis)) else ""
+            self.lines[first] = f"{start[1]}{constant}{declaration} = {line[start.end() :]}"
+            return
+        # What a loop carries from turn to turn is declared outside of it.
+        for depth, opened in enumerate(block):
+            if self.lines[opened].lstrip().startswith("for "):
+                block = block[:depth]
+                break
+        before = max(
+            i
+            for i in range(first + 1)
+            if paths[i] == block and not self.lines[i].lstrip().startswith("}")
+        )
+        indent = "    " * (len(block) + 1)
+        self.lines.insert(before, f"{indent}{declaration} = {self.zero(kind)};")
+
+    def zero(self, kind: Kind) -> str:
+        """Something to start from, never read."""
+        if isinstance(kind, (Tuple, Record)):
+            return "{" + ", ".join(self.zero(k) for k in kind.kinds) + "}"
+        if isinstance(kind, (Pointer, Axis)):
+            return "NULL"
+        return {"f": self.out.number(0.0), "i": "0", "b": "false"}[kind.code]
+
+    def erased(self, kind: Kind) -> Value:
+        """The value that a type alone is."""
+        if isinstance(kind, Whole):
+            return Value(str(kind.value), INT, kind.value)
+        if isinstance(kind, Number):
+            return Value(self.out.number(kind.value), F, kind.value)
+        if isinstance(kind, Table):
+            return Value(kind.name, kind)
+        if isinstance(kind, Axis):
+            return Value(kind.base, kind)
+        return Value("", kind)
+
+    def fail(self, node: ast.AST, why: str) -> NotInC:
+        """Error that names function and line."""
+        line = getattr(node, "lineno", 1)
+        return NotInC(f"{self.python.__qualname__}, line {line} of it: {why}")
+
+    # Statements -----------------------------------------------------------------------
+
+    def emit(self, line: str) -> None:
+        self.lines.append("    " * (self.depth + 1) + line)
+
+    def block(self, body: list[ast.stmt]) -> Counter[str]:
+        """Statements up to the first that ends the block; what they cost at most."""
+        cost: Counter[str] = Counter()
+        for statement in body:
+            self.cost: Counter[str] = Counter()
+            self.ended = False
+            method = getattr(self, f"do_{type(statement).__name__.lower()}", None)
+            if method is None:
+                raise self.fail(statement, f"{type(statement).__name__} has no C here")
+            extra = method(statement)
+            cost += self.cost
+            if extra:
+                cost += extra
+            if self.ended:
+                break
+        return cost
+
+    def do_expr(self, node: ast.Expr) -> None:
+        if isinstance(node.value, ast.Constant):
+            return  # a docstring
+        value = self.value(node.value)
+        if value.kind == NOTHING:
+            self.emit(f"{value.text};")
+        else:
+            self.emit_effects(value)
+
+    def emit_effects(self, value: Value) -> None:
+        """What a value that nobody reads does beside."""
+        if _uses(value.text, self.out.impure):
+            self.emit(f"(void)({value.text});")
+
+    def do_pass(self, node: ast.Pass) -> None:
+        self.emit(";")
+
+    def do_return(self, node: ast.Return) -> None:
+        self.ended = True
+        if node.value is None:
+            self.emit("return;")
+            return
+        value = self.value(node.value)
+        self.returned.append(value.known)
+        plain = _plain(value.kind)
+        self.returns = plain if self.returns is None else unified(self.returns, plain)
+        if not self.returns.erased:
+            self.emit(f"return {self.converted(value, self.returns)};")
+
+    def do_break(self, node: ast.Break) -> None:
+        self.ended = True
+        self.emit("break;")
+
+    def do_continue(self, node: ast.Continue) -> None:
+        self.ended = True
+        self.emit("continue;")
+
+    def do_annassign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.assign(node.target, self.value(node.value))
+
+    def do_assign(self, node: ast.Assign) -> None:
+        value = self.value(node.value)
+        if len(node.targets) > 1:
+            # a = b = value: to the right one first, the others from it
+            last = node.targets[-1]
+            self.assign(last, value)
+            if not isinstance(last, ast.Name):
+                raise self.fail(node, "a = b[i] = ...")
+            value = self.value(ast.copy_location(ast.Name(last.id, ast.Load()), node))
+            for target in node.targets[:-1]:
+                self.assign(target, value)
+            return
+        self.assign(node.targets[0], value, node.value)
+
+    def do_augassign(self, node: ast.AugAssign) -> None:
+        load = ast.copy_location(_loaded(node.target), node)
+        op = type(node.op)
+        if op in _SIGNS and isinstance(load, (ast.Name, ast.Subscript)):
+            target = self.value(load)
+            if target.kind == F:
+                if isinstance(load, ast.Name) and load.id in self.dead:
+                    return
+                right = self.real(self.value(node.value))
+                self.cost[_COUNTED[op]] += 1
+                self.emit(f"{target.text} {_SIGNS[op]}= {right.text};")
+                if isinstance(node.target, ast.Subscript):
+                    self.pure = False
+                return
+        whole = ast.copy_location(ast.BinOp(load, node.op, node.value), node)
+        self.assign(node.target, self.value(whole))
+
+    def assign(self, target: ast.expr, value: Value, source: ast.expr | None = None) -> None:
+        """Store a value, or each of several."""
+        if isinstance(target, ast.Tuple):
+            self.unpack(target, value)
+            return
+        if isinstance(target, ast.Subscript):
+            self.pure = False
+            place = self.value(target)
+            if not isinstance(place.kind, Kind) or place.kind not in (F, INT):
+                raise self.fail(target, "only numbers are stored in arrays")
+            self.emit(f"{place.text} = {self.converted(value, place.kind)};")
+            return
+        if not isinstance(target, ast.Name):
+            raise self.fail(target, "this cannot be assigned to")
+        name = target.id
+        held = value.parts and all(
+            p.kind.erased or isinstance(p.kind, Pointer) for p in value.parts
+        )
+        if name in self.once and (value.known is not None or value.kind.erased or held):
+            self.bound[name] = value
+            return
+        kind = _plain(value.kind)
+        if isinstance(value.kind, Pointer) and value.kind.length and value.text == "[]":
+            self.vars[name] = value.kind
+            base = "real" if value.kind.element == "f" else "int32_t"
+            self.declared.add(name)
+            zero = self.zero(F if value.kind.element == "f" else INT)
+            self.emit(f"{base} {_c(name)}[{value.kind.length}] = {{{zero}}};")
+            return
+        if isinstance(kind, Axis) and name not in self.once:
+            kind = Axis("plant", kind.integers, kind.known)
+        self.vars[name] = kind = unified(self.vars.get(name, kind), kind)
+        if name in self.dead:
+            self.emit_effects(value)
+            return
+        text = self.converted(value, kind)
+        if name in self.declared or name in self.parameters:
+            self.emit(f"{_c(name)} = {text};")
+        elif self.depth == 0:
+            self.declared.add(name)
+            fixed = name in self.once and not self.unrolling
+            constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
+            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};")
+        else:
+            self.declared.add(name)
+            self.late[name] = kind
+            self.emit(f"{_c(name)} = {text};")
+
+    def unpack(self, target: ast.Tuple, value: Value) -> None:
+        """Store several values; the right side is read before any is stored."""
+        names = target.elts
+        if value.parts:
+            if len(value.parts) != len(names):
+                raise self.fail(target, "the number of values does not fit")
+            stored = {_base(n) for n in names}
+            parts = list(value.parts)
+            if any(_uses(part.text, stored) for part in parts[1:]):
+                for i, part in enumerate(parts):
+                    if part.known is None and not part.kind.erased:
+                        parts[i] = self.temporary(part)
+            for name, part in zip(names, parts, strict=True):
+                self.assign(name, part)
+            return
+        if not isinstance(value.kind, Tuple):
+            raise self.fail(target, "this is no tuple")
+        wanted = [
+            not (isinstance(n, ast.Name) and (n.id == "_" or n.id in self.dead)) for n in names
+        ]
+        for n, w in zip(names, wanted, strict=True):
+            if not w and isinstance(n, ast.Name) and n.id != "_":
+                kind = value.kind.kinds[names.index(n)]
+                self.vars[n.id] = unified(self.vars.get(n.id, kind), kind)
+        if not any(wanted):
+            self.emit_effects(value)
+            return
+        held = self.temporary(value)
+        for i, (name, w) in enumerate(zip(names, wanted, strict=True)):
+            if w:
+                self.assign(name, Value(f"{held.text}.f{i}", value.kind.kinds[i]))
+
+    def temporary(self, value: Value) -> Value:
+        """The value in a constant of its own."""
+        self.temporaries += 1
+        name = f"r{self.temporaries}"
+        kind = _plain(value.kind)
+        constant = "" if isinstance(kind, (Pointer, Axis)) else "const "
+        text = self.converted(value, kind)
+        self.emit(f"{constant}{self.out.declared(kind, name)} = {text};")
+        return Value(name, kind)
+
+    def do_if(self, node: ast.If) -> Counter[str] | None:
+        test = self.truth(self.value(node.test))
+        if test.known is not None:
+            cost = self.cost
+            taken = node.body if test.known else node.orelse
+            inner = self.block(taken) if taken else Counter()
+            if not taken:
+                self.ended = False
+            self.cost = cost
+            return inner
+        cost = self.cost
+        self.emit(f"if ({test.text}) {{")
+        self.depth += 1
+        first = self.block(node.body)
+        ended = self.ended
+        self.depth -= 1
+        other: Counter[str] = Counter()
+        self.ended = False
+        if node.orelse:
+            mark = len(self.lines)
+            self.emit("} else {")
+            self.depth += 1
+            other = self.block(node.orelse)
+            self.depth -= 1
+            if len(self.lines) == mark + 1:
+                self.lines.pop()
+        else:
+            ended = False
+        self.ended = ended and self.ended
+        self.emit("}")
+        self.cost = cost
+        return first | other  # the dearer of the two, by kind
+
+    def do_for(self, node: ast.For) -> Counter[str]:
+        call = node.iter
+        if isinstance(call, ast.Tuple):
+            return self._unrolled(node, [self.value(e).known for e in call.elts])
+        if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "range"):
+            raise self.fail(node, "for takes range(...) or numbers")
+        given = [self.value(a) for a in call.args]
+        zero, one = Value("0", INT, 0), Value("1", INT, 1)
+        start, stop, step = (zero, given[0], one) if len(given) == 1 else (*given, one)[:3]
+        known = (start.known, stop.known, step.known)
+        if step.known is None:
+            raise self.fail(node, "the step of a range must be known")
+        if None not in known:
+            turns = range(*known)
+            if not turns:
+                return Counter()
+            if _calls_law(node):
+                return self._unrolled(node, list(turns))
+        if not isinstance(node.target, ast.Name):
+            raise self.fail(node, "a loop counts one variable")
+        name = node.target.id
+        if name == "_" or name in self.dead:
+            self.temporaries += 1
+            name = f"n{self.temporaries}"
+        self.vars[node.target.id] = INT
+        self.declared.add(node.target.id)
+        own = name not in self.assigned
+        if not own:
+            self.late[name] = INT
+        c = _c(name)
+        sign = "<" if step.known > 0 else ">"
+        move = {1: f"++{c}", -1: f"--{c}"}.get(
+            step.known, f"{c} {'+' if step.known > 0 else '-'}= {abs(step.known)}"
+        )
+        self.emit(
+            f"for ({'int32_t ' if own else ''}{c} = {start.text}; "
+            f"{c} {sign} {stop.within(_ORDER)}; {move}) {{"
+        )
+        cost = self._loop(node.body)
+        passes = len(range(*known)) if None not in known else 8
+        return Counter({what: passes * n for what, n in cost.items()})
+
+    def _loop(self, body: list[ast.stmt]) -> Counter[str]:
+        self.depth += 1
+        cost = self.block(body)
+        self.depth -= 1
+        self.ended = False
+        self.emit("}")
+        self.cost = Counter()
+        return cost
+
+    def _unrolled(self, node: ast.For, turns: list[Any]) -> Counter[str]:
+        """The body once for every value."""
+        if not isinstance(node.target, ast.Name) or None in turns:
+            raise self.fail(node, "what a loop counts must be known")
+        if any(isinstance(n, (ast.Break, ast.Continue)) for n in ast.walk(node)):
+            raise self.fail(node, "break and continue in a loop over laws")
+        cost: Counter[str] = Counter()
+        self.unrolling += 1
+        self.unrolling_seen = True
+        for i in turns:
+            self.bound[node.target.id] = Value(str(i), INT, i)
+            cost += self.block(node.body)
+        del self.bound[node.target.id]
+        self.unrolling -= 1
+        self.cost = Counter()
+        return cost
+
+    def do_while(self, node: ast.While) -> Counter[str]:
+        self.temporaries += 1
+        n = f"n{self.temporaries}"
+        test = self.truth(self.value(node.test))
+        self.emit(f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{")
+        return self._loop(node.body)
+
+    # Expressions ----------------------------------------------------------------------
+
+    def converted(self, value: Value, kind: Kind) -> str:
+        """The text of a value as another type."""
+        if value.parts and isinstance(kind, Tuple):
+            inner = ", ".join(
+                self.converted(v, k) for v, k in zip(value.parts, kind.kinds, strict=True)
+            )
+            return f"({self.out.type(kind)}){{{inner}}}"
+        if kind == F and (value.kind == INT or isinstance(value.kind, Whole)):
+            if value.known is not None:
+                return self.out.number(float(value.known))
+            return f"(real){value.within(_UNARY)}"
+        if kind == F and value.kind == BOOL:
+            return (
+                f"({value.within(_CHOICE + 1)} ? {self.out.number(1.0)} : {self.out.number(0.0)})"
+            )
+        if kind == value.kind or isinstance(kind, (Pointer, Axis)):
+            return value.text
+        if kind == INT and (value.kind == BOOL or isinstance(value.kind, Whole)):
+            return value.text
+        if isinstance(kind, Tuple) and isinstance(value.kind, Tuple):
+            held = self.temporary(value)
+            parts = [Value(f"{held.text}.f{i}", k) for i, k in enumerate(value.kind.kinds)]
+            return self.converted(Value("", kind, parts=parts), kind)
+        raise NotInC(f"{value.text!r} is {value.kind}, wanted {kind}")
+
+    def truth(self, value: Value) -> Value:
+        """The value as a condition."""
+        if value.known is not None:
+            return Value("true" if value.known else "false", BOOL, bool(value.known))
+        if value.kind == BOOL:
+            return value
+        zero = self.out.number(0.0) if value.kind == F else "0"
+        return Value(f"{value.within(_EQUAL)} != {zero}", BOOL, binds=_EQUAL)
+
+    def value(self, node: ast.expr) -> Value:
+        """C of an expression."""
+        method = getattr(self, f"of_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise self.fail(node, f"{type(node).__name__} has no C here")
+        result: Value = method(node)
+        return result
+
+    def constant(self, value: Any, node: ast.expr, name: str = "") -> Value:
+        """A Python value as a C one."""
+        if isinstance(value, (bool, np.bool_)):
+            return Value("true" if value else "false", BOOL, bool(value))
+        if isinstance(value, (int, np.integer)):
+            note = f" /*{name}*/" if name else ""
+            return Value(f"{value}{note}" if value >= 0 else f"({value})", INT, int(value))
+        if isinstance(value, (float, np.floating)):
+            number = float(value)
+            if self.out.single:
+                number = SINGLE.get(name, _SINGLE_LITERALS.get(number, number))
+            text = self.out.number(number)
+            return Value(text, F, number, _ATOM if not text.startswith("-") else _UNARY)
+        if isinstance(value, tuple):
+            parts = [self.constant(v, node) for v in value]
+            return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
+        raise self.fail(node, f"{value!r} has no C")
+
+    def of_constant(self, node: ast.Constant) -> Value:
+        return self.constant(node.value, node)
+
+    def of_name(self, node: ast.Name) -> Value:
+        if node.id in self.bound:
+            return self.bound[node.id]
+        if node.id in self.vars:
+            return Value(_c(node.id), self.vars[node.id])
+        if node.id in self.globals:
+            return self.constant(self.globals[node.id], node, node.id)
+        raise self.fail(node, f"{node.id} is unknown")
+
+    def python_object(self, node: ast.expr) -> Any:
+        """What a name or a module's name stands for in Python, None for a variable."""
+        if isinstance(node, ast.Name):
+            if node.id in self.vars or node.id in self.bound:
+                return None
+            builtin = {"min": min, "max": max, "abs": abs, "int": int, "float": float, "bool": bool}
+            return self.globals.get(node.id, builtin.get(node.id))
+        if isinstance(node, ast.Attribute):
+            owner = self.python_object(node.value)
+            if isinstance(owner, ModuleType):
+                return getattr(owner, node.attr, None)
+        return None
+
+    def of_attribute(self, node: ast.Attribute) -> Value:
+        known = self.python_object(node)
+        if known is not None:
+            return self.constant(known, node, node.attr)
+        owner = self.value(node.value)
+        kind = owner.kind
+        if isinstance(kind, Axis):
+            if node.attr == "integers":
+                return Value("", Record("integers", (), (Table("k", "", "i", (), kind.integers),)))
+            return Value(owner.text, Pointer("p", "f", True, kind.known))
+        if isinstance(kind, Record):
+            place = kind.names.index(node.attr)
+            inner = kind.kinds[place]
+            if inner.erased:
+                return self.erased(inner)
+            return Value(f"{owner.text}.{node.attr}", inner)
+        if isinstance(kind, Table) and node.attr == "shape":
+            parts = [Value(str(n), INT, n) for n in kind.shape]
+            return Value("", Tuple("t", (INT,) * len(parts)), parts=parts)
+        raise self.fail(node, f"attribute {node.attr}")
+
+    def of_subscript(self, node: ast.Subscript) -> Value:
+        if isinstance(node.slice, ast.Slice):
+            owner = self.value(node.value)
+            if node.slice.lower is None or node.slice.upper is not None or node.slice.step:
+                raise self.fail(node, "only array[n:]")
+            start = self.value(node.slice.lower)
+            return Value(f"{owner.within(_SUM)} + {start.within(_SUM + 1)}", owner.kind, binds=_SUM)
+        owner, place = self.value(node.value), self.value(node.slice)
+        kind = owner.kind
+        if isinstance(kind, Record) and kind.code == "integers":
+            values = kind.kinds[0].values  # type: ignore[attr-defined]
+            if place.known is None:
+                raise self.fail(node, "an integer of the axis at an unknown place")
+            return Value(str(values[place.known]), INT, int(values[place.known]))
+        if owner.parts or isinstance(kind, Tuple):
+            assert isinstance(kind, Tuple)
+            if place.known is not None:
+                if owner.parts:
+                    return owner.parts[place.known]
+                return Value(f"{owner.text}.f{place.known}", kind.kinds[place.known])
+            parts = owner.parts or [
+                Value(f"{owner.text}.f{i}", k) for i, k in enumerate(kind.kinds)
+            ]
+            inner = ", ".join(self.converted(p, F) for p in parts)
+            return Value(f"((const real[]){{{inner}}})[{place.text}]", F)
+        if isinstance(kind, Table):
+            known = None
+            if place.known is not None:
+                known = kind.values[place.known]
+            if kind.element == "i" and known is not None:
+                return Value(str(int(known)), INT, int(known))
+            return Value(f"{kind.name}[{place.text}]", F if kind.element == "f" else INT, known)
+        if isinstance(kind, Pointer):
+            known = dict(kind.known).get(place.known) if place.known is not None else None
+            element = F if kind.element == "f" else INT
+            return Value(f"{owner.within(_ATOM)}[{place.text}]", element, known)
+        raise self.fail(node, f"{owner.text} cannot be indexed")
+
+    def of_tuple(self, node: ast.Tuple) -> Value:
+        parts: list[Value] = []
+        for element in node.elts:
+            if isinstance(element, ast.Starred):
+                inner = self.value(element.value)
+                if not inner.parts:
+                    raise self.fail(node, "only constants are starred")
+                parts += inner.parts
+            else:
+                parts.append(self.value(element))
+        return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
+
+    def of_unaryop(self, node: ast.UnaryOp) -> Value:
+        value = self.value(node.operand)
+        if isinstance(node.op, ast.Not):
+            test = self.truth(value)
+            if test.known is not None:
+                return Value("false" if test.known else "true", BOOL, not test.known)
+            return Value(f"!{test.within(_UNARY)}", BOOL, binds=_UNARY)
+        if not isinstance(node.op, ast.USub):
+            raise self.fail(node, "this sign")
+        known = None if value.known is None else -value.known
+        if value.kind == INT and known is not None:
+            return self.constant(known, node)
+        return Value(f"-{value.within(_ATOM)}", value.kind, known, _UNARY)
+
+    def of_binop(self, node: ast.BinOp) -> Value:
+        op = type(node.op)
+        a, b = self.value(node.left), self.value(node.right)
+        if op is ast.Pow:
+            return self.power(node, a, b)
+        whole = a.kind == INT and b.kind == INT
+        if whole and a.known is not None and b.known is not None and op in _FOLD:
+            return self.constant(_FOLD[op](a.known, b.known), node)
+        if op in _WHOLE:
+            if not whole:
+                raise self.fail(node, f"{op.__name__} of numbers that are not whole")
+            return Value(f"({a.within(_UNARY)} {_WHOLE[op]} {b.within(_UNARY)})", INT)
+        if op not in _SIGNS:
+            raise self.fail(node, f"{op.__name__} has no C here")
+        level = _SUM if op in (ast.Add, ast.Sub) else _PRODUCT
+        if not whole or op is ast.Div:
+            left, right = self.real(a), self.real(b)
+            known = _folded(op, left.known, right.known)
+            if known is None:
+                self.cost[_COUNTED[op]] += 1
+            kind = F
+        else:
+            left, right, kind, known = a, b, INT, None
+        text = f"{left.within(level)} {_SIGNS[op]} {right.within(level + 1)}"
+        return Value(text, kind, known, level)
+
+    def real(self, value: Value) -> Value:
+        """The value as a floating-point number."""
+        if value.kind == F:
+            return value
+        text = self.converted(value, F)
+        known = None if value.known is None else float(value.known)
+        return Value(text, F, known, _UNARY if text.startswith("(real)") else _ATOM)
+
+    def power(self, node: ast.BinOp, a: Value, b: Value) -> Value:
+        if b.kind == INT and b.known is not None and b.known > 1:
+            self.cost["multiply"] += max(int(b.known).bit_length() - 1, 1)
+            if a.known is not None and a.kind == INT:
+                return self.constant(a.known**b.known, node)
+            self.out.powers.add(b.known)
+            return Value(f"dfc_power{b.known}({self.real(a).text})", F)
+        self.cost["function"] += 1
+        name = "powf" if self.out.single else "pow"
+        return Value(f"{name}({self.real(a).text}, {self.real(b).text})", F)
+
+    def of_boolop(self, node: ast.BoolOp) -> Value:
+        is_and = isinstance(node.op, ast.And)
+        parts = []
+        for element in node.values:
+            part = self.truth(self.value(element))
+            if part.known is None:
+                parts.append(part)
+            elif part.known != is_and:
+                if not parts:
+                    return part
+                parts.append(part)
+                break
+        if not parts:
+            return Value("true" if is_and else "false", BOOL, is_and)
+        if len(parts) == 1:
+            return parts[0]
+        level = _AND if is_and else _OR
+        text = (" && " if is_and else " || ").join(p.within(_ORDER) for p in parts)
+        return Value(text, BOOL, binds=level)
+
+    def of_compare(self, node: ast.Compare) -> Value:
+        operands = [self.value(node.left), *(self.value(c) for c in node.comparators)]
+        parts: list[Value] = []
+        for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
+            if type(op) not in _COMPARE:
+                raise self.fail(node, f"{type(op).__name__} has no C here")
+            if a.known is not None and b.known is not None:
+                truth = _FOLD[type(op)](a.known, b.known)
+                if not truth:
+                    return Value("false", BOOL, False)
+                continue
+            if a.kind != b.kind:
+                a, b = self.real(a), self.real(b)
+            level = _EQUAL if isinstance(op, (ast.Eq, ast.NotEq)) else _ORDER
+            if a.kind == F:
+                self.cost["compare"] += 1
+            text = f"{a.within(_SUM)} {_COMPARE[type(op)]} {b.within(_SUM)}"
+            parts.append(Value(text, BOOL, binds=level))
+        if not parts:
+            return Value("true", BOOL, True)
+        if len(parts) == 1:
+            return parts[0]
+        return Value(" && ".join(f"({p.text})" for p in parts), BOOL, binds=_AND)
+
+    def of_ifexp(self, node: ast.IfExp) -> Value:
+        test = self.truth(self.value(node.test))
+        if test.known is not None:
+            return self.value(node.body if test.known else node.orelse)
+        a, b = self.value(node.body), self.value(node.orelse)
+        kind = unified(_plain(a.kind), _plain(b.kind))
+        left, right = self.converted(a, kind), self.converted(b, kind)
+        wrap = "({})".format
+        left = left if a.binds >= _UNARY or left.startswith("(real)") else wrap(left)
+        right = right if b.binds >= _UNARY or right.startswith("(real)") else wrap(right)
+        return Value(f"{test.within(_ATOM)} ? {left} : {right}", kind, binds=_CHOICE)
+
+    def of_call(self, node: ast.Call) -> Value:
+        target = self.python_object(node.func)
+        if target is None:
+            raise self.fail(node, f"{ast.unparse(node.func)} cannot be called")
+        special = _SPECIAL.get(target) if _hashable(target) else None
+        if special is not None:
+            return special(self, node)
+        if node.keywords:
+            raise self.fail(node, "arguments by keyword")
+        if isinstance(target, type) and issubclass(target, tuple):
+            return self.record(target, [self.value(a) for a in node.args])
+        name = getattr(target, "__name__", "")
+        if getattr(target, "__module__", "") == "math":
+            return self.math(node, name)
+        return self.call(target, [self.value(a) for a in node.args], node)
+
+    def record(self, cls: type, given: list[Value]) -> Value:
+        """A named tuple."""
+        if cls is axis_step.Plant:
+            numbers, integers = given
+            if isinstance(integers.kind, Record):
+                values = integers.kind.kinds[0].values  # type: ignore[attr-defined]
+            else:
+                values = integers.kind.values  # type: ignore[attr-defined]
+            if isinstance(numbers.kind, Table):
+                known = tuple(enumerate(numbers.kind.values))
+                return self.erased(Axis("plant", values, known, numbers.kind.name))
+            known = getattr(numbers.kind, "known", ())
+            return Value(numbers.text, Axis("plant", values, known), binds=numbers.binds)
+        names = cls._fields  # type: ignore[attr-defined]
+        kinds = tuple(
+            Whole("k", v.known) if v.known is not None and v.kind == INT else _plain(v.kind)
+            for v in given
+        )
+        kind = Record(cls.__name__, names, kinds)
+        if kind.erased:
+            return Value("", kind)
+        kind = Record(cls.__name__, names, tuple(_plain(v.kind) for v in given))
+        inner = ", ".join(v.text for v in given)
+        return Value(f"({self.out.type(kind)}){{{inner}}}", kind)
+
+    def math(self, node: ast.Call, name: str) -> Value:
+        """A function of the C library."""
+        given = [self.real(self.value(a)) for a in node.args]
+        suffix = "f" if self.out.single else ""
+        if name in _MATH and all(v.known is not None for v in given):
+            # Here, by the library of the kernels: a compiler rounds such a constant its own way.
+            return self.constant(getattr(math, name)(*(v.known for v in given)), node)
+        self.cost["function"] += 1
+        text = ", ".join(v.text for v in given)
+        if name in ("ceil", "floor"):
+            return Value(f"(int32_t){name}{suffix}({text})", INT, binds=_UNARY)
+        if name == "fabs":
+            return Value(f"fabs{suffix}({text})", F)
+        if name not in _MATH:
+            raise self.fail(node, f"math.{name} has no C here")
+        return Value(f"{name}{suffix}({text})", F)
+
+    def call(self, target: Any, given: list[Value], node: ast.Call, name: str = "") -> Value:
+        """A call of another kernel."""
+        python = getattr(target, "py_func", target)
+        if not inspect.isfunction(python):
+            raise self.fail(node, f"{ast.unparse(node.func)} has no C here")
+        parameters = list(inspect.signature(python).parameters.values())
+        for parameter in parameters[len(given) :]:
+            given.append(self.constant(parameter.default, node))
+        kinds: list[Kind] = []
+        for parameter, value in zip(parameters, given, strict=True):
+            if parameter.name in _KNOWN and value.kind == F and value.known is not None:
+                kinds.append(Number("k", value.known))
+            elif parameter.name in ("task", "place") and value.kind == INT:
+                if value.known is None:
+                    raise self.fail(node, f"{parameter.name} is unknown")
+                kinds.append(Whole("k", value.known))
+            elif isinstance(value.kind, Record) and value.kind.code == "integers":
+                kinds.append(value.kind)
+            elif name.startswith("dfc_law_") and parameter is not parameters[-1]:
+                kinds.append(F)
+            else:
+                kinds.append(_plain(value.kind) if not value.kind.erased else value.kind)
+        kinds = [
+            Pointer("p", k.element, k.constant, k.known) if isinstance(k, Pointer) else k
+            for k in kinds
+        ]
+        made = self.out.function(target, tuple(kinds), name)
+        self.cost += made.cost
+        self.cost["call"] += 1
+        if not made.pure:
+            self.pure = False
+        if made.returns.erased:
+            return self.erased(made.returns)
+        if made.known is not None:
+            return self.constant(made.known, node)
+        texts = [
+            self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
+        ]
+        return Value(f"{made.name}({', '.join(texts)})", made.returns)
+
+
+def _folded(op: type, a: float | None, b: float | None) -> float | None:
+    """Result of an operation on numbers that are known."""
+    if a is None or b is None or (op is ast.Div and b == 0.0):
+        return None
+    result = a / b if op is ast.Div else _FOLD[op](a, b)
+    return float(result) if math.isfinite(result) else None
+
+
+def _codes(kind: Kind) -> str:
+    """Letters that name a tuple by what it holds."""
+    if not isinstance(kind, Tuple):
+        return kind.code
+    return "".join(f"t{_codes(k)}e" if isinstance(k, Tuple) else k.code for k in kind.kinds)
+
+
+def _plain(kind: Kind) -> Kind:
+    """The type without what is known of the value alone."""
+    if isinstance(kind, Whole):
+        return INT
+    if isinstance(kind, Pointer) and kind.length:
+        return Pointer("p", kind.element, kind.constant)
+    return kind
+
+
+def _c(name: str) -> str:
+    """A Python name as a C name."""
+    return f"{name}_" if name in _KEYWORDS else name
+
+
+def _base(node: ast.expr) -> str:
+    while isinstance(node, (ast.Subscript, ast.Attribute)):
+        node = node.value
+    return _c(node.id) if isinstance(node, ast.Name) else ""
+
+
+def _uses(text: str, names: set[str]) -> bool:
+    """Whether any of the names stands in a C text."""
+    word = "".join(ch if ch.isalnum() or ch == "_" else " " for ch in text)
+    return not names.isdisjoint(word.split())
+
+
+def _loaded(node: ast.expr) -> ast.expr:
+    """The target of an assignment as something to read."""
+    if isinstance(node, ast.Name):
+        return ast.Name(node.id, ast.Load())
+    if isinstance(node, ast.Subscript):
+        return ast.Subscript(node.value, node.slice, ast.Load())
+    return node
+
+
+def _calls_law(node: ast.For) -> bool:
+    return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
+
+
+def _bare(line: str) -> str:
+    """A C line without comments and names of members."""
+    return re.sub(r"/\*.*?\*/|\.[A-Za-z_]\w*", " ", line)
+
+
+def _read(lines: list[str]) -> set[str]:
+    """Words of C lines that are read, and not stored to alone."""
+    words: set[str] = set()
+    for line in lines:
+        text = _bare(line)
+        stored = re.match(r"\s*(?:[\w*]+ \*?)*?(\w+) [-+*/]?= (.*)", text)
+        words |= set(re.findall(r"[A-Za-z_]\w*", stored[2] if stored else text))
+    return words
+
+
+def _paths(lines: list[str]) -> list[tuple[int, ...]]:
+    """Lines that open the blocks in which each line stands."""
+    paths: list[tuple[int, ...]] = []
+    path: tuple[int, ...] = ()
+    for i, line in enumerate(lines):
+        if line.lstrip().startswith("}"):
+            path = path[:-1]
+        paths.append(path)
+        if line.endswith("{"):
+            path = (*path, i)
+    return paths
+
+
+def _shared(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
+    """The blocks in which both stand."""
+    n = next((i for i, (p, q) in enumerate(zip(a, b, strict=False)) if p != q), min(len(a), len(b)))
+    return a[:n]
+
+
+def _hashable(value: Any) -> bool:
+    try:
+        hash(value)
+    except TypeError:
+        return False
+    return True
+
+
+def _wrapped(line: str) -> str:
+    """A C line, broken where it is long."""
+    if len(line) <= 100:
+        return line
+    indent = line[: len(line) - len(line.lstrip())]
+    return "\n".join(
+        textwrap.wrap(
+            line.strip(), 100, initial_indent=indent, subsequent_indent=f"{indent}    ",
+            break_long_words=False, break_on_hyphens=False,
+        )
+    )  # fmt: skip
+
+
+def _headed(head: str) -> str:
+    """Comment and first line of a function."""
+    comment, _, rest = head.partition("\n")
+    lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
+    return "\n".join([*lines, _wrapped(rest)])
+
+
+# What numba or Python gives the kernels, in C ------------------------------------------
+
+
+def _smallest(body: _Body, node: ast.Call, real: str, whole: str) -> Value:
+    given = [body.value(a) for a in node.args]
+    is_whole = all(v.kind == INT for v in given)
+    values = given if is_whole else [body.real(v) for v in given]
+    name = whole if is_whole else real
+    body.out.helpers.add(name)
+    text = values[0].text
+    for value in values[1:]:
+        text = f"{name}({text}, {value.text})"
+        body.cost["compare"] += 1
+    return Value(text, INT if is_whole else F)
+
+
+def _absolute(body: _Body, node: ast.Call) -> Value:
+    value = body.real(body.value(node.args[0]))
+    return Value(f"fabs{'f' if body.out.single else ''}({value.text})", F)
+
+
+def _to_int(body: _Body, node: ast.Call) -> Value:
+    value = body.value(node.args[0])
+    if value.known is not None:
+        return body.constant(int(value.known), node)
+    if value.kind == INT:
+        return value
+    return Value(f"(int32_t){value.within(_UNARY)}", INT, binds=_UNARY)
+
+
+def _to_float(body: _Body, node: ast.Call) -> Value:
+    value = body.value(node.args[0])
+    known = None if value.known is None else float(value.known)
+    real = body.real(value)
+    return Value(real.text, F, known, real.binds)
+
+
+def _same(body: _Body, node: ast.Call) -> Value:
+    return body.value(node.args[0])
+
+
+def _further(body: _Body, node: ast.Call) -> Value:
+    start, count = body.value(node.args[0]), body.value(node.args[1])
+    if isinstance(start.kind, Pointer):
+        kind: Kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
+    else:
+        raise body.fail(node, "an address of numbers")
+    return Value(f"{start.within(_SUM)} + {count.within(_SUM + 1)}", kind, binds=_SUM)
+
+
+def _local(body: _Body, node: ast.Call) -> Value:
+    size = axis_step.HISTORY
+    element = "f"
+    if node.args:
+        length = body.value(node.args[0]).known
+        if length is None:
+            raise body.fail(node, "the length of an array must be known")
+        size = int(length)
+        element = "i" if len(node.args) > 1 else "f"
+    return Value("[]", Pointer("p", element, False, (), size))
+
+
+def _law(body: _Body, node: ast.Call) -> Value:
+    plant, i, *rest = [body.value(a) for a in node.args]
+    assert isinstance(plant.kind, Axis)
+    place = axis_step.LAWS + 2 * i.known
+    address, offset = plant.kind.integers[place], plant.kind.integers[place + 1]
+    name, law = body.out.laws[address]
+    numbers = Value(f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True), binds=_SUM)
+    return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")
+
+
+def _task(body: _Body, node: ast.Call) -> Value:
+    address, *given = [body.value(a) for a in node.args]
+    _, task = body.out.laws[address.known]
+    return body.call(task, given, node)
+
+
+_SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
+    min: lambda body, node: _smallest(body, node, "dfc_min", "dfc_least"),
+    max: lambda body, node: _smallest(body, node, "dfc_max", "dfc_most"),
+    abs: _absolute,
+    int: _to_int,
+    float: _to_float,
+    axis_step.pointer: _same,
+    axis_step.further: _further,
+    axis_step.spare_memory: _local,
+    np.empty: _local,
+    np.zeros: _local,
+    axis_step._law: _law,
+    axis_step._call_task: _task,
+}

@@ -1,0 +1,88 @@
+"""What the encoder makes of the position."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.guesses import Guess, View
+
+
+@register_effect
+@dataclass(frozen=True)
+class EccentricEncoder(Effect):
+    r"""Encoder whose reading is off periodically along the way.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude of the error [m].
+    period : float
+        Way after which it repeats [m].
+    phase : float
+        Phase at x = 0 [rad].
+
+    Notes
+    -----
+    .. math:: y = x + \text{amplitude} \cdot \sin(2\pi x / \text{period} + \text{phase})
+
+    with y the reading.  It acts on no force: the axis moves as without it, unless a
+    controller follows the reading.  The reading must grow with the position: beyond
+    2 pi amplitude = period a reading has no single place.
+
+    Examples
+    --------
+    An axis at rest at a quarter of the period reads the amplitude too much:
+
+    >>> import dryfric_control as dfc
+    >>> encoder = dfc.effects.EccentricEncoder(amplitude=1e-4, period=0.02)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(encoder,))
+    >>> round(float(axis.simulate([0.0] * 3, dt=1e-3, x0=0.005).y[0, -1]), 9)
+    0.0051
+    """
+
+    amplitude: float = parameter("m", "amplitude of the error", bounds=(0.0, math.inf))
+    period: float = parameter("m", "way after which it repeats", bounds=(1e-300, math.inf))
+    phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
+
+    slug = "eccentric_encoder"
+    title = "eccentric encoder"
+    action = "reading"
+    rank = 15.5
+    repeats = True
+    explanation = (
+        "The encoder's disc, or the wheel that drives it, turns about a point beside its "
+        "centre: the reading runs ahead and lags once per turn."
+    )
+    experiment = (
+        "Move at several constant velocities: the ripple of the force grows with the square of "
+        "the velocity, that of cogging does not."
+    )
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> EccentricEncoder:
+        # None yet, some turns along the way.
+        return cls(0.0, 0.3 * size("m"))
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # The strongest sines over position; a reading that is off by A sin(k x) has an
+        # acceleration too much, -k^2 v^2 A sin(k x) + k a A cos(k x), and a velocity.
+        m, f = view.axis.mass, view.axis.viscous
+        for wave, _, _ in view.periods(view.x):
+            k = 2.0 * math.pi * wave
+            square, along = m * (k * view.v) ** 2, k * (m * view.a + f * view.v)
+            sine, cosine = np.sin(k * view.x), np.cos(k * view.x)
+            c, base = view.regress([along * cosine - square * sine,
+                                    -along * sine - square * cosine])  # fmt: skip
+            amplitude = min(max(math.hypot(c[0], c[1]), 1e-6 / k), 0.5 / k)
+            phase = math.atan2(c[1], c[0])
+            yield {"amplitude": amplitude, "period": 1.0 / wave, "phase": phase}, base

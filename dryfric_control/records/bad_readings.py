@@ -1,0 +1,216 @@
+"""Readings that say nothing about the motion: found, and bridged.
+
+A reading is only taken for a bad one where its neighbours on both sides agree on
+another value; a break-away, an impact or a lost count changes what follows and is
+left alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: Reasons for which a reading is masked: away from where its neighbours put it; the one
+#: before written down again; none at all, interpolated; left out by the user.
+JUMP, REPEATED, FILLED, GIVEN = "jump", "repeated", "filled", "given"
+REASONS = (JUMP, REPEATED, FILLED, GIVEN)
+
+# What follows was set so that none of the sound records of tests/truth loses a reading
+# and those of the recorder "outliers" lose what was spoiled (tests/records/test_bad_readings.py).
+# Least distance from the neighbours, in standard deviations of the noise, in quanta, and in
+# typical misfits of a cubic nearby.
+_DEVIATIONS, _QUANTA, _LOCAL, _NEAR = 20.0, 3.0, 12.0, 10
+# Part of the jump by which the two lines and the cubic may differ.
+_AGREED = 0.5
+# Longest run of a repeated reading, and least step of the motion around it in deviations.
+_LONGEST, _STEP = 5, 8.0
+# More bad readings than this are no exceptions: such a record is left as it is.
+_MOST = 0.05
+_PASSES = 3
+# A grid point further than this from every stamp, in steps, has no reading of its own.
+_OWN = 0.75
+
+
+class Masked(NamedTuple):
+    """Readings that are not used.
+
+    Attributes
+    ----------
+    indices : ndarray of int64, shape (m,)
+        Their samples, increasing.
+    reasons : tuple of str
+        "jump", "repeated", "filled" or "given", one each.
+    readings : ndarray, shape (m,)
+        What was recorded [unit of x].
+
+    Examples
+    --------
+    >>> NONE.within(slice(0, 5)).indices.size
+    0
+    """
+
+    indices: NDArray[np.int64]
+    reasons: tuple[str, ...]
+    readings: FloatArray
+
+    def within(self, part: slice) -> Masked:
+        """Those of a slice with a positive step, counted from its start."""
+        step = part.step or 1
+        inside = (self.indices >= part.start) & (self.indices < part.stop)
+        inside &= (self.indices - part.start) % step == 0
+        return Masked(
+            (self.indices[inside] - part.start) // step,
+            tuple(r for r, k in zip(self.reasons, inside, strict=True) if k),
+            self.readings[inside],
+        )
+
+
+NONE = Masked(np.empty(0, np.int64), (), np.empty(0))
+
+
+def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
+    """Bad readings of uniformly sampled positions: sample to reason.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Positions.
+    noise, quantum : float
+        Standard deviation of their noise, and quantum, 0 for none.
+
+    Returns
+    -------
+    dict of int to str
+
+    Notes
+    -----
+    A single reading x[k] jumps if the lines through the two readings on either side
+    and the cubic through all four miss it by nearly the same, and by more than noise,
+    quantum and the motion nearby explain.  The reading x[k-1] is repeated m times
+    if x[k-1+m] equals it and the next step makes up for all m.
+
+    Examples
+    --------
+    >>> x = 1e-3 * np.arange(50.0)
+    >>> x[20], x[30] = 0.5, x[29]
+    >>> find(x, 1e-9, 0.0)
+    {20: 'jump', 30: 'repeated'}
+    """
+    found: dict[int, str] = {}
+    path = x
+    for _ in range(_PASSES):
+        new = dict.fromkeys(_jumps(path, noise, quantum), JUMP)
+        new |= dict.fromkeys(_repeats(path, noise, quantum), REPEATED)
+        new = {k: why for k, why in new.items() if k not in found}
+        if not new:
+            break
+        found |= new
+        if len(found) > _MOST * x.size:
+            return {}
+        path = bridged(x, without(x.size, found))
+    return dict(sorted(found.items()))
+
+
+def without(size: int, indices: dict[int, str] | NDArray[np.int64]) -> BoolArray:
+    """True but at some samples, shape (size,)."""
+    good = np.ones(size, bool)
+    good[np.fromiter(indices, np.int64, len(indices))] = False
+    return good
+
+
+def bridged(x: FloatArray, good: BoolArray) -> FloatArray:
+    """Positions with a smooth, monotone path over those that are not good."""
+    index = np.arange(x.size)
+    path = x.copy()
+    inside = np.clip(index[~good], *index[good][[0, -1]])
+    path[~good] = PchipInterpolator(index[good], x[good])(inside)
+    return path
+
+
+def _jumps(x: FloatArray, noise: float, quantum: float) -> list[int]:
+    """Samples of single jumps; of neighbours the one that jumps further."""
+    left = x[2:-2] - (2.0 * x[1:-3] - x[:-4])
+    right = x[2:-2] - (2.0 * x[3:-1] - x[4:])
+    miss = x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6.0
+    least = np.minimum(np.minimum(np.abs(left), np.abs(right)), np.abs(miss))
+    spread = np.ptp(np.stack((left, right, miss)), axis=0)
+    least[spread > _AGREED * least] = 0.0
+    floor = max(_DEVIATIONS * noise, _QUANTA * quantum)
+    found: list[int] = []
+    misses = np.abs(miss)
+    for k in np.flatnonzero(least > floor)[np.argsort(-least[least > floor], kind="stable")]:
+        near = misses[max(0, k - _NEAR) : k + _NEAR + 1]
+        # The jump itself is in the misses of five samples.
+        usual = float(np.median(np.sort(near)[: max(near.size - 5, 1)]))
+        if least[k] > _LOCAL * usual and not any(abs(k + 2 - other) <= 2 for other in found):
+            found.append(int(k) + 2)
+    return found
+
+
+def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
+    """Samples at which a moving axis has the reading of the sample before."""
+    steps = np.diff(x)
+    least = max(_STEP * noise, _QUANTA * quantum)
+    found: list[int] = []
+    same = np.flatnonzero(steps == 0.0)
+    starts = same[np.diff(same, prepend=-2) > 1]
+    ends = same[np.diff(same, append=x.size + 2) > 1]
+    for a, b in zip(starts, ends, strict=True):  # steps[a..b] are zero: x[a+1..b+1] repeat x[a]
+        m = b - a + 1
+        if m > _LONGEST or a < 2 or b + 3 >= x.size:
+            continue
+        around = np.array((steps[a - 2], steps[a - 1], steps[b + 2]))
+        low, high = around.min(), around.max()
+        if low < 0.0 < high or min(abs(low), abs(high)) <= least:
+            continue
+        made_up = steps[b + 1] / np.median(around)
+        if m + 0.5 < made_up < m + 1.5:
+            found.extend(range(int(a) + 1, int(b) + 2))
+    return found
+
+
+def evened(t: FloatArray, x: FloatArray, noise: float) -> FloatArray | None:
+    """Stamps on a uniform clock, if the readings were taken on one; None if not.
+
+    A logger may stamp late what was sampled on time.  The readings show it: about
+    lines between their neighbours they scatter less on the clock than on the stamps.
+    """
+    steps = np.diff(t)
+    median = float(np.median(steps))
+    counts = np.maximum(np.rint(steps / median), 1.0)
+    n = np.concatenate(([0.0], np.cumsum(counts)))
+    dt, start = np.polyfit(n, t, 1)
+    off = t - (start + dt * n)
+    size = float(np.std(off))
+    if not np.abs(off).max() < dt or size <= 1e-6 * dt:
+        return None
+    inner = np.flatnonzero((counts[:-1] == 1.0) & (counts[1:] == 1.0))
+    if inner.size < _NEAR:
+        return None
+    a, b, c = x[inner], x[inner + 1], x[inner + 2]
+    share = steps[inner] / (steps[inner] + steps[inner + 1])
+    clock, stamps = np.abs(b - 0.5 * (a + c)), np.abs(b - (a + share * (c - a)))
+    # Where the motion is fast enough that a stamp matters.
+    fast = np.abs(c - a) * size / dt > 4.0 * noise
+    if np.count_nonzero(fast) < _NEAR or np.median(clock[fast]) > 0.7 * np.median(stamps[fast]):
+        return None
+    tolerance = 4.0 * size * np.sqrt(12.0) / n[-1] ** 1.5
+    for digits in range(1, 10):
+        rounded = float(f"{dt:.{digits}g}")
+        if abs(rounded - dt) <= tolerance:
+            dt = rounded
+            break
+    return np.asarray(t[0] + dt * n)
+
+
+def filled(t: FloatArray, grid: FloatArray, step: float) -> NDArray[np.int64]:
+    """Points of a grid that have no stamp near."""
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    away = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
+    return np.flatnonzero(away > _OWN * max(step, float(np.median(np.diff(t)))))

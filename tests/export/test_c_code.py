@@ -1,0 +1,272 @@
+"""Exported C against the kernels it is translated from."""
+
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import native
+
+import dryfric_control as dfc
+from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.export import export_c
+from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.store.files import read_document
+
+E = dfc.effects
+AXIS = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.3, 2e-3),
+    effects=(E.BiasForce(1.0), E.Cogging(0.5, 0.01), E.DeadZone(0.1), E.DwellTime(0.5, 1.0)),
+    name="stage",
+)  # fmt: skip
+LATE = AXIS.replace(effects=(*AXIS.effects, E.InputDelay(2.3e-3), E.ActuatorLag(1e-3)))
+N = 4000
+U = native.random_drive(np.random.default_rng(7), N)
+Y = native.reading(native.mismatched(LATE, np.random.default_rng(8)), U)
+needs_gcc = pytest.mark.skipif(native.GCC is None, reason="no gcc: exported C is not compiled")
+
+
+def same(code, inputs, expected):
+    """Whether C and kernel return the same bits."""
+    out, switches = code.run(*inputs)
+    assert native.ulps(out, expected) == 0
+    assert np.ptp(expected[0]) > 0.0
+    return switches
+
+
+@needs_gcc
+@pytest.mark.parametrize("seed", [0, 1])
+def test_axes_are_the_same_bit_for_bit(tmp_path, seed):
+    axis = native.random_axis(np.random.default_rng(seed))
+    expected = axis.simulate(U, 1e-3)
+    switches = same(native.Native(axis, tmp_path), (U,), expected.y)
+    assert np.array_equal(switches[: len(expected.events.time), 0], expected.events.time)
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", range(len(native._STRUCTURES)))
+def test_axes_with_inner_states_are_the_same(tmp_path, kind):
+    axis = AXIS.replace(effects=native._STRUCTURES[kind](np.random.default_rng(3)))
+    same(native.Native(axis, tmp_path), (U,), axis.simulate(U, 1e-3).y)
+
+
+def observed(axis, **given):
+    """A design, and what its kernel returns."""
+    design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6, **given)
+    out = np.empty((N, observer.OUTPUTS))
+    observer.run(*tables(design), first_memory(design), U, Y, out)
+    return design, out.T
+
+
+@needs_gcc
+@pytest.mark.parametrize("form", ["current", "prediction"])
+def test_the_switched_observer_is_the_same(tmp_path, form):
+    design, expected = observed(LATE, form=form)
+    same(native.Native(design, tmp_path), (U, Y), expected)
+
+
+def filtered():
+    """A hybrid filter, and what its kernel returns."""
+    made = dfc.hybrid_filter(LATE, 1e-3, 1e-6)
+    out = np.empty((N, hybrid_filter.OUTPUTS))
+    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), U, Y, out)
+    return made, out.T
+
+
+@needs_gcc
+def test_the_hybrid_filter_is_the_same(tmp_path):
+    made, expected = filtered()
+    same(native.Native(made, tmp_path), (U, Y), expected)
+
+
+def compensated(law):
+    """A compensation, its inputs, and what its kernel returns."""
+    comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6, law=law)
+    rows = dfc.motion_profile(
+        [0.0, 0.02, -0.01, 0.02, -0.01] * 3,
+        1e-3,
+        velocity=0.08,
+        acceleration=1.0,
+        jerk=50.0,
+        dwell=0.1,
+    ).rows[:, :N]
+    y = rows[0] + 1e-6 * np.round(np.random.default_rng(2).normal(0.0, 5.0, rows.shape[1]))
+    memory, out = comp.controller.memory(), np.empty((2, rows.shape[1]))
+    for k in range(rows.shape[1]):
+        out[0, k] = compensation.step(comp.controller.law, memory, *rows[:, k], y[k])
+        out[1, k] = memory[compensation.FORCE]
+    return comp, (*rows, y), out
+
+
+@needs_gcc
+@pytest.mark.parametrize("law", ["learned", "disturbance observer", "adrc"])
+def test_the_compensation_is_the_same(tmp_path, law):
+    comp, inputs, expected = compensated(law)
+    same(native.Native(comp, tmp_path), inputs, expected)
+
+
+@needs_gcc
+def test_single_precision_stays_within_the_noise(tmp_path):
+    design, expected = observed(LATE)
+    out, _ = native.Native(design, tmp_path, "single", flags=["-Wdouble-promotion"]).run(U, Y)
+    truth = native.mismatched(LATE, np.random.default_rng(8)).simulate(U, 1e-3).y
+    for place in (0, 1):
+        error = np.sqrt(np.mean((expected[place] - truth[place]) ** 2))
+        assert 0.0 < np.sqrt(np.mean((out[place] - expected[place]) ** 2)) < 0.1 * error
+
+
+@needs_gcc
+def test_sanitizers_find_nothing(tmp_path):
+    flags = ["-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all"]
+    made, expected = filtered()
+    out = native.Native(made, tmp_path / "filter").run_alone(U, Y, flags=flags)
+    assert native.ulps(out, expected) == 0
+    axis = LATE.replace(effects=(*LATE.effects, *native._STRUCTURES[4](np.random.default_rng(0))))
+    out = native.Native(axis, tmp_path / "axis").run_alone(U[:1000], flags=flags[:1])
+    assert native.ulps(out[:, :-1], axis.simulate(U[:1000], 1e-3).y[:, :-1]) == 0
+
+
+@needs_gcc
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="no valgrind")
+def test_valgrind_finds_nothing(tmp_path):
+    comp, inputs, expected = compensated("learned")
+    out = native.Native(comp, tmp_path).run_alone(
+        *(row[:500] for row in inputs), around=["valgrind", "-q", "--error-exitcode=9"]
+    )
+    assert np.allclose(out, expected[:, :500], rtol=1e-9)
+
+
+@needs_gcc
+def test_an_input_that_is_no_number_changes_nothing(tmp_path):
+    code = native.Native(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="refused"):
+            code.run(np.array([1.0, bad]), np.array([0.0, 0.0]))
+
+
+def calls(source):
+    """Functions of a C text, with those that each calls."""
+    parts = re.split(r"^(?:static )?\w[\w ]*\*?\b(\w+)\([^;{]*\)\n\{$", source, flags=re.MULTILINE)
+    bodies = dict(zip(parts[1::2], parts[2::2], strict=True))
+    return {
+        name: {n for n in bodies if re.search(rf"\b{n}\(", body)} for name, body in bodies.items()
+    }
+
+
+@needs_gcc
+def test_no_heap_no_globals_no_recursion_and_bounded_loops(tmp_path):
+    axis = LATE.replace(effects=(*LATE.effects, *native._STRUCTURES[4](np.random.default_rng(0))))
+    for obj in (axis, observed(LATE)[0], compensated("learned")[0]):
+        source = export_c(obj, tmp_path)[1]
+        text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
+        subprocess.run(
+            ["gcc", *native.FLAGS, "-c", str(source), "-o", str(tmp_path / "x.o")], check=True
+        )
+        sizes = subprocess.run(
+            ["size", str(tmp_path / "x.o")], capture_output=True, text=True
+        ).stdout
+        assert sizes.split()[7:9] == ["0", "0"]  # data and bss: no variable outlives a call
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|while|goto)\b", text)
+        graph = calls(text)
+        assert len(graph) > 10
+        order = {name: i for i, name in enumerate(graph)}
+        assert all(order[callee] < order[name] for name in graph for callee in graph[name])
+
+
+@E.register_effect
+@dataclass(frozen=True)
+class Magnet(E.Effect):
+    """An effect of one's own, whose law has its C from its Python source."""
+
+    strength: float = E.parameter("N m^2", "pull times distance squared")
+
+    slug = "magnet_of_the_export_test"
+    title = "magnet"
+    action = "force"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        gap = max(0.6 - x, 0.01)
+        pull = 0.0
+        for _ in range(3):
+            pull += p[0] / gap**2
+            gap *= 2.0
+        return pull if pull < 3.0 else 3.0
+
+
+@E.register_effect
+@dataclass(frozen=True)
+class Sorted(Magnet):
+    """An effect whose law numba knows and C does not."""
+
+    slug = "sorted_of_the_export_test"
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return sorted([p[0], x])[0]
+
+
+@needs_gcc
+def test_a_law_of_ones_own_is_translated(tmp_path):
+    axis = AXIS.replace(effects=(Magnet(0.05),))
+    same(native.Native(axis, tmp_path), (U,), axis.simulate(U, 1e-3).y)
+
+
+def test_a_law_without_c_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="has no C: Sorted.law, line 3 of it"):
+        export_c(AXIS.replace(effects=(Sorted(0.05),)), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"obj": 3}, "obj must be a FrictionAxis"),
+        ({"precision": "half"}, 'precision must be "double" or "single"'),
+        ({"name": "2fast"}, "is no C identifier"),
+        ({"name": "a-b"}, "is no C identifier"),
+        ({"name": "naïve"}, "is no C identifier"),
+        ({"name": "switch"}, "is taken in C"),
+        ({"name": "dfc_axis"}, "is taken in C"),
+        ({"obj": AXIS.replace(name="x axis")}, r"pass name=.* or axis.replace\(name=...\)"),
+        ({"dt": -1.0}, "dt must be"),
+        ({"obj": AXIS.replace(effects=(E.InputDelay(30.0),))}, "the drive is late by 30 s"),
+        ({"folder": None}, "folder must be a path"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(tmp_path, given, words):
+    arguments = {"obj": AXIS, "folder": tmp_path / "new"} | given
+    with pytest.raises(ValueError, match=words):
+        export_c(**arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_time_step_of_a_design_is_its_own(tmp_path):
+    with pytest.raises(ValueError, match="was made for dt = 0.001 s"):
+        export_c(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path, dt=2e-3)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ValueError, match="cannot be made"):
+        export_c(AXIS, tmp_path / "file" / "new")
+    (tmp_path / "stage.c").mkdir()  # the source cannot take its place
+    with pytest.raises(ValueError, match="stage.c.* is a folder"):
+        export_c(AXIS, tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "stage.c"]
+
+
+def test_header_readme_and_numbers_say_what_there_is(tmp_path):
+    header, _, numbers, readme = export_c(observed(LATE)[0], tmp_path)
+    text = header.read_text()
+    assert "u [N]: drive force" in text and "decay" in text and "mode -1, 0 or 1" in text
+    data, intact = read_document(numbers, "export", 1)
+    assert intact and data["dt"] == 1e-3
+    assert data["operations"]["multiply"] > 10
+    assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()

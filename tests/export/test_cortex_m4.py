@@ -1,0 +1,176 @@
+"""Exported C on a Cortex-M4: cross-compiled, run by an emulator, the same outputs.
+
+``pytest -rA tests/export/test_cortex_m4.py`` prints the instructions of one sample.
+"""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import native
+
+import dryfric_control as dfc
+from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.observer.runtime import first_memory, tables
+
+GCC, QEMU = "arm-none-eabi-gcc", "qemu-system-arm"
+missing = [tool for tool in (GCC, QEMU) if shutil.which(tool) is None]
+pytestmark = pytest.mark.skipif(bool(missing), reason=f"no {', '.join(missing)}")
+
+N = 200  # samples
+AXIS = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.3, 2e-3),
+    effects=(dfc.effects.BiasForce(1.0), dfc.effects.InputDelay(2e-3)), name="stage",
+)  # fmt: skip
+U = native.random_drive(np.random.default_rng(7), N)
+Y = native.reading(AXIS, U)
+
+LINKER = """
+MEMORY { ROM (rx) : ORIGIN = 0, LENGTH = 4M  RAM (rwx) : ORIGIN = 0x20000000, LENGTH = 4M }
+ENTRY(reset)
+SECTIONS {
+    .text : { KEEP(*(.vectors)) *(.text*) *(.rodata*) *(.init) *(.fini) } > ROM
+    .exidx : { *(.ARM.exidx*) } > ROM
+    .data : { *(.data*) . = ALIGN(8); } > RAM
+    .bss : { __bss_start__ = .; *(.bss*) *(COMMON) . = ALIGN(8); __bss_end__ = .; } > RAM
+    end = .; __end__ = .;
+    __stack = ORIGIN(RAM) + LENGTH(RAM);
+}
+"""
+
+
+def board(made, inputs) -> str:
+    """A program that steps through the inputs, and prints outputs and instructions."""
+    n, real = made.name, f"{made.name}_real"
+    rows = ",\n".join(", ".join(float(v).hex() for v in row) for row in np.column_stack(inputs))
+    starts = "".join(", 0" for _ in made.starts)
+    given = "".join(f", in[k][{i}]" for i in range(len(inputs)))
+    words = "\n".join(
+        f"        out[k][{i}] = ({real})o.{s.name};" for i, s in enumerate(made.outputs)
+    )
+    return f"""#include "{n}.h"
+#include <stdint.h>
+extern uint32_t __stack[];
+int main(void);
+void reset(void);
+__attribute__((section(".vectors"), used)) static void *const vectors[2] = {{__stack, (void *)reset}};
+static const {real} in[{N}][{len(inputs)}] = {{ {rows} }};
+static {real} out[{N}][{len(made.outputs)}];
+static {n}_state state;
+static void call(int what, const void *with)
+{{
+    register int r0 __asm__("r0") = what;
+    register const void *r1 __asm__("r1") = with;
+    __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+}}
+static void print(uint32_t word)
+{{
+    char text[10];
+    for (int i = 0; i < 8; ++i)
+        text[i] = "0123456789abcdef"[(word >> (28 - 4 * i)) & 15u];
+    text[8] = '\\n';
+    text[9] = 0;
+    call(4, text);
+}}
+void reset(void)
+{{
+    volatile uint32_t *const control = (uint32_t *)0xE000E010; /* SysTick */
+    {n}_output o;
+    uint32_t turned, most = 0, sum = 0;
+    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the floating-point unit */
+    __asm__ volatile("dsb; isb");
+    control[1] = 0xffffffu;
+    control[2] = 0;
+    control[0] = 5;
+    __asm__ volatile("ldr r3, =100000\\n1: subs r3, r3, #1\\n bne 1b" ::: "r3", "cc");
+    turned = 0xffffffu - control[2]; /* 200 000 instructions */
+    {n}_init(&state{starts});
+    for (int k = 0; k < {N}; ++k) {{
+        uint32_t spent;
+        control[2] = 0;
+        control[0] = 5;
+        (void){n}_step(&state{given}, &o);
+        spent = 0xffffffu - control[2];
+        control[0] = 0;
+        sum += spent;
+        most = spent > most ? spent : most;
+{words}
+    }}
+    print(sum);
+    print(most);
+    print(turned);
+    for (unsigned i = 0; i < sizeof out / 4; ++i)
+        print(((const uint32_t *)out)[i]);
+    call(0x18, (void *)0x20026);
+    for (;;) {{ }}
+}}
+"""
+
+
+def on_board(obj, folder, inputs, precision="double"):
+    """Outputs of the emulated board, and the mean and largest number of instructions."""
+    code = native.Native(obj, folder, precision)
+    (folder / "board.c").write_text(board(code.made, inputs))
+    (folder / "board.ld").write_text(LINKER)
+    subprocess.run(
+        [
+            GCC, "-std=c99", "-O2", "-ffp-contract=off", "-mcpu=cortex-m4", "-mthumb",
+            "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-fno-strict-aliasing", "-nostartfiles",
+            "-T", str(folder / "board.ld"), str(code.files[1]), str(folder / "board.c"),
+            "-o", str(folder / "board.elf"), "-lm", "-lc", "-lgcc", "--specs=nosys.specs",
+        ],
+        check=True,
+    )  # fmt: skip
+    done = subprocess.run(
+        [
+            QEMU, "-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-monitor", "none",
+            "-serial", "none", "-icount", "shift=0", "-semihosting-config",
+            "enable=on,target=native", "-kernel", str(folder / "board.elf"),
+        ],
+        capture_output=True, timeout=120, check=True,
+    )  # fmt: skip
+    words = np.array([int(w, 16) for w in (done.stdout + done.stderr).split()], dtype=np.uint32)
+    out = words[3:].view(code.real).reshape(N, -1).T.astype(float)
+    tick = 200_000 / int(words[2])
+    mean, most = tick * int(words[0]) / N, tick * int(words[1])
+    print(f"{code.made.kind}, {precision}: {mean:.0f} instructions a sample, {most:.0f} at most")
+    return out, code
+
+
+def test_the_observer_is_the_same_on_a_cortex_m4(tmp_path):
+    design = dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6)
+    expected = np.empty((N, observer.OUTPUTS))
+    observer.run(*tables(design), first_memory(design), U, Y, expected)
+    out, _ = on_board(design, tmp_path, (U, Y))
+    assert native.ulps(out, expected.T) == 0  # it calls nothing of the mathematical library
+    out, code = on_board(design, tmp_path, (U, Y), "single")
+    assert np.array_equal(out, code.run(U, Y)[0])
+
+
+@pytest.mark.slow
+def test_the_filter_and_the_compensation_are_the_same_but_for_the_library(tmp_path):
+    made = dfc.hybrid_filter(AXIS, 1e-3, 1e-6)
+    expected = np.empty((N, hybrid_filter.OUTPUTS))
+    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), U, Y, expected)
+    out, _ = on_board(made, tmp_path / "filter", (U, Y))
+    np.testing.assert_allclose(out, expected.T, rtol=1e-9, atol=1e-9)
+    comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6)
+    rows = dfc.motion_profile(
+        [0.0, 2e-3, 0.0], 1e-3, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
+    ).rows[:, :N]
+    memory, expected = comp.controller.memory(), np.empty((2, N))
+    for k in range(N):
+        expected[0, k] = compensation.step(comp.controller.law, memory, *rows[:, k], rows[0, k])
+        expected[1, k] = memory[compensation.FORCE]
+    out, _ = on_board(comp, tmp_path / "comp", (*rows, rows[0]))
+    np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_axis_is_the_same_but_for_the_library(tmp_path):
+    out, _ = on_board(AXIS, tmp_path, (U,))
+    np.testing.assert_allclose(out, AXIS.simulate(U, 1e-3).y, rtol=1e-9, atol=1e-9)

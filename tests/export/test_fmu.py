@@ -1,0 +1,281 @@
+"""FMUs against the simulation: by FMPy, step by step, in a closed loop."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import native
+
+import dryfric_control as dfc
+from dryfric_control.export import export_fmu
+from dryfric_control.export.fmu import Model
+from dryfric_control.export.objects import exported
+
+fmpy = pytest.importorskip("fmpy", reason="no fmpy: FMUs are neither built nor run")
+from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Slave  # noqa: E402
+from fmpy.fmi3 import FMU3Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+pytestmark = pytest.mark.skipif(native.GCC is None, reason="no gcc: FMUs are not built")
+
+E = dfc.effects
+DT, VERSIONS = 1e-3, ("3.0", "2.0")
+STAGE = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.3, 2e-3),
+    effects=(E.BiasForce(1.0), E.Cogging(0.5, 0.01), E.DwellTime(0.5, 1.0)), name="stage",
+)  # fmt: skip
+N = 1500
+U = native.random_drive(np.random.default_rng(5), N)
+
+
+class Unit:
+    """One FMU at work, whatever its version; variables by name."""
+
+    def __init__(self, path, folder, values=()):
+        self.description = fmpy.read_model_description(str(path))
+        unzipped = fmpy.extract(str(path), unzipdir=str(folder))
+        kind = FMU3Slave if self.description.fmiVersion.startswith("3") else FMU2Slave
+        self.three = kind is FMU3Slave
+        name = self.description.coSimulation.modelIdentifier
+        self.fmu = kind(
+            guid=self.description.guid, unzipDirectory=unzipped, modelIdentifier=name,
+            instanceName=name,
+        )  # fmt: skip
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.whole = {
+            v.name for v in self.description.modelVariables if v.type in ("Int32", "Integer")
+        }
+        self.fmu.instantiate()
+        self.values = dict(values)
+        self.begin()
+
+    def begin(self):
+        if self.three:
+            self.fmu.enterInitializationMode(startTime=0.0)
+        else:
+            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.enterInitializationMode()
+        self.set(**self.values)
+        self.fmu.exitInitializationMode()
+
+    def set(self, **values):
+        write = self.fmu.setFloat64 if self.three else self.fmu.setReal
+        for name, value in values.items():
+            write([self.references[name]], [value])
+
+    def get(self, name):
+        if name in self.whole:
+            read = self.fmu.getInt32 if self.three else self.fmu.getInteger
+        else:
+            read = self.fmu.getFloat64 if self.three else self.fmu.getReal
+        return read([self.references[name]])[0]
+
+    def step(self, t, h=DT):
+        self.fmu.doStep(currentCommunicationPoint=t, communicationStepSize=h)
+
+    def state(self):
+        return self.fmu.getFMUState() if self.three else self.fmu.getFMUstate()
+
+    def put(self, state):
+        (self.fmu.setFMUState if self.three else self.fmu.setFMUstate)(state)
+
+
+def run(unit, u, h=DT, names=("x", "v", "friction", "mode")):
+    """Rows of a plant under a held input, each under the input of its sample."""
+    rows = []
+    for k, force in enumerate(u):
+        unit.set(u=force)
+        rows.append([unit.get(name) for name in names])
+        unit.step(k * h, h)
+    return np.array(rows).T
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory):
+    """The plant in both versions."""
+    folder = tmp_path_factory.mktemp("stage")
+    return {v: export_fmu(STAGE, folder / f"stage{v[0]}.fmu", v) for v in VERSIONS}
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_plant_is_valid_and_agrees_with_simulate(stages, tmp_path, version):
+    assert validate_fmu(str(stages[version])) == []
+    expected = STAGE.simulate(U, DT)
+    assert set(expected.mode) == {-1, 0, 1}
+    rows = run(Unit(stages[version], tmp_path), U)
+    assert np.abs(rows - expected.y).max() < 1e-9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_fmpy_simulates_the_plant(stages, version):
+    held = np.zeros(N, dtype=[("time", float), ("u", float)])
+    held["time"], held["u"] = np.arange(N) * DT, U
+    result = fmpy.simulate_fmu(
+        str(stages[version]),
+        stop_time=1.0,
+        step_size=DT,
+        output_interval=DT,
+        input=held,
+        output=["x", "v", "switches"],
+    )
+    expected = STAGE.simulate(U[:1001], DT)
+    for name, row in (("x", 0), ("v", 1)):
+        assert np.abs(result[name] - expected.y[row]).max() < 1e-9
+    assert result["switches"].sum() == len(expected.events.time)
+
+
+def test_ten_step_sizes_each_after_a_reset(stages, tmp_path):
+    unit = Unit(stages["3.0"], tmp_path)
+    for h in (1e-4, 2e-4, 3e-4, 5e-4, 7e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2):
+        u = U[:200]
+        rows = run(unit, u, h, ("x", "v"))
+        fine = max(1, round(h / DT))
+        expected = STAGE.simulate(np.repeat(u, fine), h / fine).y[:2, ::fine]
+        assert np.ptp(expected[0]) > 1e-6
+        assert np.abs(rows - expected).max() < 1e-9
+        unit.fmu.reset()
+        unit.begin()
+        assert unit.get("x") == 0.0
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_states_are_kept_stored_and_put_back(stages, tmp_path, version):
+    unit = Unit(stages[version], tmp_path, {"x0": 0.1, "v0": 0.2})
+    assert (unit.get("x"), unit.get("v")) == (0.1, 0.2)
+    run(unit, U[:300])
+    kept = unit.state()
+    if unit.three:
+        stored = unit.fmu.serializeFMUState(kept)
+    else:
+        stored = unit.fmu.serializeFMUstate(kept)
+    first = run(unit, U[300:600])
+    unit.put(kept)
+    assert np.array_equal(run(unit, U[300:600]), first)
+    other = Unit(stages[version], tmp_path / "other")
+    if unit.three:
+        other.put(other.fmu.deserializeFMUState(stored))
+    else:
+        other.put(other.fmu.deSerializeFMUstate(stored))
+    assert np.array_equal(run(other, U[300:600]), first)
+
+
+def test_parameters_are_those_of_the_axis(stages, tmp_path):
+    changed = STAGE.replace(
+        mass=2.5, viscous=12.0, coulomb=dfc.CoulombMap(7.0, 9.0), stribeck=dfc.Stribeck(0.4, 3e-3),
+        effects=(E.BiasForce(-1.0), E.Cogging(0.7, 0.02, 0.5), E.DwellTime(0.4, 0.5)),
+    )  # fmt: skip
+    values = {
+        "mass": 2.5, "viscous": 12.0, "coulomb_plus_0": 7.0, "coulomb_minus_0": 9.0, "stribeck_excess": 0.4,
+        "stribeck_speed": 3e-3, "bias_force_force": -1.0, "cogging_amplitude": 0.7, "cogging_period": 0.02,
+        "cogging_phase": 0.5, "dwell_time_rise": 0.4, "dwell_time_time_constant": 0.5,
+    }  # fmt: skip
+    unit = Unit(stages["3.0"], tmp_path, values)
+    starts = {
+        v.name: float(v.start)
+        for v in unit.description.modelVariables
+        if v.start and v.type == "Float64"
+    }
+    assert starts["mass"] == 2.0 and starts["cogging_period"] == 0.01
+    assert np.abs(run(unit, U) - changed.simulate(U, DT).y).max() < 1e-9
+
+
+def test_what_is_out_of_range_is_refused(stages, tmp_path):
+    unit = Unit(stages["3.0"], tmp_path)
+    for wrong in ({"mass": 0.0}, {"viscous": -1.0}, {"u": np.nan}):
+        with pytest.raises(FMICallException):
+            unit.set(**wrong)
+    with pytest.raises(FMICallException):
+        unit.step(0.0, -1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("structure", range(len(native._STRUCTURES)))
+def test_plants_with_inner_states_and_delay(tmp_path, structure):
+    effects = (*native._STRUCTURES[structure](np.random.default_rng(1)), E.InputDelay(1.4e-3))
+    axis = STAGE.replace(effects=effects)
+    unit = Unit(export_fmu(axis, tmp_path / "a.fmu"), tmp_path / "a")
+    assert np.abs(run(unit, U[:400]) - axis.simulate(U[:400], DT).y).max() < 1e-9
+    with pytest.raises(FMICallException):
+        unit.step(400 * DT, 0.5 * DT)
+    mass = STAGE.replace(effects=effects, mass=1.7)
+    if "mass" in unit.references:
+        other = Unit(export_fmu(axis, tmp_path / "a.fmu"), tmp_path / "b", {"mass": 1.7})
+        assert np.abs(run(other, U[:400]) - mass.simulate(U[:400], DT).y).max() < 1e-9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path, version):
+    comp = dfc.design_compensation(STAGE, dt=DT, encoder_quantum=1e-6)
+    design = comp.observer
+    files = [
+        export_fmu(comp, tmp_path / "comp.fmu", version),
+        export_fmu(design, tmp_path / "obs.fmu", version),
+    ]
+    assert [validate_fmu(str(file)) for file in files] == [[], []]
+    move = dfc.motion_profile(
+        [0.0, 0.01, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
+    )
+    expected = dfc.simulate_loop(STAGE, comp.controller, move, quantum=1e-6)
+    plant, control, watch = (
+        Unit(path, tmp_path / str(i)) for i, path in enumerate([stages[version], *files])
+    )
+    n, rows = move.position.size, []
+    for k in range(n):
+        j = min(k + comp.lead, n - 1)
+        y = 1e-6 * np.floor(plant.get("x") / 1e-6 + 0.5)
+        control.set(xref=move.position[j], vref=move.velocity[j], aref=move.acceleration[j], y=y)
+        control.step(k * DT)
+        u = control.get("u")
+        watch.set(u=u, y=y)
+        watch.step(k * DT)
+        plant.set(u=u)
+        rows.append([plant.get("x"), plant.get("v"), u, watch.get("xhat"), watch.get("vhat")])
+        plant.step(k * DT)
+    x, v, u, xhat, vhat = np.array(rows).T
+    assert np.abs(x - expected.y[0]).max() < 1e-9
+    assert np.abs(v - expected.y[1]).max() < 1e-9
+    assert np.abs(u - expected.y[4]).max() < 1e-6
+    estimate = dfc.observe(design, u, 1e-6 * np.floor(x / 1e-6 + 0.5), xhat0=0.0)
+    assert np.abs(xhat - estimate.y[0]).max() == 0.0
+    assert np.abs(vhat - estimate.y[1]).max() == 0.0
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_hybrid_filter_is_valid(tmp_path, version):
+    path = export_fmu(dfc.hybrid_filter(STAGE, DT, 1e-6), tmp_path / "filter.fmu", version)
+    assert validate_fmu(str(path)) == []
+
+
+def test_the_same_object_gives_the_same_token():
+    made = exported(dfc.hybrid_filter(STAGE, DT, 1e-6))
+    assert Model(made, "3.0").token == Model(made, "3.0").token != Model(made, "2.0").token
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"version": "1.0"}, 'version must be "3.0" or "2.0"'),
+        ({"path": "stage.zip"}, "must be a file that ends in .fmu"),
+        ({"path": "nowhere/stage.fmu"}, "make it first"),
+        ({"path": None}, "path must be a file name"),
+        ({"name": "2 fast"}, "is no C identifier"),
+        ({"obj": "stage"}, "obj must be a FrictionAxis"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(tmp_path, monkeypatch, given, words):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=words):
+        export_fmu(**({"obj": STAGE, "path": "stage.fmu"} | given))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_compiler_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(ValueError, match="there is no C compiler"):
+        export_fmu(STAGE, tmp_path / "stage.fmu")
+    assert list(tmp_path.iterdir()) == []

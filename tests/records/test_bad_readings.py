@@ -1,0 +1,175 @@
+"""Bad readings: found in spoiled records, and never in sound ones."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import truth
+
+import dryfric_control as dfc
+from dryfric_control.estimation.likelihood import prepare
+from dryfric_control.records.bad_readings import find
+
+T = 1e-3 * np.arange(2000)
+U = np.cos(5.0 * T)
+QUANTUM = 1e-6
+X = QUANTUM * np.round(0.1 * np.sin(5.0 * T) / QUANTUM)
+STILL = np.full(40, X[-1])
+
+
+def quiet(*arguments, make=dfc.Record, **options):
+    """A record, its warnings not heard."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", dfc.RecordWarning)
+        return make(*arguments, **options)
+
+
+def spoiled():
+    """The sine with one jump and three repetitions."""
+    x = X.copy()
+    x[300] += 0.01
+    x[701] = x[700]
+    x[1002] = x[1001] = x[1000]
+    return x
+
+
+def test_masked_and_bridged():
+    x = spoiled()
+    with pytest.warns(
+        dfc.RecordWarning, match=r"masked: 1 jump, 3 repeated; the first is x\[300\]"
+    ):
+        record = dfc.Record(T, U, x)
+    assert record.masked.indices.tolist() == [300, 701, 1001, 1002]
+    assert record.masked.reasons == ("jump", "repeated", "repeated", "repeated")
+    assert np.array_equal(record.measured, x)
+    assert np.flatnonzero(~record.good).tolist() == [300, 701, 1001, 1002]
+    # A cubic misses 0.1 sin(5 t) by less than a quantum over three milliseconds.
+    assert np.abs(record.x - X).max() < QUANTUM
+    assert record.quantum == pytest.approx(QUANTUM)
+    assert record.bad == {"jump": 1, "repeated": 3, "filled": 0, "given": 0, "clipped": 0}
+    assert "1 jump, 3 repeated" in record.summary()
+
+
+def test_a_sound_record_is_left_alone():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = dfc.Record(T, U, X)
+    assert record.good.all() and np.array_equal(record.x, X)
+    assert "bad samples" not in record.summary()
+
+
+@pytest.mark.parametrize("what", ["backlash", "stribeck", "impacts", "lost_steps", "compliance"])
+def test_motion_is_not_taken_for_bad_readings(what):
+    for condition in ("exact", "coarse", "decimated"):
+        case = truth.make_case(what, 0, condition)
+        assert dfc.Record(case.t, case.u, case.x).good.all()
+
+
+def test_what_a_logger_spoils_is_found():
+    for seed in (0, 1, 3):
+        sound, case = truth.make_null(seed), truth.make_null(seed, "outliers")
+        record = quiet(case.t, case.u, case.x)
+        off = np.abs(case.x - sound.x) / case.quantum
+        assert not np.any(off[record.masked.indices] == 0.0)
+        # What is missed is as small as what the encoder leaves open.
+        assert np.mean(off[record.good] > 5.0) < 3e-4
+        assert off[record.good].max() < 10.0 < off.max()
+
+
+@pytest.mark.parametrize(
+    ("x", "why"),
+    [
+        (np.r_[X, STILL], "comes to rest"),
+        (np.r_[X, X[-1] + np.cumsum(np.full(40, 5e-4))], "starts with a kick"),
+        (np.r_[X, X + 0.02], "lost count"),
+        (np.repeat(X[::4], 4), "a slower encoder"),
+    ],
+)  # fmt: skip
+def test_not_bad(x, why):
+    assert find(x, QUANTUM / np.sqrt(12.0), QUANTUM) == {}, why
+
+
+def test_what_happens_all_the_time_is_no_exception():
+    x = X.copy()
+    x[5::50] += 1e-3
+    assert list(find(x, 1e-6, 0.0)) == list(range(5, X.size, 50))
+    x = X.copy()
+    x[5::15] += 1e-3
+    assert find(x, 1e-6, 0.0) == {}
+
+
+def test_own_mask():
+    x = spoiled()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = dfc.Record(T, U, x, good=np.ones(T.size, bool))
+    assert record.good.all() and np.array_equal(record.x, x)
+    good = np.ones(T.size, bool)
+    good[100:110] = False
+    given = dfc.Record(T, U, X, good=good)
+    assert given.bad["given"] == 10 and np.array_equal(given.good, good)
+    for wrong, message in (
+        (np.ones(7, bool), r"good must be 2000 values True or False.*\(7,\)"),
+        (np.ones(T.size), r"good must be .* of float64"),
+        (np.zeros(T.size, bool), "good leaves 0 readings"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            dfc.Record(T, U, X, good=wrong)
+
+
+def test_parts_and_copies_keep_the_mask(tmp_path):
+    record = quiet(T, U, spoiled())
+    assert record[200:800].masked.indices.tolist() == [100, 501]
+    assert record.split(2)[1].bad["repeated"] == 2
+    assert record.decimated(3).masked.indices.tolist() == [100, 334]
+    assert record.resampled(1e-3).masked.indices.tolist() == [300, 701, 1001, 1002]
+    again = pickle.loads(pickle.dumps(record))
+    assert np.array_equal(again.good, record.good)
+    assert np.array_equal(again.measured, record.measured)
+    record.to_csv(tmp_path / "run.csv")
+    back = quiet(tmp_path / "run.csv", make=dfc.read_record)
+    assert np.array_equal(back.measured, record.measured) and back == record
+
+
+def test_lost_samples_are_filled_and_masked():
+    keep = np.ones(T.size, bool)
+    keep[500:503] = False
+    with pytest.warns(dfc.RecordWarning, match="of 2000 samples .* 3 filled"):
+        record = dfc.Record.from_irregular(T[keep], U[keep], X[keep])
+    assert np.flatnonzero(~record.good).tolist() == [500, 501, 502]
+
+
+def test_jumps_do_not_spoil_a_resampled_record():
+    record = quiet(T, U, spoiled(), make=dfc.Record.from_irregular)
+    assert np.abs(record.x - X).max() < QUANTUM
+    assert record.bad["filled"] == 4
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_stamps_or_samples(late):
+    """The readings show whether they were taken late or only stamped late."""
+    rng = np.random.default_rng(3)
+    moments = T + 3e-4 * rng.random(T.size)
+    taken = T if late else moments
+    x = QUANTUM * np.round(0.1 * np.sin(5.0 * taken) / QUANTUM)
+    record = quiet(moments, np.cos(5.0 * taken), x, make=dfc.Record.from_irregular)
+    assert any("uniform clock" in note for note in record.notes) == late
+    true = 0.1 * np.sin(5.0 * (record.t - record.t[0] + (0.0 if late else moments[0])))
+    # Stamps taken for true would be off by 0.5 m/s * 0.15 ms = 75 um.
+    assert np.abs(record.x - true)[1:-1].max() < 2.0 * QUANTUM
+
+
+def test_clipped_input_is_counted_and_not_masked():
+    u = np.clip(2.0 * np.cos(9.0 * T), -1.0, 1.0)
+    with pytest.warns(dfc.RecordWarning, match="clipped"):
+        record = dfc.Record(T, u, X)
+    assert record.bad["clipped"] == np.count_nonzero(np.abs(u) == 1.0)
+    assert record.good.all()
+
+
+def test_the_likelihood_leaves_masked_readings_out():
+    record = quiet(T, U, spoiled())
+    assert np.array_equal(prepare(record).good, record.good)

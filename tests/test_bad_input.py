@@ -696,6 +696,9 @@ rows(
     (dict(x=X[:-3]), "one length"),
     (dict(reference=X[:9]), "one length"),
     (dict(x=X[:, None]), "use .ravel"),
+    (dict(good=[True, False]), "one for each reading", "good"),
+    (dict(good=np.zeros(N, bool)), "at least", "good"),
+    (dict(good=X), "True or False", "good"),
     (dict(u=nan_at(U)), "from_irregular"),
     (dict(x=nan_at(X, 3, -INF)), "remove these samples"),
     (dict(t=nan_at(T, 5)), "remove these samples"),
@@ -1389,8 +1392,19 @@ rows(
     (dict(controller=dataclasses.replace(CONTROLLER, dt=2e-3)), "agree"),
     (dict(duration=1e12), "samples"),
 )
+for _name in ("fit", "diagnose"):
+    rows(
+        _name,
+        (dict(known=3), "names such as"),
+        (dict(known=("weight",)), "choose from mass"),
+        (dict(tolerance=3), "such as"),
+        (dict(tolerance={"mass": -1.0}), "more than zero"),
+        (dict(tolerance={"weight": 0.1}), "choose from mass"),
+        (dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
+    )
 rows(
     "diagnose",
+    (dict(time_limit=0.0), POSITIVE),
     (dict(window=0.5), "shorter window"),
     (dict(jobs=0), "jobs"),
     (dict(jobs="all"), "jobs"),
@@ -1491,7 +1505,18 @@ def test_bad_input_is_told(case, tmp_path, monkeypatch):
 
 def test_sound_calls_are_sound():
     """What a row spoils works unspoiled, so that the row fails for its own reason."""
-    reads = ("read_", "load_", "write_", "to_csv", "from_f", ".save", "fit", "presets", "Fit")
+    reads = (
+        "read_",
+        "load_",
+        "write_",
+        "to_csv",
+        "from_f",
+        ".save",
+        "fit",
+        "presets",
+        "Fit",
+        "export_",
+    )
     slow = ("diagnose", "next_experiment", "identify_", "slow_ramp", "monte_carlo", "design_pi")
     for name, (call, arguments) in SOUND.items():
         if not any(word in name for word in (*reads, *slow, "plot", "SimulationResponse")):
@@ -1537,7 +1562,7 @@ SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
     "time in ms": (lambda: dfc.Record(1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
     "time in us": (lambda: dfc.Record(1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
     "input clipped": (lambda: dfc.Record(T, CLIPPED, X), "clipped.*what acted"),
-    "glitch": (lambda: dfc.Record(T, U, JUMP), "x jumps .*glitch"),
+    "glitch": (lambda: dfc.Record(T, U, JUMP), "masked: 1 jump"),
     "irregular time in ms": (
         lambda: dfc.Record.from_irregular(1e3 * T, U, X),
         "milliseconds",

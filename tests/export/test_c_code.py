@@ -189,6 +189,8 @@ class Magnet(E.Effect):
     slug = "magnet_of_the_export_test"
     title = "magnet"
     action = "force"
+    explanation = "A magnet pulls."
+    experiment = "Hold a piece of iron to it."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):

@@ -12,7 +12,7 @@ from dryfric_control.diagnosis import (
     diagnose_batch,
     next_experiment,
 )
-from dryfric_control.diagnosis.saved import load_diagnosis
+from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
 from dryfric_control.export import export_c, export_fmu
 from dryfric_control.identification import (
     Fit,

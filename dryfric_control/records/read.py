@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import positive_number
 from dryfric_control.records.readers.bam_log import read_bam_entries
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Channels
-from dryfric_control.records.readers.sources import read_channels
-from dryfric_control.records.record import Record
+from dryfric_control.records.readers.channels import MAX_ROWS
+from dryfric_control.records.record import Record, record_of
 from dryfric_control.records.scaling import Scaling
 
 
@@ -92,31 +90,10 @@ def read_record(
     >>> record.notes
     ('t converted from ms to s', 'x converted from mm to m')
     """
-    if rate is not None and dt is not None:
-        raise ValueError(
-            "rate and dt are both given: rate is for a source without a column of time"
-        )
-    if max_gap is not None and dt is None:
-        raise ValueError("max_gap is for resampling: give dt= too")
-    step = None if dt is None else positive_number("dt", dt)
-    if rate is not None:
-        step = 1.0 / positive_number("rate", rate)
-    timed = False if rate is not None else None if dt is not None else True
-    found: Channels = read_channels(source, columns, gain, units, max_rows, step, timed)
-    values = dict(found.values)
-    extras = {role: values.pop(role) for role in EXTRAS if role in values}
-    options: dict[str, Any] = {
-        "units": found.units,
-        "name": found.name if name is None else name,
-        "notes": found.notes,
-        "quantum": found.quantum,
-        "unwrap": unwrap,
-        "channels": extras,
-        "raw": found.raw,
-    }
-    if dt is not None and found.timed:
-        return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
-    return Record(**values, **options)
+    return record_of(
+        source, columns, gain, units=units, name=name, dt=dt, rate=rate, max_gap=max_gap,
+        unwrap=unwrap, max_rows=max_rows,
+    )  # fmt: skip
 
 
 def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:

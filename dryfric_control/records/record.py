@@ -37,6 +37,8 @@ from dryfric_control.records.bad_readings import (
     without,
 )
 from dryfric_control.records.comparison import Comparison, compared
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
@@ -61,6 +63,7 @@ from dryfric_control.records.record_checks import (
     warn_if_suspect,
 )
 from dryfric_control.records.resolution import ROUNDING, Resolution
+from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import replacing
 from dryfric_control.ties import samples
 
@@ -850,12 +853,9 @@ class Record:
         -------
         Record
         """
-        # Here: the readers make records.
-        from dryfric_control.records.read import read_record
-
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
-        return read_record(frame, columns, **options)
+        return record_of(frame, columns, **options)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Data frame that `from_frame` turns back into this record.
@@ -993,6 +993,47 @@ class Record:
             one.margins(x=0.0)
         title_above(top, (self.name or "record") if title is None else title)
         return control_plot(axes)
+
+
+def record_of(
+    source: Any,
+    columns: Mapping[str, str | int | None] | None = None,
+    gain: float | Mapping[str, float] | Scaling = 1.0,
+    *,
+    units: Mapping[str, str] | None = None,
+    name: str | None = None,
+    dt: float | None = None,
+    rate: float | None = None,
+    max_gap: float | None = None,
+    unwrap: float | None = None,
+    max_rows: int = MAX_ROWS,
+) -> Record:
+    """Record from whatever `read_record` takes."""
+    if rate is not None and dt is not None:
+        raise ValueError(
+            "rate and dt are both given: rate is for a source without a column of time"
+        )
+    if max_gap is not None and dt is None:
+        raise ValueError("max_gap is for resampling: give dt= too")
+    step = None if dt is None else positive_number("dt", dt)
+    if rate is not None:
+        step = 1.0 / positive_number("rate", rate)
+    timed = False if rate is not None else None if dt is not None else True
+    found = read_channels(source, columns, gain, units, max_rows, step, timed)
+    values = dict(found.values)
+    extras = {role: values.pop(role) for role in EXTRAS if role in values}
+    options: dict[str, Any] = {
+        "units": found.units,
+        "name": found.name if name is None else name,
+        "notes": found.notes,
+        "quantum": found.quantum,
+        "unwrap": unwrap,
+        "channels": extras,
+        "raw": found.raw,
+    }
+    if dt is not None and found.timed:
+        return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
+    return Record(**values, **options)
 
 
 def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:

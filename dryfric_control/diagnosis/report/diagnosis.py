@@ -13,11 +13,19 @@ import control as ct
 import matplotlib.pyplot as plt
 import numpy as np
 
+from dryfric_control.diagnosis.experiment import Experiment
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.figures import plot_diagnosis
-from dryfric_control.diagnosis.report.findings import Findings, believed_values
+from dryfric_control.diagnosis.report.findings import (
+    Cause,
+    Findings,
+    Gain,
+    Unexplained,
+    believed_values,
+)
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import level_table, summary_lines
-from dryfric_control.records.saved import save_object
+from dryfric_control.records.saved import load_object, save_object
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
@@ -140,9 +148,7 @@ class Diagnosis(Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        from dryfric_control.diagnosis.saved import SAVED
-
-        save_object(self, path, "diagnosis", 1, SAVED)
+        save_object(self, path, "diagnosis", 1, _SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.
@@ -204,3 +210,44 @@ def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ..
         with replacing(target / name) as part:
             part.write_bytes(content)
     return tuple(target / name for name in contents)
+
+
+_SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
+
+
+def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
+    """Read a diagnosis back as it was.
+
+    Parameters
+    ----------
+    path : path-like
+        File written by `Diagnosis.save`.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError
+        If the file is no diagnosis, of another version, or was changed.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(6000)
+    >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    >>> found = dfc.diagnose(axis, dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.save(pathlib.Path(folder, "diagnosis.json"))
+    ...     again = dfc.load_diagnosis(pathlib.Path(folder, "diagnosis.json"))
+    >>> again.verdict, again.summary() == found.summary()
+    ('nothing to find', True)
+    """
+    found: Diagnosis = load_object(path, "diagnosis", 1, _SAVED)
+    return found

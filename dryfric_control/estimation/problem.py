@@ -486,11 +486,12 @@ def levenberg(
     return Descent(z, at, loss)
 
 
-def minimise(problem: Problem, z: FloatArray) -> FloatArray:
+def minimise(problem: Problem, z: FloatArray, least: float = 0.0) -> FloatArray:
     """Fit from one start, the loss narrowed in stages.
 
     Each stage takes its scale from where the one before ended, so the loss
-    narrows from the error at the start down to what the data allow.
+    narrows from the error at the start down to what the data allow.  A fall of the
+    loss by less than `least`, in units of chi^2, ends a stage.
 
     Returns
     -------
@@ -498,6 +499,7 @@ def minimise(problem: Problem, z: FloatArray) -> FloatArray:
     """
     z = np.clip(z, problem.low, problem.high)
     for options in (FAR, FIT) if problem.rugged.size else (FIT,):
+        options = options._replace(flat=(least, options.flat[1]))
         loss = np.inf
         for stage in range(_STAGES):
             changed = problem.narrow(z)

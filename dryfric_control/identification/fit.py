@@ -450,8 +450,9 @@ def fit_windows(
     progress: bool = False,
     window: float = 0.25,
     tolerance: Mapping[str, float] | None = None,
+    least: float = 0.0,
 ) -> Fit:
-    """The fit itself, on records that are already cut; see `fit`."""
+    """The fit itself, on records that are already cut; see `fit` and `minimise`."""
     records = [w.record for w in parts]
     axis, parameters = choose(axis, free, typical(records))
     problem = Problem(axis, parameters, parts, tolerance=tolerance)
@@ -462,7 +463,7 @@ def fit_windows(
 
     def search(point: FloatArray) -> tuple[FloatArray, list[float]]:
         own = Problem(axis, parameters, parts, tolerance=tolerance)
-        return minimise(own, point), own.scales
+        return minimise(own, point, least), own.scales
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     found = list(

@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 _FEWEST = 5
 # Points of the regression that are replayed; ripple this close is as good as equal.
 _TRIED, _CLOSE = 8, 0.05
+# Fall of a fit's loss that is not worth another step: valleys differ by hundreds.
+_LEAST = 0.5
 # Slips of each direction that the first fit reads, from this part of their way on.
 _SOME, _GONE = 8, 0.03
 # Where the peak is looked for first, as parts of the slips' speed.
@@ -344,8 +346,12 @@ def identify_stribeck(
     best = closest(points)[0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)
-        # Which run comes closest may depend on one breakaway: the forces count too.
-        ends = [fit_windows(p, [windows], free, starts=1) for p in dict.fromkeys((best, coarse[0]))]
+        # Which run comes closest may depend on one breakaway: where there may be more
+        # than one start, the forces count too.
+        ends = [
+            fit_windows(p, [windows], free, starts=1, least=_LEAST)
+            for p in dict.fromkeys((best, coarse[0])[:starts])
+        ]
         nearest = closest([end.axis for end in ends])[0]
         found = next(end for end in ends if end.axis is nearest)
         if closest([found.axis, best])[0] is best:
@@ -517,7 +523,7 @@ def _refined(
     def search(point: FrictionAxis) -> FrictionAxis:
         axis, parameters = choose(point.replace(stick_speed=slow), names, scales)
         problem = Problem(axis, parameters, parts)
-        found = problem.axis_at(minimise(problem, problem.start))
+        found = problem.axis_at(minimise(problem, problem.start, _LEAST))
         return found.replace(stick_speed=point.stick_speed)
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")

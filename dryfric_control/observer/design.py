@@ -482,7 +482,7 @@ def design_pi_observer(
     ...     axis, dt=1e-3, uncertainty=1.0, noise=1e-4, drift=0.0, decay=0.995,
     ...     performance=(0.0, 1.0, 0.0), form="prediction", discretization="euler")
     >>> print(f"{design.gamma:.4f}")
-    0.0141
+    0.0160
     """
     if not isinstance(method, str) or method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")

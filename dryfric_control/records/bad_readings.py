@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from dryfric_control.records.resolution import ROUNDING
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -102,6 +104,7 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     >>> find(x, 1e-9, 0.0)
     {20: 'jump', 30: 'repeated'}
     """
+    noise = max(noise, ROUNDING * float(np.ptp(x)))
     found: dict[int, str] = {}
     path = x
     for _ in range(_PASSES):

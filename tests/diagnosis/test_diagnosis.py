@@ -205,8 +205,8 @@ def test_a_diagnosis_that_looks_at_names_is_caught(impostor):
 class OnFitted(module.Race):
     """A race that judges on the very windows it fitted on."""
 
-    def __init__(self, bench, axis, fit, judge, *rest):
-        super().__init__(bench, axis, fit, fit, *rest)
+    def __init__(self, bench, axis, fit, judge, *rest, **options):
+        super().__init__(bench, axis, fit, fit, *rest, **options)
 
 
 def wanders(seed, condition):

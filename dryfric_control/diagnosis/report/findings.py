@@ -241,7 +241,7 @@ def titles_of(alternative: str) -> str:
     Examples
     --------
     >>> titles_of("inertia+coulomb")
-    'inertia error + Coulomb level error'
+    'wrong inertia + wrong Coulomb level'
     """
     return " + ".join(map(title_of, alternative.split("+")))
 

@@ -646,11 +646,11 @@ class FrictionAxis:
             ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),
         ]
         if self.stribeck:
-            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {speed}"
+            peak = f"{self.stribeck.excess:.6g}, velocity {self.stribeck.speed:.6g} {speed}"
             rows.append(("Stribeck excess", peak))
         rows += [
-            ("stick speed", f"{self.stick_speed:.6g} {speed}"),
-            ("stick rate", f"{self.stick_rate:.6g} 1/s"),
+            ("stick velocity", f"{self.stick_speed:.6g} {speed}"),
+            ("stuck-mode decay rate", f"{self.stick_rate:.6g} 1/s"),
         ]
         if self.travel is not None:
             rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))

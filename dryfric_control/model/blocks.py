@@ -110,7 +110,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     Parameters
     ----------
     axis : FrictionAxis
-        The axis whose rule, levels and stick speed are used.
+        The axis whose rule, levels and stick velocity are used.
     dt : float
         Sampling time [s].
     name : str, optional
@@ -125,7 +125,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     ------
     ValueError
         If `dt` is not positive, or the axis has effects with a memory (delay,
-        lag), whose force u, x and v do not tell.
+        lag), whose force u, x and v do not determine.
 
     Notes
     -----

@@ -30,7 +30,7 @@ def own_axis(
     coulomb : CoulombMap or float, optional
         The observer's own Coulomb levels.  Default: those of `axis`.
     stick_speed : float, optional
-        The observer's own stick speed [m/s].  Default: half that of `axis`.
+        The observer's own stick velocity [m/s].  Default: half that of `axis`.
 
     Returns
     -------

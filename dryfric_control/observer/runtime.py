@@ -270,11 +270,11 @@ def pi_observer(
     Parameters
     ----------
     design : ObserverDesign
-        The observer: its gains, its own Coulomb maps, effects and stick speed.
+        The observer: its gains, its own Coulomb maps, effects and stick velocity.
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see Notes.
     encoder_quantum : float, optional
-        Increment of the position sensor [m], by which "reading" tells motion
+        Increment of the position sensor [m], by which "reading" detects motion
         from a toggling last digit.  Default: the design's.
     name : str, optional
         Name of the block.
@@ -333,7 +333,7 @@ def pi_observer(
       the friction error and w then jump together, and their difference, which
       is the state, does not.
 
-    Neither rule can tell creeping below an increment per few samples from rest.
+    Neither rule can distinguish creeping below an increment per few samples from rest.
 
     Examples
     --------

@@ -40,7 +40,7 @@ class Inertia(Effect):
     )
 
     slug = "inertia"
-    title = "wrong inertia"
+    title = "inertia error"
     action = "axis"
     depends_on_place = False
     base = "mass"
@@ -92,7 +92,7 @@ class ViscousFriction(Effect):
     )
 
     slug = "viscous"
-    title = "wrong viscous friction"
+    title = "viscous friction error"
     action = "axis"
     depends_on_place = False
     base = "viscous"
@@ -142,7 +142,7 @@ class CoulombFriction(Effect):
     factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf), neutral=1.0)
 
     slug = "coulomb"
-    title = "wrong Coulomb level"
+    title = "Coulomb level error"
     action = "axis"
     depends_on_place = False
     base = "coulomb"
@@ -180,13 +180,13 @@ class StribeckPeak(Effect):
     excess : float
         Relative excess of the breakaway over the Coulomb level [1].
     speed : float
-        Stribeck speed, over which the excess dies [m/s].
+        Stribeck velocity, over which the excess dies [m/s].
 
     Notes
     -----
     .. math:: F = F_c \left(1 + \text{excess} \cdot e^{-(({|v|} - \Sigma)/\text{speed})^2}\right)
 
-    with Sigma the stick speed of the axis.
+    with Sigma the stick velocity of the axis.
 
     Examples
     --------

@@ -70,7 +70,7 @@ class FrictionAxis:
     stick_speed : float, optional
         Speed band Sigma inside which the axis counts as motionless [m/s].
     stick_rate : float, optional
-        Rate p at which the leftover speed of a stuck axis dies [1/s].
+        Rate p at which the remaining velocity of a stuck axis dies [1/s].
     travel : tuple of float, optional
         Lowest and highest position [m].  Coulomb maps hold inside it and keep
         their end values outside; motion itself is not limited.
@@ -109,7 +109,7 @@ class FrictionAxis:
     direction if the load exceeds the breakaway level there, and goes on
     otherwise.
 
-    A stuck axis that breaks away against its leftover speed (at most Sigma)
+    A stuck axis that breaks away against its remaining velocity (at most Sigma)
     loses that speed, so that friction never drives the motion.
 
     The model stops being true below Sigma: it has no presliding displacement,

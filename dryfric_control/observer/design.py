@@ -225,7 +225,7 @@ class ObserverDesign(Result):
         Returns
         -------
         control.StateSpace
-            Discrete; inputs `force` (believed minus true friction [N]), `noise`
+            Discrete; inputs `force` (nominal minus true friction [N]), `noise`
             [m], `drift` [N per sample]; outputs `e_x`, `e_v` (true minus
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
@@ -396,7 +396,7 @@ def design_pi_observer(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as it is believed to be.
+        The nominal axis.
     dt : float
         Sampling time [s].
     method : str

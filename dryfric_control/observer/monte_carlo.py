@@ -1,4 +1,4 @@
-"""How the estimate holds up when the plant is not the believed one."""
+"""How the estimate holds up when the plant is not the nominal one."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Mismatch:
     Attributes
     ----------
     plus, minus : float
-        True over believed Coulomb level, forwards and backwards [1].
+        True over nominal Coulomb level, forwards and backwards [1].
     mass : float
-        True over believed inertia [1].
+        True over nominal inertia [1].
     excess : float
         Stribeck excess of the plant; the observer knows none [1].
     stick_ratio : float
@@ -130,7 +130,7 @@ class MonteCarlo(Result):
     mismatches : tuple of Mismatch
         The plants, in order.
     scores : dict of str to ndarray, shape (n, 5)
-        Columns position [m], speed, friction, friction_bias, commutation [1]
+        Columns position [m], velocity, friction, friction_bias, mode-detection error [1]
         of each estimator.
     unit : str
         Unit of position.

@@ -321,7 +321,7 @@ def pi_observer(
 
     - Stuck, the observer holds the mean reading y_0 since the axis came to rest.
       Motion in direction s begins when ``s (y - y_0) > d``, with d one and a
-      half increments and the way Sigma / p that a leftover speed still goes; half
+      half increments and the way Sigma / p that a remaining velocity still goes; half
       of d is enough once s W exceeds the sliding level, for then nothing but
       extra friction can hold the axis.
     - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way

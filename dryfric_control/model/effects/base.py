@@ -45,7 +45,7 @@ class Inertia(Effect):
     depends_on_place = False
     base = "mass"
     explanation = (
-        "More or less mass moves than believed: a workpiece, a coupling, a gear ratio "
+        "More or less mass moves than assumed: a workpiece, a coupling, a gear ratio "
         "taken wrongly into account."
     )
     experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
@@ -97,7 +97,7 @@ class ViscousFriction(Effect):
     depends_on_place = False
     base = "viscous"
     explanation = (
-        "Speed-proportional friction differs from what was believed: other grease, another "
+        "Speed-proportional friction differs from what was assumed: other grease, another "
         "temperature, a new seal."
     )
     experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
@@ -147,7 +147,7 @@ class CoulombFriction(Effect):
     depends_on_place = False
     base = "coulomb"
     explanation = (
-        "Dry friction as a whole is higher or lower than believed: preload, wear, lubrication."
+        "Dry friction as a whole is higher or lower than assumed: preload, wear, lubrication."
     )
     experiment = (
         "Crawl both ways at the same speed: half the difference of the forces is the level."

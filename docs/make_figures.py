@@ -82,7 +82,11 @@ def main() -> None:
     save(stick_slip(), IMAGES / "stick_slip.png")
     save(modes(), IMAGES / "modes.png")
     speed = error_dynamics(
-        "e_v", 0.0, "friction-model error to velocity error", "velocity error [inc/s]", "inc/s per N m"
+        "e_v",
+        0.0,
+        "friction-model error to velocity error",
+        "velocity error [inc/s]",
+        "inc/s per N m",
     )
     save(speed, IMAGES / "error_speed.png")
     # Estimated minus true friction is the map's error plus e_w.

@@ -49,9 +49,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="RUN.csv",
         help="measured records of one machine (CSV, MAT, xlsx, parquet)",
     )
-    diagnose.add_argument(
-        "--axis", required=True, metavar="FILE", help="the axis as believed, TOML"
-    )
+    diagnose.add_argument("--axis", required=True, metavar="FILE", help="the nominal axis, TOML")
     diagnose.add_argument(
         "--out", default="diagnosis", metavar="DIR", help="folder for the results"
     )
@@ -65,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
         "--units",
         type=_pairs,
         metavar="t=..,u=..,x=..",
-        help="units as stored, such as t=ms,x=mm, where the headings do not tell them",
+        help="units as stored, such as t=ms,x=mm, where the headings do not give them",
     )
     diagnose.add_argument(
         "--gain",
@@ -165,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0, or 2 after an error of the user's, told in one line.
+        0, or 2 after an error of the user's, reported in one line.
     """
     chosen = parser().parse_args(arguments)
     import matplotlib

@@ -83,7 +83,7 @@ def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController
         viscous=60.0,
         coulomb=CoulombMap.of((9.0, 7.0)),
         travel=(0.0, 0.3),
-        name="made axis",
+        name="simulated axis",
     )
     dt, n = 1e-3, 20_000
     t = np.arange(n) * dt
@@ -92,7 +92,7 @@ def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController
     reference = np.where(t < 10.0, slow, np.convolve(steps, np.ones(200) / 200.0, "same"))
     controller = PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
     run = simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
-    record = Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="made record")
+    record = Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="simulated record")
     believed = true.replace(mass=9.0, viscous=90.0, coulomb=CoulombMap.of(6.0))
     return believed, record, controller
 
@@ -135,7 +135,7 @@ def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
     levels = identify_coulomb(ramp.record)
     believed = levels.apply(axis.replace(stribeck=None))
     with warnings.catch_warnings():
-        # A crawl does not show the Stribeck speed; the figure is about the ripple.
+        # A crawl does not show the Stribeck velocity; the figure is about the ripple.
         warnings.simplefilter("ignore", FitWarning)
         peak = identify_stribeck(believed, ramp.record, ramp.controller, starts=1)
     figures = {

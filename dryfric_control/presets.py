@@ -50,12 +50,12 @@ def clutch_actuator() -> FrictionAxis:
 
     Notes
     -----
-    It stands for the device of the paper's section 3, whose values are not
+    It represents the device of the paper's section 3, whose values are not
     printed; these are ours.  An encoder of 4000 increments a turn and an inertia
     of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is two and a
     half turns.  Two springs through a bevel leave a torque level between 0.14
     and 0.22 N m that varies along the travel and differs between the
-    directions.  Breakaway lies 30 % above it.  Stribeck speed and stick speed
+    directions.  Breakaway lies 30 % above it.  Stribeck velocity and stick velocity
     are equal, as the paper advises to start with: 150 increments a second,
     0.15 per sample.
 
@@ -89,7 +89,7 @@ def clutch_observer_axis() -> FrictionAxis:
     -------
     FrictionAxis
         As `clutch_actuator` with other Coulomb maps (paper, Fig. 7: 6 to 15 %
-        too low forwards, 6 to 21 % too high backwards), half the stick speed
+        too low forwards, 6 to 21 % too high backwards), half the stick velocity
         and no Stribeck peak.
 
     Examples

@@ -165,6 +165,42 @@ def test_readme_has_the_two_commands_that_ci_runs():
     assert len(re.findall(r"^```bash$", (ROOT / "README.md").read_text(), re.MULTILINE)) == 2
 
 
+#: Every page that is read as it is, on a code host too.
+MARKDOWN = sorted(
+    str(path.relative_to(ROOT))
+    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("*/*.md"))
+)
+
+
+def anchors(path):
+    """Names by which headings and labels of a page are reached."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
+    headings = re.findall(r"^#+ (.+)$", text, re.M)
+    made = {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in headings}
+    return made | set(re.findall(r"^\((\w+)\)=$", text, re.M))
+
+
+@pytest.mark.parametrize("page", MARKDOWN)
+def test_links_and_images_of_a_page_resolve(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    text = re.sub(r"^```.*?^```|`[^`\n]*`", "", text, flags=re.S | re.M)
+    for title, target in re.findall(r"\[([^\[\]]*)\]\(([^()\s]+)\)", text):
+        assert title, f"{target} is linked without a text: a code host shows nothing"
+        if re.match(r"https?://|mailto:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (ROOT / page).parent / name if name else ROOT / page
+        assert path.exists(), f"{page}: {target} is not there"
+        if anchor:
+            assert anchor in anchors(path), f"{page}: {target} has no such heading"
+
+
+@pytest.mark.parametrize("page", [page for page in MARKDOWN if "CHANGELOG" not in page])
+def test_names_of_the_package_on_a_page_exist(page):
+    for name in set(re.findall(r"\bdfc((?:\.[A-Za-z_]\w*)+)", (ROOT / page).read_text("utf-8"))):
+        operator.attrgetter(name[1:])(dfc)
+
+
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
     """A folder with a measured `run.csv`: the pages' axis, and a spring nobody told us of."""

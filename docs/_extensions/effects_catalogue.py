@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PAGE = "effects.md"
 #: What each action means, in the words of the page.
 ACTS_ON = {
-    "input": "takes the place of the drive force",
+    "input": "replaces the drive force",
     "force": "a force on the mass",
     "friction": "adds to the friction level",
     "reading": "adds to what the encoder reads",
@@ -37,7 +37,7 @@ HEAD = """\
 
 What an axis may have beyond mass, viscous friction, Coulomb level and Stribeck peak. Each effect
 is one class, and this page is made from the classes: the same ones that `simulate` integrates,
-`fit` fits and `diagnose` tries. Add one of your own: [](howto/add_effect.md).
+`fit` fits and `diagnose` tries. [Add an effect of your own](howto/add_effect.md).
 
 ```python
 import dryfric_control as dfc
@@ -50,10 +50,10 @@ axis = dfc.FrictionAxis(
 )
 ```
 
-In the equations $x$ is the position, $v$ the speed, $u$ the drive force, $w$ the force on the mass
-without friction, $F_c$ the Coulomb level (a magnitude, for each direction), $t$ the time; an arrow
-says what takes the place of what, and words are parameters. Units are those of an axis in metres
-and newtons; a rotary axis has radians and newton metres.
+In the equations $x$ is the position, $v$ the velocity, $u$ the drive force, $w$ the force on the
+mass without friction, $F_c$ the Coulomb level (a magnitude, for each direction), $t$ the time; an
+arrow shows what replaces what, and words are parameters. Units are those of an axis in metres and
+newtons; a rotary axis has radians and newton metres.
 
 Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` or `compliance`,
 there is one at most; of the others there may be several. The second of a kind has the name
@@ -91,8 +91,8 @@ def section(cls: type[Effect]) -> Iterator[str]:
     yield f"({cls.slug})="
     yield f"## {cls.title[0].upper()}{cls.title[1:]}"
     yield ""
-    name = f"dryfric_control.effects.{cls.__name__}"
-    yield f"`{cls.slug}`, {{py:class}}`{name}`: {ACTS_ON[cls.action]}."
+    name = f"dfc.effects.{cls.__name__}"
+    yield f"`{cls.slug}`, `{name}`: {ACTS_ON[cls.action]}."
     yield ""
     yield cls.explanation
     yield ""
@@ -111,7 +111,7 @@ def page() -> str:
     missing = set(ACTIONS) - set(ACTS_ON)
     if missing:
         raise ValueError(f"say in ACTS_ON what {sorted(missing)} act on")
-    lines = ["| effect | slug | what it is |", "|---|---|---|"]
+    lines = ["| effect | id | what it is |", "|---|---|---|"]
     own = [cls for cls in REGISTRY.values() if cls.__module__.startswith("dryfric_control.")]
     for cls in own:
         lines.append(f"| [{cls.title}](#{cls.slug}) | `{cls.slug}` | {ACTS_ON[cls.action]} |")

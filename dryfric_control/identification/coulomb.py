@@ -205,7 +205,7 @@ def identify_coulomb(
         and at most one coefficient for three independent stretches.
     axis : FrictionAxis, optional
         Axis whose mass, viscous coefficient, Stribeck peak and force effects are
-        taken off the drive force.  Default: mass and viscous coefficient are found along
+        subtracted from the drive force.  Default: mass and viscous coefficient are found along
         the way where the speed varies enough to show them, else neglected.
 
     Returns

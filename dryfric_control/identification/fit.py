@@ -45,7 +45,7 @@ from dryfric_control.units import check_units
 FloatArray = NDArray[np.float64]
 
 _SAME = {"inertia": "mass"}
-# Starts by default where a parameter acts by break-away: the cost has several valleys.
+# Starts by default where a parameter acts at breakaway: the cost has several valleys.
 _STARTS = 6
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2

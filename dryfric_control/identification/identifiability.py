@@ -49,7 +49,8 @@ def cannot_tell(
         named.update(n for n, _ in parts)
         if len(parts) == 1:
             p = parameters[names.index(parts[0][0])]
-            messages.append(f"the record holds nothing on {p.name}: {_cause(axis, records, p)}")
+            why = _cause(axis, records, p)
+            messages.append(f"the data are uninformative about {p.name}: {why}")
             continue
         unit = parts[0][1]
         change = ", ".join(f"{n} by {c / unit:+.3g}" for n, c in parts)

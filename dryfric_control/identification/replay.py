@@ -51,7 +51,7 @@ class Replay(Result):
 
     @property
     def errors(self) -> FloatArray:
-        """Run less measured position at every sample, shape (n,)."""
+        """Simulated minus measured position at every sample, shape (n,)."""
         return np.asarray(self.positions - self.windows.record.x)
 
     @property
@@ -199,12 +199,12 @@ class LoopReplay(Result):
 
     @property
     def position_rms(self) -> float:
-        """RMS of modelled less measured position."""
+        """RMS of modelled minus measured position."""
         return float(np.sqrt(np.mean((self.response.y[0] - self.record.x) ** 2)))
 
     @property
     def force_rms(self) -> float:
-        """RMS of modelled less measured drive force."""
+        """RMS of modelled minus measured drive force."""
         return float(np.sqrt(np.mean((self.response.y[4] - self.record.u) ** 2)))
 
     @property

@@ -1,4 +1,4 @@
-"""Stick phases and stick-slip ripple of a record; Stribeck peak and stick speed from them."""
+"""Stick phases and stick-slip ripple of a record; Stribeck peak and stick velocity from them."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class StribeckIdentification(Result):
 
     @property
     def axis(self) -> FrictionAxis:
-        """The axis with its Stribeck peak and stick speed."""
+        """The axis with its Stribeck peak and stick velocity."""
         return self.fit.axis
 
     @property
@@ -243,7 +243,7 @@ def identify_stribeck(
     jobs: int = 1,
     progress: bool = False,
 ) -> StribeckIdentification:
-    """Stick speed Sigma, excess sigma and speed vs from stick-slip.
+    """Stick velocity, excess and Stribeck velocity from stick-slip.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def identify_stribeck(
     alone; the fit starts from the peak whose ripple comes closest, and where it
     ends with a worse one, that peak is kept.
 
-    A stick speed far below `vs` acts through v - Sigma alone and is
+    A stick velocity far below `vs` acts through v - Sigma alone and is
     found badly; see ``fit.messages`` for what the record leaves open.
 
     Examples
@@ -395,7 +395,7 @@ def _coarse(
     bases = _bases(axis, places, sides) if levels_free else np.empty((sides.size, 0))
     found = [] if axis.stribeck is None else [(-1.0, axis)]
     for vs in _SPEEDS * fastest:
-        # The nominal stick speed, and where the paper starts: at vs.
+        # The nominal stick velocity, and where the paper starts: at vs.
         for stick in {axis.stick_speed, vs if "stick_speed" in free else axis.stick_speed}:
             g = np.exp(-((np.maximum(speed - stick, 0.0) / vs) ** 2))
             rows = np.column_stack([bases, level * g])
@@ -517,7 +517,7 @@ def _refined(
     names = [name for name in free if name.startswith(("stribeck", "coulomb"))]
     if not names or not parts:
         return []
-    # Slips that are cut out never stick: a stick speed would only hold them up.
+    # Slips that are cut out never stick: a stick velocity would only hold them up.
     slow = 1e-4 * scales.length / scales.time
 
     def search(point: FrictionAxis) -> FrictionAxis:

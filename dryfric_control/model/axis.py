@@ -70,7 +70,7 @@ class FrictionAxis:
     stick_speed : float, optional
         Speed band Sigma inside which the axis counts as motionless [m/s].
     stick_rate : float, optional
-        Rate p at which the leftover speed of a stuck axis dies [1/s].
+        Rate p at which the remaining velocity of a stuck axis dies [1/s].
     travel : tuple of float, optional
         Lowest and highest position [m].  Coulomb maps hold inside it and keep
         their end values outside; motion itself is not limited.
@@ -109,7 +109,7 @@ class FrictionAxis:
     direction if the load exceeds the breakaway level there, and goes on
     otherwise.
 
-    A stuck axis that breaks away against its leftover speed (at most Sigma)
+    A stuck axis that breaks away against its remaining velocity (at most Sigma)
     loses that speed, so that friction never drives the motion.
 
     The model stops being true below Sigma: it has no presliding displacement,
@@ -646,11 +646,11 @@ class FrictionAxis:
             ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),
         ]
         if self.stribeck:
-            peak = f"{self.stribeck.excess:.6g}, speed {self.stribeck.speed:.6g} {speed}"
+            peak = f"{self.stribeck.excess:.6g}, velocity {self.stribeck.speed:.6g} {speed}"
             rows.append(("Stribeck excess", peak))
         rows += [
-            ("stick speed", f"{self.stick_speed:.6g} {speed}"),
-            ("stick rate", f"{self.stick_rate:.6g} 1/s"),
+            ("stick velocity", f"{self.stick_speed:.6g} {speed}"),
+            ("stuck-mode decay rate", f"{self.stick_rate:.6g} 1/s"),
         ]
         if self.travel is not None:
             rows.append(("travel", f"{self.travel[0]:.6g} to {self.travel[1]:.6g} {length}"))

@@ -110,7 +110,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     Parameters
     ----------
     axis : FrictionAxis
-        The axis whose rule, levels and stick speed are used.
+        The axis whose rule, levels and stick velocity are used.
     dt : float
         Sampling time [s].
     name : str, optional
@@ -125,7 +125,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     ------
     ValueError
         If `dt` is not positive, or the axis has effects with a memory (delay,
-        lag), whose force u, x and v do not tell.
+        lag), whose force u, x and v do not determine.
 
     Notes
     -----
@@ -178,7 +178,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         force, position, speed, active = u
         if round(active) != index:
             return np.zeros(4)
-        # An axis that breaks away against its leftover speed loses that speed.
+        # An axis that breaks away against its remaining velocity loses that velocity.
         speed = 0.0 if index * speed < 0.0 else speed
         memory = np.array([position, speed, float(index), 0.0, 0.0])
         now, friction, _ = axis_step.outputs_now(

@@ -206,7 +206,7 @@ class Stribeck:
     excess : float
         Relative excess sigma of the breakaway over the Coulomb level [1].
     speed : float
-        Stribeck speed vs, over which the excess dies [m/s or rad/s].
+        Stribeck velocity vs, over which the excess dies [m/s or rad/s].
 
     Raises
     ------
@@ -215,7 +215,7 @@ class Stribeck:
 
     Notes
     -----
-    F = Fc (1 + sigma exp(-((s v - Sigma)/vs)^2)), with Sigma the stick speed of
+    F = Fc (1 + sigma exp(-((s v - Sigma)/vs)^2)), with Sigma the stick velocity of
     the axis (paper, eq. (3)); the breakaway level is Fs = (1 + sigma) Fc.
 
     Examples
@@ -246,7 +246,7 @@ class Stribeck:
         speed : array_like, shape (n,)
             Speed in the direction of motion [m/s].
         stick_speed : float, optional
-            Stick speed of the axis [m/s].
+            Stick velocity of the axis [m/s].
 
         Returns
         -------

@@ -85,7 +85,7 @@ class Law(ABC):
         Parameters
         ----------
         axis : FrictionAxis
-            Everything but its switching rule and its stick rate is used.
+            Everything but its switching rule and its stuck-mode decay rate is used.
         u : ndarray, shape (n,)
             Input at t_k = k dt [N].
         dt : float
@@ -100,7 +100,7 @@ class Law(ABC):
         x, v, F, mode : ndarray, shape (n,)
             Position [m], speed [m/s], friction [N] and direction of motion at t_k. The
             direction is 0 when stuck and, for the smooth laws, when the speed is at most
-            the axis's stick speed.
+            the axis's stick velocity.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class Tanh(Law):
     tolerance : float, optional
         Error allowed in one substep, see `Law`.
     speed : float
-        Width of the transition [m/s]. Keep it well below the Stribeck speed: a wider
+        Width of the transition [m/s]. Keep it well below the Stribeck velocity: a wider
         transition hides the peak.
 
     Examples

@@ -163,13 +163,13 @@ def _beyond(force: str, s: int) -> str:
 
 
 def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
-    """Break-away, and coming to rest, of one direction."""
+    """Breakaway, and coming to rest, of one direction."""
     sign = _SIGNS[s]
 
     def across(x: float) -> float:
         return 0.5 + s * (x - 0.5)
 
-    # Break-away: from the top of the box at rest up to the sliding one.
+    # Breakaway: from the top of the box at rest up to the sliding one.
     _arrow(ax, (across(0.62), 0.43), (across(0.70), 0.60), "arc3")
     ax.text(
         across(0.64), 0.52, f"${_beyond(force, s)}$",

@@ -60,7 +60,7 @@ class ObserverDesign(Result):
     Attributes
     ----------
     axis : FrictionAxis
-        The model the observer runs: its own Coulomb maps and stick speed, no
+        The model the observer runs: its own Coulomb maps and stick velocity, no
         Stribeck peak, and the effects that it follows.
     dt : float
         Sampling time [s].
@@ -225,7 +225,7 @@ class ObserverDesign(Result):
         Returns
         -------
         control.StateSpace
-            Discrete; inputs `force` (believed minus true friction [N]), `noise`
+            Discrete; inputs `force` (nominal minus true friction [N]), `noise`
             [m], `drift` [N per sample]; outputs `e_x`, `e_v` (true minus
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
@@ -396,7 +396,7 @@ def design_pi_observer(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as it is believed to be.
+        The nominal axis.
     dt : float
         Sampling time [s].
     method : str
@@ -430,7 +430,7 @@ def design_pi_observer(
     coulomb : CoulombMap or float, optional
         The observer's own Coulomb levels.  Default: those of `axis`.
     stick_speed : float, optional
-        The observer's own stick speed.  Default: half that of `axis`.
+        The observer's own stick velocity.  Default: half that of `axis`.
     integral_modes : iterable of int
         Modes in which the integral term acts on the speed estimate.
     refine : int

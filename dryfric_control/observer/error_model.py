@@ -117,7 +117,7 @@ def mode_matrices(
     Parameters
     ----------
     rate : float
-        Decay rate of the speed [1/s]: viscous / mass, or the stick rate.
+        Decay rate of the velocity [1/s]: viscous / mass, or that of the stuck mode.
     inverse_mass : float
         1 / mass.
     dt : float
@@ -146,7 +146,7 @@ def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple
     Parameters
     ----------
     axis : FrictionAxis
-        Mass, viscous coefficient and stick rate are read.
+        Mass, viscous coefficient and `stick_rate` are read.
     mode : int
         0, +1 or -1.
     dt : float
@@ -228,7 +228,7 @@ def error_models(
     Parameters
     ----------
     axis : FrictionAxis
-        Mass, viscous coefficient and stick rate are read.
+        Mass, viscous coefficient and `stick_rate` are read.
     dt : float
         Sampling time [s].
     uncertainty : mapping of int to float

@@ -36,7 +36,7 @@ _HAZARD = 0.35
 _RATE = 0.5
 #: Time constant at which the excess is forgotten at constant velocity [s].
 _FADE = 0.3
-#: Velocity over which the excess changes where no Stribeck speed is known, in stick speeds.
+#: Velocity over which the excess changes where no Stribeck velocity is known, in stick velocitys.
 _STICK_SPEEDS = 11.0
 
 
@@ -275,7 +275,7 @@ def hybrid_filter(
         the Coulomb level.
     excess_speed : float, optional
         Velocity over which that excess changes [m/s].  Default: the Stribeck
-        speed, or eleven times the stick speed without one.
+        speed, or eleven times the stick velocity without one.
     level_walk : float, optional
         Change of the Coulomb level in 1 s, standard deviation, as a part of it.
     force_noise : float, optional

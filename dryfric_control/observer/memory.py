@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from dryfric_control.observer.error_model import STICK
 
 #: Longest remembered run of sticking, present and previous, in samples: with
-#: usual stick rates the leftover speed is gone after that many.
+#: usual decay rates the remaining velocity is gone after that many.
 PRESENT_STICK, PREVIOUS_STICK = 4, 2
 
 

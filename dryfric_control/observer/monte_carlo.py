@@ -1,4 +1,4 @@
-"""How the estimate holds up when the plant is not the believed one."""
+"""How the estimate holds up when the plant is not the nominal one."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class Mismatch:
     Attributes
     ----------
     plus, minus : float
-        True over believed Coulomb level, forwards and backwards [1].
+        True over nominal Coulomb level, forwards and backwards [1].
     mass : float
-        True over believed inertia [1].
+        True over nominal inertia [1].
     excess : float
         Stribeck excess of the plant; the observer knows none [1].
     stick_ratio : float
-        Stick speed of the observer over that of the plant [1].
+        Stick velocity of the observer over that of the plant [1].
     """
 
     plus: float
@@ -56,7 +56,7 @@ class Mismatch:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
         """Draw from levels and inertia off by up to 20 % and 15 %, excess up to
-        60 %, and stick speeds in a ratio of 0.3 to 1, all uniform."""
+        60 %, and stick velocitys in a ratio of 0.3 to 1, all uniform."""
         plus, minus = rng.uniform(0.8, 1.2, 2)
         return cls(
             float(plus),
@@ -74,7 +74,7 @@ class Mismatch:
         design : ObserverDesign
             What the observer believes.
         stribeck_speed : float
-            Stribeck speed of the plant [m/s].
+            Stribeck velocity of the plant [m/s].
 
         Returns
         -------
@@ -130,7 +130,7 @@ class MonteCarlo(Result):
     mismatches : tuple of Mismatch
         The plants, in order.
     scores : dict of str to ndarray, shape (n, 5)
-        Columns position [m], speed, friction, friction_bias, commutation [1]
+        Columns position [m], velocity, friction, friction_bias, mode-detection error [1]
         of each estimator.
     unit : str
         Unit of position.
@@ -270,7 +270,7 @@ def monte_carlo(
     quantum : float
         Encoder increment [m].
     stribeck_speed : float
-        Stribeck speed of the plants [m/s].
+        Stribeck velocity of the plants [m/s].
     runs : int, optional
         Number of plants.
     xhat0 : float, optional

@@ -1,4 +1,4 @@
-"""The model that the observer runs, from the axis as it is believed to be."""
+"""The model that the observer runs, from the nominal axis."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def own_axis(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as it is believed to be.
+        The nominal axis.
     coulomb : CoulombMap or float, optional
         The observer's own Coulomb levels.  Default: those of `axis`.
     stick_speed : float, optional
-        The observer's own stick speed [m/s].  Default: half that of `axis`.
+        The observer's own stick velocity [m/s].  Default: half that of `axis`.
 
     Returns
     -------

@@ -270,11 +270,11 @@ def pi_observer(
     Parameters
     ----------
     design : ObserverDesign
-        The observer: its gains, its own Coulomb maps, effects and stick speed.
+        The observer: its gains, its own Coulomb maps, effects and stick velocity.
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see Notes.
     encoder_quantum : float, optional
-        Increment of the position sensor [m], by which "reading" tells motion
+        Increment of the position sensor [m], by which "reading" detects motion
         from a toggling last digit.  Default: the design's.
     name : str, optional
         Name of the block.
@@ -321,7 +321,7 @@ def pi_observer(
 
     - Stuck, the observer holds the mean reading y_0 since the axis came to rest.
       Motion in direction s begins when ``s (y - y_0) > d``, with d one and a
-      half increments and the way Sigma / p that a leftover speed still goes; half
+      half increments and the way Sigma / p that a remaining velocity still goes; half
       of d is enough once s W exceeds the sliding level, for then nothing but
       extra friction can hold the axis.
     - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way
@@ -333,7 +333,7 @@ def pi_observer(
       the friction error and w then jump together, and their difference, which
       is the state, does not.
 
-    Neither rule can tell creeping below an increment per few samples from rest.
+    Neither rule can distinguish creeping below an increment per few samples from rest.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Readings that say nothing about the motion: found, and bridged.
 
 A reading is only taken for a bad one where its neighbours on both sides agree on
-another value; a break-away, an impact or a lost count changes what follows and is
+another value; a breakaway, an impact or a lost count changes what follows and is
 left alone.
 """
 

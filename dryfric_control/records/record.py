@@ -765,7 +765,7 @@ class Record:
         -----
         Cubic Savitzky-Golay fit. With white noise of standard deviation
         s, that of the acceleration is about s sqrt(720 / N^5) / dt^2 for a window of N
-        samples. What happens within a window, a break-away say, is smeared
+        samples. What happens within a window, a breakaway say, is smeared
         over it.
 
         Examples

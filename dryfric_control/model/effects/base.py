@@ -40,12 +40,12 @@ class Inertia(Effect):
     )
 
     slug = "inertia"
-    title = "wrong inertia"
+    title = "inertia error"
     action = "axis"
     depends_on_place = False
     base = "mass"
     explanation = (
-        "More or less mass moves than believed: a workpiece, a coupling, a gear ratio "
+        "More or less mass moves than assumed: a workpiece, a coupling, a gear ratio "
         "taken wrongly into account."
     )
     experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
@@ -92,12 +92,12 @@ class ViscousFriction(Effect):
     )
 
     slug = "viscous"
-    title = "wrong viscous friction"
+    title = "viscous friction error"
     action = "axis"
     depends_on_place = False
     base = "viscous"
     explanation = (
-        "Speed-proportional friction differs from what was believed: other grease, another "
+        "Speed-proportional friction differs from what was assumed: other grease, another "
         "temperature, a new seal."
     )
     experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
@@ -142,12 +142,12 @@ class CoulombFriction(Effect):
     factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf), neutral=1.0)
 
     slug = "coulomb"
-    title = "wrong Coulomb level"
+    title = "Coulomb level error"
     action = "axis"
     depends_on_place = False
     base = "coulomb"
     explanation = (
-        "Dry friction as a whole is higher or lower than believed: preload, wear, lubrication."
+        "Dry friction as a whole is higher or lower than assumed: preload, wear, lubrication."
     )
     experiment = (
         "Crawl both ways at the same speed: half the difference of the forces is the level."
@@ -180,13 +180,13 @@ class StribeckPeak(Effect):
     excess : float
         Relative excess of the breakaway over the Coulomb level [1].
     speed : float
-        Stribeck speed, over which the excess dies [m/s].
+        Stribeck velocity, over which the excess dies [m/s].
 
     Notes
     -----
     .. math:: F = F_c \left(1 + \text{excess} \cdot e^{-(({|v|} - \Sigma)/\text{speed})^2}\right)
 
-    with Sigma the stick speed of the axis.
+    with Sigma the stick velocity of the axis.
 
     Examples
     --------

@@ -149,7 +149,7 @@ class InputGain(Effect):
     depends_on_place = False
     rank = 2
     trades = ("mass", "add a known mass, or measure the force, to part them")
-    explanation = "The drive gives more or less force than believed: torque constant or scaling."
+    explanation = "The drive gives more or less force than assumed: torque constant or scaling."
     experiment = "Hang a known weight on the axis and read the command that balances it."
 
     @staticmethod

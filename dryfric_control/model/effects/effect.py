@@ -76,7 +76,7 @@ def parameter(
         Whether the effect's name stands for it among others, in a fit and in a
         diagnosis; else it stays where it is unless it is named itself.
     breaks_away : bool, optional
-        Whether it acts by break-away alone, which makes the cost of a fit
+        Whether it acts at breakaway alone, which makes the cost of a fit
         rugged: it is fitted from several starts and with longer steps.
     logarithmic : bool, optional
         Whether a fit searches it on a logarithmic scale: what is positive, of
@@ -239,7 +239,7 @@ class Effect:
     action: ClassVar[str] = ""
     explanation: ClassVar[str] = ""
     experiment: ClassVar[str] = ""
-    #: Whether position, speed and mode do not tell all it does: it looks back.
+    #: Whether position, speed and mode do not determine all it does: it looks back.
     remembers: ClassVar[bool] = False
     #: Whether it reads the position; runs of an axis that does not anywhere are
     #: the same from every place.

@@ -41,8 +41,8 @@ class Presliding(Effect):
     friction level, at which it slides; when the motion turns back the contact
     unloads elastically from where it is.  Fc is one constant level, the mean
     of both directions in the middle of the travel.  Mode 0 is the elastic
-    phase: the axis moves in it, ``m v' = w - f v - k z``, and stick speed and
-    stick rate have no part in it.  Without a Coulomb level there is no
+    phase: the axis moves in it, ``m v' = w - f v - k z``, and stick velocity and
+    stuck-mode decay rate have no part in it.  Without a Coulomb level there is no
     contact.  A simulation starts with the contact unstrained.
 
     Examples

@@ -262,7 +262,7 @@ class StribeckAsymmetry(Effect):
 
     Examples
     --------
-    Break-away takes 10 N forwards and 6 N backwards:
+    Breakaway takes 10 N forwards and 6 N backwards:
 
     >>> import dryfric_control as dfc
     >>> peak = dfc.effects.StribeckAsymmetry(difference=0.25, speed=0.01)
@@ -308,7 +308,7 @@ class StribeckAsymmetry(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
-        # A force of one sign both ways, over parts of the speed in the record; break-away
+        # A force of one sign both ways, over parts of the speed in the record; breakaway
         # itself is in no sliding sample, so that its size is tried as well.
         fast = float(np.quantile(np.abs(view.v), 0.9))
         for part in (0.02, 0.05, 0.15):
@@ -492,7 +492,7 @@ class DwellTime(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
-        # A grid: break-away is all there is to see, and a force read off there is too rough.
+        # A grid: breakaway is all there is to see, and a force read off there is too rough.
         for part in np.geomspace(0.1, 1.2, 8):
             for time_constant in np.geomspace(0.05, 1.5, 9):
                 yield {"rise": part * view.level, "time_constant": time_constant}, {}

@@ -20,7 +20,7 @@ def title_of(name: str) -> str:
     Examples
     --------
     >>> title_of("coulomb"), title_of("cogging_2")
-    ('wrong Coulomb level', 'cogging 2')
+    ('Coulomb level error', 'cogging 2')
     """
     effect, number = class_of(name), _split(name)[1]
     if effect is None:

@@ -195,7 +195,7 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
 
 
 def _recognise(role: str, names: list[str], where: str) -> int | None:
-    """Index of the column whose name tells its role, if there is one."""
+    """Index of the column whose name shows its role, if there is one."""
     exact = [k for k, n in enumerate(names) if n.lower() == role]
     found = exact or [k for k, n in enumerate(names) if n.lower() in ALIASES[role]]
     if len(found) > 1:

@@ -1,0 +1,75 @@
+"""Diagnose a measured drive and draw the result: ``python docs/make_emps.py DATA_EMPS.mat``.
+
+The record is the EMPS benchmark (A. Janot, M. Gautier, M. Brunot, "Data set and reference
+models of EMPS", Workshop on Nonlinear System Identification Benchmarks, 2019), to be had from
+nonlinearbenchmark.org.  The first 40 % are diagnosed from the published symmetric parameters;
+the picture and the last lines printed are of the other 60 %.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
+
+IMAGE = Path(__file__).resolve().parent / "images" / "emps.png"
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
+
+
+def draw(before: Evidence, after: Evidence) -> plt.Figure:
+    """Force residual over velocity, and errors, both before and after, on unseen data."""
+    figure, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(9.0, 3.2), width_ratios=(2.6, 1.0, 1.0), layout="constrained"
+    )
+    rows = ((before, "C3", "nominal model"), (after, "C0", "with the causes found"))
+    for seen, colour, label in rows:
+        left.plot(1e3 * seen.v, seen.residual, ".", color=colour, markersize=1.0, alpha=0.3)
+        median = binned(seen.residual, seen.v, 24)
+        left.plot(1e3 * median.centre, median.median, color=colour, linewidth=2.0, label=label)
+    left.axhline(0.0, color="0.5", linewidth=0.6)
+    left.set(xlabel="velocity [mm/s]", ylabel="force residual [N]", ylim=(-12.0, 12.0))
+    left.legend(frameon=False, loc="upper center", ncols=2, fontsize="small")
+    pairs = (
+        (middle, "force residual\nRMS [N]", [seen.force_rms for seen, *_ in rows], "%.2f"),
+        (right, "free runs of 0.25 s\nmedian RMS [µm]",
+         [1e6 * float(np.median(seen.error_by_window)) for seen, *_ in rows], "%.0f"),
+    )  # fmt: skip
+    for panel, title, values, form in pairs:
+        bars = panel.bar(["before", "after"], values, color=["C3", "C0"], width=0.6)
+        panel.bar_label(bars, fmt=form, padding=2)
+        panel.set_title(title, fontsize="medium")
+        panel.set_yticks([])
+        panel.margins(y=0.15)
+    for panel in (left, middle, right):
+        panel.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def main() -> None:
+    """Diagnose, print, draw."""
+    record = dfc.read_record(sys.argv[1] if len(sys.argv) > 1 else DATA)
+    first, rest = record.split(0.4)
+    axis = dfc.FrictionAxis(mass=95.11, viscous=203.5, coulomb=20.39)
+    d = dfc.diagnose(axis, first)
+    print(d)
+    before, after = evidence(axis, rest), evidence(d.extended, rest)
+    print(
+        f"other 60 %: force residual {before.force_rms:.2f} N RMS before, "
+        f"{after.force_rms:.2f} N after"
+    )
+    figure = draw(before, after)
+    figure.suptitle("EMPS linear drive, the 60 % of the record that was not used", fontsize="large")
+    figure.savefig(IMAGE, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

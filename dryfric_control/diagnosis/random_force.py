@@ -38,7 +38,7 @@ BoolArray = NDArray[np.bool_]
 # Windows by which it is seen whether free runs reach the noise of the readings.
 _GATE_FIT, _GATE_JUDGE = 8, 4
 # Causes that are tried together there, and part of the score that the first must leave at most.
-_TOGETHER, _HELPS = 2, 0.85
+_TOGETHER, _HELPS = 2, 0.95
 #: Median score of moving windows up to which free runs reach the readings' noise, 0.22.
 REACHED = 0.35
 # Windows of each record that are replayed.

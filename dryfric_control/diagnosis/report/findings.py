@@ -241,7 +241,7 @@ def titles_of(alternative: str) -> str:
     Examples
     --------
     >>> titles_of("inertia+coulomb")
-    'wrong inertia + wrong Coulomb level'
+    'inertia error + Coulomb level error'
     """
     return " + ".join(map(title_of, alternative.split("+")))
 

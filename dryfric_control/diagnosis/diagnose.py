@@ -193,7 +193,7 @@ def diagnose(
             found = answer(search, cuts)
             if (
                 len(records) == 1
-                and len(found.final.axis.effects) > len(axis.effects)
+                and found.free
                 and exact(
                     windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings
                 )

@@ -22,6 +22,11 @@ static fmi2Status failed(const instance_t *instance, const char *why)
     return fmi2Error;
 }
 
+static fmi2Status told(const instance_t *instance, const char *why)
+{
+    return why == NULL ? fmi2OK : failed(instance, why);
+}
+
 const char *fmi2GetTypesPlatform(void)
 {
     return fmi2TypesPlatform;
@@ -96,54 +101,28 @@ fmi2Status fmi2Reset(fmi2Component c)
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
-    for (size_t i = 0; i < n; ++i) {
-        if (!model_get(&((instance_t *)c)->model, vr[i], &value[i])) {
-            return failed(c, "no variable of that reference");
-        }
-    }
-    return fmi2OK;
+    return told(c, model_read(&((instance_t *)c)->model, vr, n, value));
 }
 
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
 {
-    for (size_t i = 0; i < n; ++i) {
-        double number = 0.0;
-        if (!model_get(&((instance_t *)c)->model, vr[i], &number)) {
-            return failed(c, "no variable of that reference");
-        }
-        value[i] = (fmi2Integer)number;
-    }
-    return fmi2OK;
+    return told(c, model_count(&((instance_t *)c)->model, vr, n, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
-    for (size_t i = 0; i < n; ++i) {
-        const char *why = model_set(&((instance_t *)c)->model, vr[i], value[i]);
-        if (why != NULL) {
-            return failed(c, why);
-        }
-    }
-    return fmi2OK;
+    return told(c, model_write(&((instance_t *)c)->model, vr, n, value));
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean final)
 {
-    const char *why = model_step(&((instance_t *)c)->model, time, step);
     (void)final;
-    return why == NULL ? fmi2OK : failed(c, why);
+    return told(c, model_step(&((instance_t *)c)->model, time, step));
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    if (*state == NULL) {
-        *state = malloc(sizeof(model_t));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for the state");
-    }
-    memcpy(*state, &((instance_t *)c)->model, sizeof(model_t));
-    return fmi2OK;
+    return told(c, model_keep(state, &((instance_t *)c)->model));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
@@ -169,26 +148,12 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    if (size < sizeof(model_t)) {
-        return failed(c, "too little room for the state");
-    }
-    memcpy(bytes, state, sizeof(model_t));
-    return fmi2OK;
+    return told(c, model_pack(state, bytes, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (size != sizeof(model_t)) {
-        return failed(c, "these bytes are no state of this FMU");
-    }
-    if (*state == NULL) {
-        *state = malloc(sizeof(model_t));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for the state");
-    }
-    memcpy(*state, bytes, size);
-    return fmi2OK;
+    return told(c, model_unpack(state, bytes, size));
 }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)

@@ -20,6 +20,11 @@ static fmi3Status failed(const instance_t *instance, const char *why)
     return fmi3Error;
 }
 
+static fmi3Status told(const instance_t *instance, const char *why)
+{
+    return why == NULL ? fmi3OK : failed(instance, why);
+}
+
 const char *fmi3GetVersion(void)
 {
     return fmi3Version;
@@ -91,46 +96,22 @@ fmi3Status fmi3Reset(fmi3Instance c)
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
                           size_t nvalues)
 {
-    if (n != nvalues) {
-        return failed(c, "every variable is one number");
-    }
-    for (size_t i = 0; i < n; ++i) {
-        if (!model_get(&((instance_t *)c)->model, vr[i], &values[i])) {
-            return failed(c, "no variable of that reference");
-        }
-    }
-    return fmi3OK;
+    return told(c, n != nvalues ? "every variable is one number"
+                                : model_read(&((instance_t *)c)->model, vr, n, values));
 }
 
 fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Int32 values[],
                         size_t nvalues)
 {
-    if (n != nvalues) {
-        return failed(c, "every variable is one number");
-    }
-    for (size_t i = 0; i < n; ++i) {
-        double number = 0.0;
-        if (!model_get(&((instance_t *)c)->model, vr[i], &number)) {
-            return failed(c, "no variable of that reference");
-        }
-        values[i] = (fmi3Int32)number;
-    }
-    return fmi3OK;
+    return told(c, n != nvalues ? "every variable is one number"
+                                : model_count(&((instance_t *)c)->model, vr, n, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                           const fmi3Float64 values[], size_t nvalues)
 {
-    if (n != nvalues) {
-        return failed(c, "every variable is one number");
-    }
-    for (size_t i = 0; i < n; ++i) {
-        const char *why = model_set(&((instance_t *)c)->model, vr[i], values[i]);
-        if (why != NULL) {
-            return failed(c, why);
-        }
-    }
-    return fmi3OK;
+    return told(c, n != nvalues ? "every variable is one number"
+                                : model_write(&((instance_t *)c)->model, vr, n, values));
 }
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean final,
@@ -143,19 +124,12 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
     *terminate = false;
     *early = false;
     *last = model->time;
-    return why == NULL ? fmi3OK : failed(c, why);
+    return told(c, why);
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
 {
-    if (*state == NULL) {
-        *state = malloc(sizeof(model_t));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for the state");
-    }
-    memcpy(*state, &((instance_t *)c)->model, sizeof(model_t));
-    return fmi3OK;
+    return told(c, model_keep(state, &((instance_t *)c)->model));
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
@@ -181,26 +155,12 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    if (size < sizeof(model_t)) {
-        return failed(c, "too little room for the state");
-    }
-    memcpy(bytes, state, sizeof(model_t));
-    return fmi3OK;
+    return told(c, model_pack(state, bytes, size));
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (size != sizeof(model_t)) {
-        return failed(c, "these bytes are no state of this FMU");
-    }
-    if (*state == NULL) {
-        *state = malloc(sizeof(model_t));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for the state");
-    }
-    memcpy(*state, bytes, size);
-    return fmi3OK;
+    return told(c, model_unpack(state, bytes, size));
 }
 
 /* What a model of this kind does not have: every importer asks for these names. */

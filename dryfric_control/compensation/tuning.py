@@ -87,8 +87,13 @@ def rigid(axis: FrictionAxis) -> FrictionAxis:
     -------
     FrictionAxis
     """
+    return _without(axis, LEFT_OUT)
+
+
+def _without(axis: FrictionAxis, actions: tuple[str, ...]) -> FrictionAxis:
+    """The axis that acts, without effects of some actions."""
     acting = axis.effective()
-    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in LEFT_OUT))
+    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in actions))
 
 
 def presliding_distance(axis: FrictionAxis) -> float:
@@ -206,9 +211,7 @@ def watchable(axis: FrictionAxis) -> FrictionAxis:
     Without an elastic contact, which the law compensates by itself, and without delay and
     lag of the drive: its velocity is then ahead of the axis, as the feedback wants it.
     """
-    acting = axis.effective()
-    left = ("contact", "delay", "lag")
-    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in left))
+    return _without(axis, ("contact", "delay", "lag"))
 
 
 def largest_level(axis: FrictionAxis) -> float:

@@ -17,6 +17,8 @@ from dryfric_control.model.effects.naming import class_of, named, put
 
 #: Base parameters by the slug of the cause that a wrong value is.
 BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
+#: The same the other way round.
+SLUGS = {name: slug for slug, name in BASE.items()}
 
 # Sliding samples below which no regression is tried: three for each parameter of the largest.
 _LEAST_SLIDING = 15

@@ -17,7 +17,8 @@ from tqdm import tqdm
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import BASE, effect_class, holds
+from dryfric_control.diagnosis.candidates import SLUGS
+from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.likelihood_search import Search
@@ -31,7 +32,6 @@ from dryfric_control.estimation.parameters import checked_knowledge, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.ties import ranked, samples
@@ -53,7 +53,6 @@ _RIVALS = 4
 _SEARCHING = 0.6
 # The same after which what was found is no longer tested.
 _ANSWERING = 0.85
-_SLUGS = {name: slug for slug, name in BASE.items()}
 
 
 def roles(windows: Windows) -> NDArray[np.int64]:
@@ -154,7 +153,7 @@ def diagnose(
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
     several = isinstance(record, (list, tuple))
-    records: list[Any] = list(record) if isinstance(record, (list, tuple)) else [record]
+    records: list[Any] = list(record) if several else [record]  # type: ignore[arg-type]
     if not records:
         raise ValueError("record: the list of records is empty: give at least one")
     cuts, parts = [], []
@@ -191,22 +190,18 @@ def diagnose(
         found = None
         if len(records) > 1 or not _exact(selector, settings):
             found = answer(search, cuts)
-            if (
-                len(records) == 1
-                and found.free
-                and exact(
-                    windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings
-                )
-            ):
-                found = None
-        if found is None:
-            sharp = _diagnosis(selector, search, windows.record, window, part)
-            if sharp.verdict != "unexplained" or search.late:
-                return sharp
+        if found is None or (
+            len(records) == 1
+            and found.free
+            and exact(windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings)
+        ):
+            by_runs = _diagnosis(selector, search, windows.record, window, part)
+            if by_runs.verdict != "unexplained" or search.late:
+                return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
-            found = answer(search, cuts)
+            found = answer(search, cuts) if found is None else found
             if found.verdict not in ("nothing to find", "explained"):
-                return sharp
+                return by_runs
         if len(records) > 1:
             tell("differences between the records")
             found.varies = varying(search, found.final)
@@ -413,9 +408,9 @@ def _diagnosis(
         verdict = "nothing to find" if explained else "unexplained"
     experiment = None
     doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
-    messages = _messages(causes)
+    messages = hardly_determined(causes)
     if selector.late:
-        messages += ("the time limit ended the search: the best answer so far",)
+        messages.append(LATE)
     if doubtful is not None and not selector.late:
         selector.tell("next experiment")
         rest = selector.without(final.axis, doubtful)
@@ -435,7 +430,7 @@ def _diagnosis(
         gain=gain,
         unexplained=left,
         next_experiment=experiment,
-        messages=messages,
+        messages=tuple(messages),
         scores=found.first,
         window=window,
         hold=bench.hold,
@@ -473,42 +468,17 @@ def _causes(
             base=kept,
         )
         own = {n.partition(".")[2]: n for n in found.free[slug]}
-        causes.append(
-            _cause(selector, slug, own, values, errors, units, less, best,
-                   found.alternatives.get(slug, ()))
-        )  # fmt: skip
+        gain = selector.gain(less.scores, best.scores)
+        others = found.alternatives.get(slug, ())
+        causes.append(cause_of(selector.axis, slug, own, values, errors, units, gain, others))
     bases = []
     for name in selector.wrong(final, kept):
-        others = [n for n in kept if n != name]
+        rest = [n for n in kept if n != name]
         free = [n for names in found.free.values() for n in names]
-        less = race.alone(selector.hold(best.axis, [name]), free, base=others)
-        bases.append(
-            _cause(selector, _SLUGS[name], {name: name}, values, errors, units, less, best, ())
-        )
+        less = race.alone(selector.hold(best.axis, [name]), free, base=rest)
+        gain, own = selector.gain(less.scores, best.scores), {name: name}
+        bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain))
     return causes + [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
-
-
-def _cause(  # type: ignore[no-untyped-def]
-    selector: Selector, slug: str, own: dict[str, str], values, errors, units,
-    less: Fitted, best: Fitted, alternatives: tuple[str, ...],
-) -> Cause:  # fmt: skip
-    effect = effect_class(slug)
-    explanation = effect.explanation
-    if holds(selector.axis, slug):
-        explanation = f"Already in the nominal axis, with other values. {explanation}"
-    mean, error = selector.gain(less.scores, best.scores)
-    return Cause(
-        effect=slug,
-        title=title_of(slug),
-        parameters={short: float(values[name]) for short, name in own.items()},
-        standard_errors={short: errors[name] for short, name in own.items()},
-        units={short: units[name] for short, name in own.items()},
-        held_out_gain=mean,
-        interval=(mean - 1.645 * error, mean + 1.645 * error),
-        alternatives=alternatives,
-        explanation=explanation,
-        experiment=effect.experiment,
-    )
 
 
 def _unexplained(selector, before, final, floor, explained):  # type: ignore[no-untyped-def]
@@ -550,15 +520,3 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
         unit=axis.units[0],
     )
     return gain, confirmed
-
-
-def _messages(causes: list[Cause]) -> tuple[str, ...]:
-    messages = []
-    for cause in causes:
-        kinds = effect_class(cause.effect).parameters()
-        for name, error in cause.standard_errors.items():
-            if not np.isfinite(error) or error > 0.3 * abs(cause.parameters[name]):
-                if kinds.get(name, {}).get("kind") in ("place", "angle"):
-                    continue
-                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
-    return tuple(messages)

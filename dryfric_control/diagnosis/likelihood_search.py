@@ -138,6 +138,13 @@ class State:
         """Free parameters of all causes."""
         return tuple(n for slug in self.causes for n in self.free[slug])
 
+    def drop(self, slug: str, less: Solution) -> None:
+        """Go on without a cause, from the fit without it."""
+        self.causes.remove(slug)
+        for table in (self.free, self.alternatives, self.rivals):
+            table.pop(slug)
+        self.fit = less
+
 
 @dataclass(eq=False)
 class Search:
@@ -271,7 +278,7 @@ class Search:
         axis = with_values(now.axis, names, [self.nominal[n] for n in names])
         alone = Likelihood(axis, (), self.few, hold=self.hold, scales=self.scales)
         noises = maximise(alone, alone.start(1.0), 6).z
-        return self.fit(axis, self._free(now), noises, 0)
+        return self.fit(axis, self.free_of(now), noises, 0)
 
     def screen(self, now: Solution, first: bool = True) -> list[Candidate]:
         """Every effect of the catalogue beside a model, quickly refined, best first."""
@@ -332,7 +339,7 @@ class Search:
             for beside in (now.axis, axis) if change else (axis,):
                 try:
                     start = with_effect(beside, effect, dict(values))
-                    free = (*self._free(now), *(n for n in start.free if n not in self.known))
+                    free = (*self.free_of(now), *(n for n in start.free if n not in self.known))
                     problem = self.problem(start.axis, free)
                     z = problem.start()
                     z[len(problem.names) :] = noises
@@ -352,7 +359,11 @@ class Search:
                 best = found
         return best
 
-    def _free(self, now: Solution) -> tuple[str, ...]:
+    def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
+        """An axis with an effect as it is in the nominal one, or not at all."""
+        return put(axis, slug, named(self.believed).get(slug))
+
+    def free_of(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of a model beside the base."""
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in self.base))
 
@@ -428,7 +439,7 @@ class Search:
         noises = now.z[len(now.problem.names) :]
 
         def one(c: Candidate) -> Solution:
-            return self.fit(c.axis, (*self._free(now), *c.free), noises, _ITERATIONS)
+            return self.fit(c.axis, (*self.free_of(now), *c.free), noises, _ITERATIONS)
 
         fits = self._parallel([(one, (c,)) for c in chosen])
         found = [
@@ -522,7 +533,7 @@ def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # ty
                 continue
             tasks.append((a, b, axis))
     noises = now.z[len(now.problem.names) :]
-    free = search._free(now)
+    free = search.free_of(now)
     fits = search._parallel(
         [(search.fit, (axis, (*free, *a.free, *b.free), noises, 8)) for a, b, axis in tasks]
     )
@@ -550,21 +561,18 @@ def _backward(search: Search, state: State) -> None:
         less = without(search, state, slug)
         gain = less.cost - state.fit.cost
         if search.worth(gain, len(state.free[slug])) < 0.0:
-            state.causes.remove(slug)
-            for table in (state.free, state.alternatives, state.rivals):
-                table.pop(slug, None)
-            state.fit = less
+            state.drop(slug, less)
 
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
     """Free parameters beside the base, as they are called in the axis without a cause."""
-    names = [n for n in search._free(fit) if n not in own]
+    names = [n for n in search.free_of(fit) if n not in own]
     return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
 
 
 def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
     """The fit without one cause."""
     fit = state.fit
-    axis = put(fit.axis, slug, named(search.believed).get(slug))
+    axis = search.less(fit.axis, slug)
     free = names_without(search, fit, slug, state.free[slug])
     return search.fit(axis, free, **settings)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Race
-from dryfric_control.diagnosis.candidates import BASE as BASE_CAUSES
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, holds
+from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
+from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.likelihood_search import (
     EQUAL,
@@ -30,7 +30,7 @@ from dryfric_control.estimation.likelihood import BASE, Solution
 from dryfric_control.estimation.parameters import typical, with_values
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import followed, named, put, title_of
+from dryfric_control.model.effects.naming import followed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -58,7 +58,6 @@ _CLEAR = 3.0
 _STRAY, _EXCESS = 0.1, 0.2
 # RMS error of free runs over that of the replays beyond which there is something to find.
 _BEYOND = 4.0
-_SLUGS = {name: slug for slug, name in BASE_CAUSES.items()}
 
 
 def reached(race: Race, one: Any) -> bool:
@@ -160,7 +159,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
     messages: list[str] = []
     search.until = search.end
     if state.late:
-        messages.append("the time limit ended the search: the best answer so far")
+        messages.append(LATE)
     references = search.references()
     judged: dict[str, tuple[float, float, float, str]] = {}
     while True:
@@ -182,10 +181,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
             judged[slug] = (gain, error, all_gain, others)
         if fallen is None:
             break
-        state.fit = without(search, state, fallen)
-        state.causes.remove(fallen)
-        for table in (state.free, state.alternatives, state.rivals):
-            table.pop(fallen, None)
+        state.drop(fallen, without(search, state, fallen))
     search.tell("replays")
     motion, left, worse = _motion(search, windows, final)
     better = [name for name, cost in references.items() if cost < final.cost]
@@ -225,7 +221,7 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
     """The fit with no more base parameters off than the records ask for."""
     fit = state.fit
     noises = fit.z[len(fit.problem.names) :]
-    names = search._free(fit)
+    names = search.free_of(fit)
     every = [n for n in search.base if n in fit.problem.names]
     full = search.fit(fit.axis, names, noises, wonder=False)
     values, errors = full.values(), full.standard_errors()
@@ -262,9 +258,9 @@ def _held_out(
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]
-    rest = _less(search, final.axis, slug)
+    rest = search.less(final.axis, slug)
     few: dict[str, Any] = {"wonder": False}
-    free = search._free(final)
+    free = search.free_of(final)
     with_all = search.fit(final.axis, free, noises, 6, **few)
     starts = [rest, with_values(rest, list(search.base), [search.nominal[n] for n in search.base])]
     tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
@@ -280,10 +276,6 @@ def _held_out(
     return gain, error, all_gain, others
 
 
-def _less(search: Search, axis: FrictionAxis, slug: str) -> FrictionAxis:
-    return put(axis, slug, named(search.believed).get(slug))
-
-
 def _moved(search: Search, final: Solution, less: Solution) -> str:
     """Parameters that together do what a cause does, joined by "+"."""
     before, after = final.values(), less.values()
@@ -292,7 +284,7 @@ def _moved(search: Search, final: Solution, less: Solution) -> str:
         now = before.get(name, search.nominal.get(name, 0.0))
         size = max(abs(now), abs(value))
         if size > 0.0 and abs(value - now) > _PART * size:
-            slugs.append(_SLUGS.get(name, name.partition(".")[0]))
+            slugs.append(SLUGS.get(name, name.partition(".")[0]))
     return "+".join(dict.fromkeys(slugs))
 
 
@@ -303,30 +295,15 @@ def _cause(
     slug: str,
     judged: tuple[float, float, float, str],
 ) -> Cause:
-    effect = effect_class(slug)
-    values, errors = final.values(), final.standard_errors()
     units = {p.name: p.unit for p in final.problem.parameters}
     own = {n.partition(".")[2]: n for n in state.free[slug]}
     gain, error, _, others = judged
-    explanation = effect.explanation
-    if holds(search.believed, slug):
-        explanation = f"Already in the nominal axis, with other values. {explanation}"
-    alternatives = (*state.alternatives.get(slug, ()), *([others] if others else []))
-    return Cause(
-        effect=slug,
-        title=title_of(slug),
-        parameters={short: float(values[name]) for short, name in own.items()},
-        standard_errors={short: errors[name] for short, name in own.items()},
-        units={short: units[name] for short, name in own.items()},
-        held_out_gain=2.0 * gain / search.samples,
-        interval=(
-            2.0 * (gain - 1.645 * error) / search.samples,
-            2.0 * (gain + 1.645 * error) / search.samples,
-        ),
-        alternatives=alternatives,
-        explanation=explanation,
-        experiment=effect.experiment,
-    )
+    size = 2.0 / search.samples
+    alike = state.alternatives.get(slug, ())
+    return cause_of(
+        search.believed, slug, own, final.values(), final.standard_errors(), units,
+        (size * gain, size * error), (*alike, others) if others else alike,
+    )  # fmt: skip
 
 
 def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[str]) -> list[Cause]:
@@ -345,20 +322,9 @@ def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[st
             continue
         gain = 0.5 * ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
         error = math.sqrt(2.0 * gain)
-        slug = _SLUGS[name]
-        effect = effect_class(slug)
-        size = 2.0 / search.samples
-        cause = Cause(
-            effect=slug,
-            title=title_of(slug),
-            parameters={name: float(values[name])},
-            standard_errors={name: errors[name]},
-            units={name: units[name]},
-            held_out_gain=size * gain,
-            interval=(size * (gain - 1.645 * error), size * (gain + 1.645 * error)),
-            alternatives=(),
-            explanation=effect.explanation,
-            experiment=effect.experiment,
+        size, own = 2.0 / search.samples, {name: name}
+        cause = cause_of(
+            search.believed, SLUGS[name], own, values, errors, units, (size * gain, size * error)
         )
         found.append((gain, cause))
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
@@ -382,13 +348,7 @@ def _warnings(search: Search, final: Solution, causes: Sequence[Cause]) -> list[
                         "determine it")  # fmt: skip
     if not final.converged:
         messages.append("the last fit had not converged")
-    for cause in causes:
-        for name, value in cause.parameters.items():
-            kind = effect_class(cause.effect).parameters().get(name, {}).get("kind")
-            error = cause.standard_errors[name]
-            if kind not in ("place", "angle") and not error <= 0.3 * abs(value):
-                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
-    return messages
+    return [*messages, *hardly_determined(causes)]
 
 
 def _motion(
@@ -455,7 +415,7 @@ def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]
     """Parameters that differ from record to record: values and standard errors."""
     if len(search.runs) < 2:
         return {}
-    names, free = list(final.problem.names), search._free(final)
+    names, free = list(final.problem.names), search.free_of(final)
     base = [n for n in BASE if n not in search.known]
     noises = final.z[len(names) :]
     own: list[str] = []

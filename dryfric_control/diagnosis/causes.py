@@ -1,0 +1,74 @@
+"""What is said of a cause, whichever judge has found it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dryfric_control.diagnosis.candidates import effect_class, holds
+from dryfric_control.diagnosis.report.findings import Cause
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import title_of
+
+#: Said where a search has run out of time.
+LATE = "the time limit ended the search: the best answer so far"
+# Standard errors, as parts of a value, beyond which a record hardly determines it.
+_HARDLY = 0.3
+
+
+def cause_of(
+    axis: FrictionAxis,
+    slug: str,
+    own: Mapping[str, str],
+    values: Mapping[str, float],
+    errors: Mapping[str, float],
+    units: Mapping[str, str],
+    gain: tuple[float, float],
+    alternatives: Sequence[str] = (),
+) -> Cause:
+    """Cause from the numbers of a fit, by the names that parameters have in it.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The nominal axis.
+    slug : str
+        Name of the effect.
+    own : mapping of str to str
+        Its parameters, and their names in the fit.
+    values, errors, units : mapping
+        By the names in the fit.
+    gain : tuple of float
+        Gain on held-out data, and its standard error.
+    alternatives : sequence of str, optional
+        What does the same.
+    """
+    effect = effect_class(slug)
+    explanation = effect.explanation
+    if holds(axis, slug):
+        explanation = f"Already in the nominal axis, with other values. {explanation}"
+    mean, error = gain
+    return Cause(
+        effect=slug,
+        title=title_of(slug),
+        parameters={short: float(values[name]) for short, name in own.items()},
+        standard_errors={short: errors[name] for short, name in own.items()},
+        units={short: units[name] for short, name in own.items()},
+        held_out_gain=mean,
+        interval=(mean - 1.645 * error, mean + 1.645 * error),
+        alternatives=tuple(alternatives),
+        explanation=explanation,
+        experiment=effect.experiment,
+    )
+
+
+def hardly_determined(causes: Sequence[Cause]) -> list[str]:
+    """A message for each parameter that the record leaves open."""
+    messages = []
+    for cause in causes:
+        kinds = effect_class(cause.effect).parameters()
+        for name, value in cause.parameters.items():
+            if kinds.get(name, {}).get("kind") in ("place", "angle"):
+                continue
+            if not cause.standard_errors[name] <= _HARDLY * abs(value):
+                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
+    return messages

@@ -1,0 +1,44 @@
+"""What is said of a cause, whichever judge has found it."""
+
+import math
+
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.causes import cause_of, hardly_determined
+
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+OWN = {name: f"cogging_2.{name}" for name in ("amplitude", "period", "phase")}
+VALUES = dict(zip(OWN.values(), (0.5, 0.01, 0.2), strict=True))
+UNITS = dict(zip(OWN.values(), ("N", "m", "rad"), strict=True))
+
+
+def cause(amplitude_error, axis=AXIS):
+    errors = dict(zip(OWN.values(), (amplitude_error, 0.02, 5.0), strict=True))
+    return cause_of(axis, "cogging", OWN, VALUES, errors, UNITS, (2.0, 0.1), ["spring"])
+
+
+def test_a_cause_has_the_numbers_of_the_fit_under_its_own_names():
+    found = cause(0.01)
+    assert found.parameters == {"amplitude": 0.5, "period": 0.01, "phase": 0.2}
+    assert found.standard_errors["amplitude"] == 0.01
+    assert found.units == {"amplitude": "N", "period": "m", "phase": "rad"}
+    assert found.interval == pytest.approx((2.0 - 0.1645, 2.0 + 0.1645))
+    assert found.held_out_gain == 2.0 and found.alternatives == ("spring",)
+
+
+def test_an_effect_that_the_axis_has_is_said_to_have_other_values():
+    known = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=1.0, period=0.01),))
+    assert "Already in the nominal axis" in cause(0.01, known).explanation
+    assert "Already" not in cause(0.01).explanation
+
+
+@pytest.mark.parametrize("error", [0.16, math.inf, math.nan])
+def test_what_a_record_leaves_open_is_said(error):
+    # The phase, an angle, has no size to hold its error against.
+    said = [m for m in hardly_determined([cause(error)]) if "amplitude" in m or "phase" in m]
+    assert said == ["cogging.amplitude is hardly determined by this record"]
+
+
+def test_what_a_record_determines_is_not():
+    assert not [m for m in hardly_determined([cause(0.14)]) if "amplitude" in m]

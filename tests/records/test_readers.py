@@ -6,6 +6,7 @@ import io
 import json
 import struct
 import sys
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -324,6 +325,22 @@ def test_mcap_of_one_topic(tmp_path):
     same(dfc.read_record(write(tmp_path, log, "run.mcap")))
     with pytest.raises(ValueError, match="damaged or no MCAP"):
         dfc.read_record(write(tmp_path, log[:500], "run.mcap"))
+
+
+def test_mcap_with_a_damaged_length_takes_no_memory(tmp_path):
+    log = mcap_log([("/axis", 0, {"x": 1.0})])
+    path = tmp_path / "run.mcap"
+    for place in range(8, len(log)):
+        broken = bytearray(log)
+        broken[place] = 0xE0  # as the highest of four bytes 3.8 GB, which the library accepts
+        path.write_bytes(broken)
+        tracemalloc.start()
+        try:
+            with pytest.raises(ValueError):
+                dfc.read_record(path)
+            assert tracemalloc.get_traced_memory()[1] < 5e6
+        finally:
+            tracemalloc.stop()
 
 
 def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):

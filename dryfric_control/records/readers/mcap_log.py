@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,18 @@ from dryfric_control.records.readers.channels import assign_columns, too_long
 
 _LONGEST = 64  # numbers taken of an array in a message, such as the joints of a robot
 _DEEPEST = 8
+_SHORT = 1 << 16  # bytes of a read that need no look at what the file holds
+
+
+class _NoLonger(io.BufferedReader):
+    """File that asks for no more memory than it holds, whatever length a damaged record states."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > _SHORT:
+            place = self.tell()
+            size = max(0, min(size, self.seek(0, io.SEEK_END) - place))
+            self.seek(place)
+        return super().read(size)
 
 
 def read_mcap(path: Path, columns: Any, max_rows: int) -> dict[str, Any]:
@@ -63,7 +76,7 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
     found: dict[str, dict[str, list[float]]] = {}
     rows, ros2 = 0, _ros2()
     try:
-        with path.open("rb") as file:
+        with _NoLonger(io.FileIO(path)) as file:
             for schema, channel, message in make_reader(file).iter_messages():
                 if (content := _content(schema, channel, message, ros2)) is None:
                     continue

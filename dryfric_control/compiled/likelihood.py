@@ -32,11 +32,13 @@ DOUBTED = 9.0
 _STRANGE, _IN_A_ROW = 25.0, 3
 # What a resting axis may creep in a sample, as a part of the reading's variance.
 _CREEP = 0.01
-# Deviations of the velocity within which its sign is not sure, and the velocities and
-# weights that then stand for its distribution: Gauss-Hermite, the middle last.
+# Deviations of the velocity within which its sign is not sure, and the velocities, forces
+# and weights that then stand for their distribution, as in an unscented transform of two
+# normal variables (Julier and Uhlmann 2004): the middle last.
 _NEAR = 3.0
-_PLACES = (math.sqrt(3.0), -math.sqrt(3.0), 0.0)
-_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
+_SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
+_FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
+_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 3.0)
 # Margins of break-away beyond this many force deviations are safe.
 _SAFE = 7.0
 # Error that a smooth step may have, over the velocity scale and over what the random
@@ -45,23 +47,18 @@ _TOLERANCE, _PART = 1e-6, 0.05
 
 
 @step.internal
-def _slopes(plant, t, x, v, held, s, dx):
-    """Change of the sliding acceleration with position and velocity."""
+def _slopes(plant, t, x, v, held, s, dx, k):
+    """Change of the sliding acceleration k with position and velocity."""
     i = plant.integers
     inverse = plant.numbers[step.INVERSE_MASS]
-    depends = i[step.N_FORCE] + i[step.N_LEVEL] > 0
-    if not depends and plant.numbers[step.EXCESS] == 0.0:
-        by_v = -plant.numbers[step.VISCOUS] * inverse
-    else:
-        dv = 1e-3 * (abs(v) + plant.numbers[step.STICK_SPEED])
-        by_v = (_rate(plant, held, t, x, v + dv, s) - _rate(plant, held, t, x, v - dv, s)) / (
-            2.0 * dv
-        )
+    laws = i[step.N_FORCE] + i[step.N_LEVEL]
+    by_v = -plant.numbers[step.VISCOUS] * inverse
+    if laws > i[step.N_PLACE] or plant.numbers[step.EXCESS] != 0.0:
+        dv = 1e-3 * s * (abs(v) + plant.numbers[step.STICK_SPEED])
+        by_v = (_rate(plant, held, t, x, v + dv, s) - k) / dv
     by_x = 0.0
-    if depends or i[step.N_PLUS] + i[step.N_MINUS] > 2:
-        by_x = (_rate(plant, held, t, x + dx, v, s) - _rate(plant, held, t, x - dx, v, s)) / (
-            2.0 * dx
-        )
+    if laws > 0 or i[step.N_PLUS] + i[step.N_MINUS] > 2:
+        by_x = (_rate(plant, held, t, x + dx, v, s) - k) / dx
     return by_x, by_v
 
 
@@ -74,14 +71,13 @@ def _rate(plant, held, t, x, v, s):
 
 
 @step.internal
-def _smooth(plant, drive, t, h, x, v, s, deviation):
+def _smooth(plant, drive, t, h, x, v, s, k1, deviation):
     """Try a sliding sample in one step: whether no switch is near, and the state.
 
     The same step as that of the axis, with an error far below the noise instead of
     far below what switching times need.
     """
     sigma = plant.numbers[step.STICK_SPEED]
-    k1 = _rate(plant, drive, t, x, v, s)
     x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
     noise = deviation * h * plant.numbers[step.INVERSE_MASS]
     allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + _PART * noise
@@ -97,6 +93,36 @@ def _smooth(plant, drive, t, h, x, v, s, deviation):
         and step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
     )
     return calm, x1, v1
+
+
+@step.internal
+def _coarse(plant, held, t, h, x, v, rest):
+    """A sample from a velocity that stands for many: its end, and the mode there.
+
+    Under constant acceleration between switches, an error far below the width of what
+    it stands for.
+    """
+    sigma = plant.numbers[step.STICK_SPEED]
+    if abs(v) > sigma:
+        s = 1.0 if v > 0.0 else -1.0
+        end = v + h * _rate(plant, held, t, x, v, s)
+        if s * end > sigma:
+            end = v + h * _rate(plant, held, t, x + 0.5 * h * v, 0.5 * (v + end), s)
+        if s * end > sigma:
+            return x + 0.5 * h * (v + end), end, s
+        moving = h * (v - s * sigma) / (v - end)
+        x += 0.5 * (v + s * sigma) * moving
+        v = s * sigma
+        h -= moving
+    w = step.load(plant, held, t, 0.0, x, 0.0, 0.0, rest)
+    s = 1.0 if w > 0.0 else -1.0
+    if s * w > step.breakaway_level(plant, t, x, w, s, rest):
+        v = max(s * v, 0.0) * s
+        end = v + h * _rate(plant, held, t, x, s * sigma, s)
+        if s * end > 0.0:
+            return x + 0.5 * h * (v + end), end, s
+    fall = -math.expm1(-plant.numbers[step.STICK_RATE] * h)
+    return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -174,7 +200,7 @@ def innovations(
     two = structure & (step.PLAY | step.SPRING) != 0 and not on_load
     plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
     inverse = numbers[step.INVERSE_MOTOR] if two else numbers[step.INVERSE_MASS]
-    before, points = np.empty(size), np.empty((2, 3))
+    points = np.empty((2, 5))
     deviation = math.sqrt(force)
     dx = 1e-6 * span
     begin = min(FIRST, n - 1)
@@ -205,58 +231,61 @@ def innovations(
         sliding = mode != 0
         total = d + g * g * p
         width = math.sqrt(total)
-        if structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width:
-            # The direction of motion is not sure: three velocities, each with its own mode.
-            x_mean, v_mean, variance, resting = 0.0, 0.0, 0.0, 1.0
-            slope = g * p / total
-            for j in range(size):
-                before[j] = memory[j]
-            for i in range(3):
-                c = _PLACES[i] * width
-                for j in range(size):
-                    memory[j] = before[j]
-                memory[step.X], memory[step.V] = x + slope * c, v + c
-                held = abs(v + c) <= numbers[step.STICK_SPEED] and before[step.MODE] == 0.0
-                pushed = force
-                if held:
-                    pushed = _random_force(plant, t, dt, m, u[k - 1], deviation)
-                count[0] = 0
-                step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
-                if memory[step.MODE] != 0.0 or not held:
-                    resting, pushed = 0.0, force
-                x_mean += _WEIGHTS[i] * memory[step.X]
-                v_mean += _WEIGHTS[i] * memory[step.V]
-                variance += _WEIGHTS[i] * pushed
-                points[0, i], points[1, i] = memory[step.X], memory[step.V]
+        near = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
+        variance = force
+        if not sliding and not near and not contact:
+            variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+            near = structure == 0 and variance > 0.0
+        if near:
+            # The mode at the end is not sure: velocities and random forces, each with its own.
+            x_mean, v_mean, resting = 0.0, 0.0, 1.0
+            slope = g * p / total if total > 0.0 else 0.0
+            drive = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end))
+            for i in range(5):
+                c = _SPEEDS[i] * width
+                if i < 4 or plain:
+                    x1, v1, mode1 = _coarse(
+                        plant, step.held_force(drive + _FORCES[i] * deviation), t, dt,
+                        x + slope * c, v + c, memory[step.REST],
+                    )  # fmt: skip
+                else:
+                    count[0] = 0
+                    step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
+                    x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
+                if mode1 != 0.0:
+                    resting = 0.0
+                x_mean += _WEIGHTS[i] * x1
+                v_mean += _WEIGHTS[i] * v1
+                points[0, i], points[1, i] = x1, v1
+            if plain:
+                at_rest = mode == 0 and mode1 == 0.0
+                memory[step.REST] = memory[step.REST] + dt if at_rest else 0.0
+                memory[step.MODE] = mode1
             memory[step.X], memory[step.V] = x_mean, v_mean
             # What the position is off by for a given velocity stays.
-            m00, m01, m11 = p * d / total + resting * _CREEP * reading, 0.0, 0.0
-            for i in range(3):
+            m00 = p * d / total if total > 0.0 else p
+            m00 += resting * _CREEP * reading
+            m01, m11 = 0.0, 0.0
+            for i in range(5):
                 a, b = points[0, i] - x_mean, points[1, i] - v_mean
                 m00 += _WEIGHTS[i] * a * a
                 m01 += _WEIGHTS[i] * a * b
                 m11 += _WEIGHTS[i] * b * b
-            b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
-            m00 += variance * b0 * b0
-            m01 += variance * b0 * b1
-            m11 += variance * b1 * b1
             m00 = max(m00, 1e-6 * reading)
             p, g = m00, m01 / m00
             d = max(m11 - m01 * g, 1e-9 * m11)
         else:
-            by_x, by_v = 0.0, 0.0
+            by_x, by_v, k1 = 0.0, 0.0, 0.0
             if sliding:
                 held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
-                by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx)
-            variance = force
-            if not sliding and not contact:
-                variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+                k1 = _rate(plant, held, t, x, v, float(mode))
+                by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
             calm = False
             if sliding and plain:
                 start = step.input_map(plant, t, m, u[k - 1])
                 stop = start if not first else step.input_map(plant, t, m, end)
                 drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
-                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), deviation)
+                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1, deviation)
             if calm:
                 memory[step.X], memory[step.V] = x1, v1
                 memory[step.MODE], memory[step.REST] = float(mode), 0.0

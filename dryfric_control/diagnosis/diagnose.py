@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
-from dryfric_control.diagnosis.random_force import Answer, answer, exact, varying
+from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
@@ -187,20 +187,17 @@ def diagnose(
             end=begun + _ANSWERING * limit,
             tell=tell,
         )
-        found = None
-        if len(records) > 1 or not _exact(selector, settings):
-            found = answer(search, cuts)
-        if found is None or (
-            len(records) == 1
-            and found.free
-            and exact(windows, axis, race.fit, race.judge, found.free, found.final.axis, **settings)
-        ):
+        gate = Gate(windows, axis, race.fit, race.judge, settings)
+        alone, found = len(records) == 1, None
+        if not (alone and (_nothing(selector) or gate.at(axis, ()))):
+            found = answer(search, cuts, gate)
+        if found is None or (alone and found.free and gate.at(found.final.axis, found.free)):
             by_runs = _diagnosis(selector, search, windows.record, window, part)
             if by_runs.verdict != "unexplained" or search.late:
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
-            found = answer(search, cuts) if found is None else found
-            if found.verdict not in ("nothing to find", "explained"):
+            found = found or answer(search, cuts)
+            if found is None or found.verdict not in ("nothing to find", "explained"):
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
@@ -230,14 +227,11 @@ def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
         )
 
 
-def _exact(selector: Selector, settings: dict[str, Any]) -> bool:
-    """Whether the record shows no random force: some hypothesis reaches the readings' noise."""
-    race, axis = selector.race, selector.axis
-    selector.tell("random force")
-    before = race.judged(race.alone(axis, (), base=()))
-    if selector.floor_of(before).nothing(before.scores, selector.known):
-        return True
-    return exact(race.bench, axis, race.fit, race.judge, **settings)
+def _nothing(selector: Selector) -> bool:
+    """Whether the nominal axis itself reaches the readings' noise."""
+    race = selector.race
+    before = race.judged(race.alone(selector.axis, (), base=()))
+    return selector.floor_of(before).nothing(before.scores, selector.known)
 
 
 def _likely(

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import joblib
@@ -18,6 +19,7 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     guesses,
     holds,
+    own_names,
     with_effect,
 )
 from dryfric_control.estimation.force_residual import View
@@ -46,8 +48,12 @@ _SOME = 8000
 _REFINED, _AHEAD, _FITTED = 2, 10, 5
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
+# Turns of the first fit from where free runs have led.
+_LED_TURNS = 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
+#: Standard errors by which a gain on held-out blocks must exceed zero.
+CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
 EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, and what
@@ -264,6 +270,27 @@ class Search:
         found = self._parallel([(self.fit, (a, self.also, None, _ITERATIONS)) for a in starts])
         return min(found, key=lambda s: s.cost)
 
+    @cached_property
+    def first(self) -> tuple[Solution, list[Candidate]]:
+        """The fit without causes, and every candidate beside it, best first."""
+        self.tell("base parameters")
+        now = self.alone()
+        self.tell("first cause")
+        return now, self.screen(now)
+
+    def candidates_at(self, axes: Mapping[str, FrictionAxis]) -> list[Candidate]:
+        """Candidates that start from axes which hold them, quickly fitted."""
+
+        now = self.first[0]
+        noises = now.z[len(now.problem.names) :]
+
+        def one(slug: str, axis: FrictionAxis) -> Candidate:
+            free = tuple(n for n in own_names(slug) if n not in self.known)
+            found = self.fit(axis, (*self.also, *free), noises, _LED_TURNS)
+            return Candidate(slug, free, found.axis, found.cost)
+
+        return self._parallel([(one, item) for item in axes.items()])
+
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
         if self.jobs == 1 or len(tasks) < 2:
             return [f(*a) for f, a in tasks]
@@ -445,7 +472,7 @@ class Search:
         found = [
             (self.worth(now.cost - s.cost, len(c.free)), c, s)
             for c, s in zip(chosen, fits, strict=True)
-            if self.sound(s, c.slug, c.free)
+            if self.sound(s, c.slug, c.free) and confirmed(*held_out_gain(now, s))
         ]
         return sorted(found, key=lambda one: -one[0])
 
@@ -470,17 +497,24 @@ class Search:
         return all(amounts)
 
 
-def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignore[no-untyped-def]
-    """Causes one after the other, or two at once, as long as they pay."""
-    search.tell("base parameters")
-    state = State(search.alone())
+def forward(search: Search, most: int = 4, report=None, end=None) -> State | None:  # type: ignore[no-untyped-def]
+    """Causes one after the other, or two at once, as long as they pay.
+
+    None where `end`, which is asked about every round's candidates, says that the
+    likelihood is not the judge.
+    """
+    state = State(search.first[0])
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
-        search.tell(f"cause {len(state.causes) + 1}")
         now = state.fit
-        candidates = search.screen(now, not state.causes)
-        if not state.causes:
+        if state.causes:
+            search.tell(f"cause {len(state.causes) + 1}")
+            candidates = search.screen(now, False)
+        else:
+            candidates = list(search.first[1])
             state.first = {c.slug: now.cost - c.cost for c in candidates}
+        if end is not None and end(state, candidates):
+            return None
         ranked = search.extend(now, candidates)
         if report is not None:
             report(state, now, now, candidates, ranked)
@@ -509,6 +543,18 @@ def forward(search: Search, most: int = 4, report=None) -> State:  # type: ignor
             _backward(search, state)
     state.late = search.late
     return state
+
+
+def held_out_gain(less: Solution, fit: Solution) -> tuple[float, float]:
+    """Held-out gain of a fit over another, and its standard error by blocks."""
+    fall = less.held_out() - fit.held_out()
+    fall = fall[np.isfinite(fall)]
+    return float(fall.sum()), float(np.std(fall) * math.sqrt(max(fall.size, 1)))
+
+
+def confirmed(gain: float, error: float) -> bool:
+    """Whether data that the parameters were not fitted to speak for a cause."""
+    return gain > LEAST and gain > CLEAR * error
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]

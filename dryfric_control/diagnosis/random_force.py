@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,15 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Race
-from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
+from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.likelihood_search import (
+    CLEAR,
     EQUAL,
     LEAST,
+    Candidate,
     Search,
     State,
+    confirmed,
     forward,
+    held_out_gain,
     names_without,
     without,
 )
@@ -37,8 +42,11 @@ BoolArray = NDArray[np.bool_]
 
 # Windows by which it is seen whether free runs reach the noise of the readings.
 _GATE_FIT, _GATE_JUDGE = 8, 4
-# Causes that are tried together there, and part of the score that the first must leave at most.
-_TOGETHER, _HELPS = 2, 0.95
+# Causes that are tried together there, and how many of the likeliest candidates.
+_TOGETHER, _LIKELY = 2, 6
+# Actions whose effects are tried there from guesses of their own, as the filter follows
+# their inner states only roughly, and how many of them start from there.
+_HARD, _LED = ("contact", "transmission"), 3
 #: Median score of moving windows up to which free runs reach the readings' noise, 0.22.
 REACHED = 0.35
 # Windows of each record that are replayed.
@@ -51,8 +59,6 @@ _NOTABLE = 0.25
 _PART = 0.01
 # Errors of free runs, over those of the nominal axis, with which no cause is shown.
 _WORSE = 1.1
-# Standard errors by which a gain on held-out blocks must exceed zero.
-_CLEAR = 3.0
 # Part of the windows that may err more than all their replays, and mean score above the
 # replays that is none.
 _STRAY, _EXCESS = 0.1, 0.2
@@ -66,55 +72,67 @@ def reached(race: Race, one: Any) -> bool:
     return bool(np.any(seen) and np.median(one.scores[seen]) < REACHED)
 
 
-def exact(
-    windows: Windows,
-    axis: FrictionAxis,
-    fit: BoolArray,
-    judge: BoolArray,
-    causes: Sequence[str] = (),
-    at: FrictionAxis | None = None,
-    **settings: Any,
-) -> bool:
+@dataclass(eq=False)
+class Gate:
     """Whether some hypothesis reaches the readings' noise in free runs.
 
-    Then no random force is at work, and free runs are the sharpest judge.  Hypotheses:
-    the axis with each effect, or the axis `at` with its causes.
+    Then no random force is at work, and free runs are the sharpest judge.
+
+    Parameters
+    ----------
+    windows : Windows
+    axis : FrictionAxis
+    fit, judge : ndarray of bool
+        Windows that free runs are fitted to and judged by.
+    settings : dict
+        Those of `Race`.
     """
 
-    def some(mask: BoolArray, most: int) -> BoolArray:
-        index = np.flatnonzero(mask & windows.moving)
+    windows: Windows
+    axis: FrictionAxis
+    fit: BoolArray
+    judge: BoolArray
+    settings: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        self.race = Race(
+            self.windows, self.axis, self._some(self.fit, _GATE_FIT),
+            self._some(self.judge, _GATE_JUDGE), typical([self.windows.record]), **self.settings,
+        )  # fmt: skip
+
+    def _some(self, mask: BoolArray, most: int) -> BoolArray:
+        index = np.flatnonzero(mask & self.windows.moving)
         if index.size > most:
             index = index[np.linspace(0, index.size - 1, most).astype(int)]
-        chosen = np.zeros(len(windows), bool)
+        chosen = np.zeros(len(self.windows), bool)
         chosen[index] = True
         return chosen
 
-    race = Race(
-        windows, axis, some(fit, _GATE_FIT), some(judge, _GATE_JUDGE),
-        typical([windows.record]), **settings,
-    )  # fmt: skip
-    base = race.alone(axis if at is None else at, causes)
-    if reached(race, base):
-        return True
-    if at is not None:
-        return False
-    for _ in range(_TOGETHER):
-        causes = [n for n in base.hypothesis.names if n not in BASE]
-        runners = race.among(base, causes, catalogue(base.axis, _slugs(causes)))
-        runners = [r for r in runners if r.scores.size]
-        if any(reached(race, r) for r in runners):
-            return True
-        seen = race.fit | race.judge
-        best = min(runners, key=lambda r: r.scores[seen].mean(), default=base)
-        # One of several causes helps a good deal; against a random force nothing does.
-        if best.scores[seen].mean() > _HELPS * base.scores[seen].mean():
+    def at(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
+        """Whether an axis with its base and further parameters free reaches it."""
+        return reached(self.race, self.race.alone(axis, free))
+
+    def opens(self, search: Search, state: State, candidates: list[Candidate]) -> bool:
+        """Whether the axis with its causes and one candidate more reaches it.
+
+        If not, candidates whose inner states the filter follows only roughly start
+        once more from where free runs have brought them.
+        """
+        alone = len(search.records) == 1
+        if alone and len(state.causes) < _TOGETHER:
+            for c in candidates[:_LIKELY]:
+                if self.at(c.axis, (*state.names, *c.free)):
+                    return True
+        if state.causes:
             return False
-        base = best
-    return False
-
-
-def _slugs(names: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(n.partition(".")[0] for n in names))
+        hard = [c.slug for c in candidates if effect_class(c.slug).action in _HARD]
+        base = self.race.alone(self.axis, ())
+        runners = [r for r in self.race.among(base, (), hard) if r.scores.size]
+        if alone and any(reached(self.race, r) for r in runners):
+            return True
+        candidates += search.candidates_at({r.slug: r.axis for r in runners[:_LED]})
+        candidates.sort(key=lambda c: c.cost)
+        return False
 
 
 @dataclass(eq=False)
@@ -153,9 +171,12 @@ class Answer:
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
 
 
-def answer(search: Search, windows: Sequence[Windows]) -> Answer:
-    """Search for causes, and everything that is said about them."""
-    state = forward(search)
+def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None) -> Answer | None:
+    """Search for causes, and everything that is said about them; None where the gate opens."""
+    end = None if gate is None else functools.partial(gate.opens, search)
+    state = forward(search, end=end)
+    if state is None:
+        return None
     messages: list[str] = []
     search.until = search.end
     if state.late:
@@ -175,7 +196,7 @@ def answer(search: Search, windows: Sequence[Windows]) -> Answer:
             if followed(slug, state.causes) and not holds(search.believed, slug):
                 judged[slug] = (gain, error, all_gain, others)
                 continue  # a second of its kind is none without it
-            if not (all_gain > LEAST and all_gain > _CLEAR * error) and not others:
+            if not confirmed(all_gain, error) and not others:
                 fallen = slug
                 break
             judged[slug] = (gain, error, all_gain, others)
@@ -244,13 +265,6 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
     return search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample), kept
 
 
-def _blocks(less: Solution, fit: Solution) -> tuple[float, float]:
-    """Held-out gain of a fit over another, and its standard error by blocks."""
-    fall = less.held_out() - fit.held_out()
-    fall = fall[np.isfinite(fall)]
-    return float(fall.sum()), float(np.std(fall) * math.sqrt(max(fall.size, 1)))
-
-
 def _held_out(
     search: Search, state: State, final: Solution, slug: str
 ) -> tuple[float, float, float, str]:
@@ -265,14 +279,14 @@ def _held_out(
     starts = [rest, with_values(rest, list(search.base), [search.nominal[n] for n in search.base])]
     tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
     less = min(tries, key=lambda s: s.cost)
-    all_gain, error = _blocks(less, with_all)
+    all_gain, error = held_out_gain(less, with_all)
     others = ""
     if less.cost - with_all.cost < EQUAL:
         others = _moved(search, final, less)
     gain = all_gain
     if others:
         alone = search.fit(rest, names, None, 15, base=kept, **few)
-        gain, error = _blocks(alone, with_all)
+        gain, error = held_out_gain(alone, with_all)
     return gain, error, all_gain, others
 
 
@@ -316,7 +330,7 @@ def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[st
         nominal = search.nominal[name]
         if nominal > 0.0 and abs(values[name] / nominal - 1.0) <= _RIGHT:
             continue
-        if abs(values[name] - nominal) < _CLEAR * errors[name]:
+        if abs(values[name] - nominal) < CLEAR * errors[name]:
             continue
         if abs(values[name] - nominal) * sizes[name] < _NOTABLE * final.random_force():
             continue

@@ -37,16 +37,16 @@ def plain(text: str) -> str:
 def cleaned(output: nbformat.NotebookNode) -> nbformat.NotebookNode | None:
     """An output as it is stored; None for progress bars and live widgets."""
     if output.output_type == "stream":
-        output.text = plain(output.text)
-        return None if re.search(r"\d+%\|", output.text) else output
+        bars = re.sub(r"[^\r\n]*\[\d\d:\d\d[,<][^\r\n]*", "", output.text)
+        output.text = plain(bars)
+        return output if output.text.strip() else None
     data = output.get("data", {})
     if "application/vnd.jupyter.widget-view+json" in data:
         return None
     if "image/png" in data:
         data["image/png"] = small_png(data["image/png"])
-    for kind in ("text/plain", "text/html"):
-        if kind in data:
-            data[kind] = plain(data[kind]) if kind == "text/plain" else data[kind]
+    if "text/plain" in data:
+        data["text/plain"] = plain(data["text/plain"])
     return output
 
 

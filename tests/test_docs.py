@@ -266,4 +266,4 @@ def test_notebooks_are_stored_with_small_outputs_of_no_machine(path):
     outputs = [output for cell in cells for output in cell["outputs"]]
     assert any("image/png" in output.get("data", {}) for output in outputs)
     words = json.dumps([one.get("text", one.get("data", {}).get("text/plain")) for one in outputs])
-    assert not re.findall(r"/(?:home|root|tmp|work|usr|Users)/", words)
+    assert not re.findall(r"/(?:home|root|tmp|work|usr|Users)/|step/s|it/s", words)

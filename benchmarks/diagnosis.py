@@ -474,7 +474,7 @@ def main() -> None:
         under = ", ".join(dict.fromkeys(row["condition"] for row in some))
         pictures.confusion(
             [(row["what"], answer(row)) for row in some], kinds,
-            f"{len(some)} simulated records, conditions: {under}", options.plot,
+            f"{len(some)} simulated records, condition {under}", options.plot,
         )  # fmt: skip
 
 

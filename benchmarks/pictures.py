@@ -85,15 +85,16 @@ def work_precision(
                     markersize=13 if own else 6,
                     label=f"{words}{': this package' if own else ''}",
                 )
+    ax.set_xlabel("largest error of a switching time [s]")
+    ax.set_ylabel("processor time for 40 s of stick-slip [ms]")
+    ax.grid(which="major", color="0.9")
+    ax.margins(x=0.2)
+    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3)
+    # The colour says which law; the star that it is this package.
     texts = [
         ax.text(r[3], 1e3 * r[2], "   " + _short(r[0]), fontsize=7, va="center") for r in shown
     ]
     _apart(figure, texts)
-    ax.set_xlabel("largest error of a switching time [s]")
-    ax.set_ylabel("processor time for 40 s of stick-slip [ms]")
-    ax.grid(which="major", color="0.9")
-    ax.margins(x=0.25)
-    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

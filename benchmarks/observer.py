@@ -138,9 +138,12 @@ def robust_table(every: dict[str, Estimator], runs: int, plot: Path | None = Non
     spent = time.perf_counter() - begin
     print(found.summary())
     if plot:
-        told = ("switched", "switched, paper's rule", "filtered difference",
-                "one mode, no switching", "Kalman, best speed")  # fmt: skip
-        some = replace(found, scores={name: found.scores[name] for name in told})
+        names = {
+            "switched": "switched", "switched, paper's rule": "paper's rule",
+            "filtered difference": "difference", "one mode, no switching": "one mode",
+            "Kalman, best speed": "Kalman",
+        }  # fmt: skip
+        some = replace(found, scores={name: found.scores[one] for one, name in names.items()})
         some.plot().figure.savefig(plot, dpi=110)
     print(f"{runs} plants of 12 s, {len(every)} estimators each: {spent:.1f} s")
     print("part of the runs within the target of position, speed, friction, commutation:")

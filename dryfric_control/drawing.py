@@ -25,8 +25,8 @@ _START = 0.1
 
 # Widths of a letter of the title and of the legend, and of a legend's handle [pt].
 _LETTER, _SMALL_LETTER, _HANDLE = 6.5, 4.6, 32.0
-# Height of a legend of one row, and of one more [pt].
-_LEGEND, _ROW = 20.0, 14.0
+# Height of a legend of one row [pt].
+_LEGEND = 20.0
 
 
 class PanelPlot(ct.ControlPlot):
@@ -147,12 +147,10 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
 
 def legend_above(ax: Any) -> None:
     """Put the legend above the axes, where it hides no data."""
-    labels = ax.get_legend_handles_labels()[1]
-    longest = max((_HANDLE + _SMALL_LETTER * len(label) for label in labels), default=1.0)
     ax.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=max(1, min(6, int(_room(ax) / longest))),
+        ncols=6,
         fontsize="small",
         frameon=False,
         markerscale=2.0,
@@ -160,19 +158,11 @@ def legend_above(ax: Any) -> None:
     )
 
 
-def _room(ax: Any) -> float:
-    """Width of axes [pt]."""
-    return float(72.0 * ax.bbox.width / ax.figure.dpi)
-
-
 def title_above(ax: Any, title: str) -> None:
     """Put a title at the left, above the legend if both do not fit in one line."""
     legend = ax.get_legend()
-    texts = legend.get_texts() if legend is not None else []
-    needed = _LETTER * len(title) + sum(
-        _HANDLE + _SMALL_LETTER * len(text.get_text()) for text in texts
-    )
-    pad = None
-    if texts and needed > _room(ax):
-        pad = _LEGEND + _ROW * (-(-len(texts) // legend._ncols) - 1)
-    ax.set_title(title, loc="left", pad=pad)
+    needed = _LETTER * len(title)
+    for text in legend.get_texts() if legend is not None else ():
+        needed += _HANDLE + _SMALL_LETTER * len(text.get_text())
+    room = 72.0 * ax.bbox.width / ax.figure.dpi
+    ax.set_title(title, loc="left", pad=_LEGEND if legend is not None and needed > room else None)

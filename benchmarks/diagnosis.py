@@ -48,6 +48,7 @@ for folder in (ROOT, ROOT / "tests", ROOT / "benchmarks"):
         sys.path.insert(0, str(folder))
 
 import diagnosis_baseline as peer  # noqa: E402
+import pictures  # noqa: E402
 import truth  # noqa: E402
 from diagnosis_cases import (  # noqa: E402
     BASE,
@@ -449,6 +450,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="records at the same time")
     parser.add_argument("--store", type=Path, default=Path("diagnosis.jsonl"))
     parser.add_argument("--summary", action="store_true", help="only print what the store holds")
+    parser.add_argument("--plot", type=Path, metavar="FILE",
+                        help="confusion matrix of the effects, of all conditions run")  # fmt: skip
     options = parser.parse_args()
     todo = keys(options)
     if not options.summary:
@@ -465,6 +468,14 @@ def main() -> None:
             (report if condition in truth.CONDITIONS else outcome)(some, condition)
     print("\nanswered wrongly:")
     wrong(rows)
+    if options.plot:
+        kinds = (*truth.EFFECTS, *truth.ADDED, CLEAN)
+        some = [row for row in rows if row["what"] in kinds]
+        under = ", ".join(dict.fromkeys(row["condition"] for row in some))
+        pictures.confusion(
+            [(row["what"], answer(row)) for row in some], kinds,
+            f"{len(some)} simulated records, condition {under}", options.plot,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":

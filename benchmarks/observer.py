@@ -17,6 +17,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import control as ct
@@ -129,13 +130,21 @@ def loop_table(every: dict[str, Estimator]) -> None:
         print(f"\nswitching={rule!r}\n{presets.clutch_experiment(switching=rule).summary()}")
 
 
-def robust_table(every: dict[str, Estimator], runs: int) -> None:
+def robust_table(every: dict[str, Estimator], runs: int, plot: Path | None = None) -> None:
     """Monte Carlo over random mismatches."""
     heading("Random mismatches: Coulomb 20 %, inertia 15 %, Stribeck 0 to 60 %, Sigma 0.3 to 1")
     begin = time.perf_counter()
     found = presets.clutch_monte_carlo(runs=runs, estimators=every)
     spent = time.perf_counter() - begin
     print(found.summary())
+    if plot:
+        names = {
+            "switched": "switched", "switched, paper's rule": "paper's rule",
+            "filtered difference": "difference", "one mode, no switching": "one mode",
+            "Kalman, best speed": "Kalman",
+        }  # fmt: skip
+        some = replace(found, scores={name: found.scores[one] for one, name in names.items()})
+        some.plot().figure.savefig(plot, dpi=110)
     print(f"{runs} plants of 12 s, {len(every)} estimators each: {spent:.1f} s")
     print("part of the runs within the target of position, speed, friction, commutation:")
     for name, table in found.scores.items():
@@ -242,6 +251,7 @@ def main() -> None:
     parser.add_argument("tables", nargs="*", help="loop robust speed (default: all)")
     parser.add_argument("--runs", type=int, default=500, help="plants of the Monte Carlo")
     parser.add_argument("--extended", action="store_true", help="only the axes with effects")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of table robust")
     given = parser.parse_args()
     if given.extended:
         extended_table()
@@ -252,7 +262,7 @@ def main() -> None:
         if "loop" in chosen:
             loop_table(every)
         if "robust" in chosen:
-            robust_table(every, given.runs)
+            robust_table(every, given.runs, given.plot)
     if "speed" in chosen:
         speed_table()
 

@@ -22,6 +22,7 @@ from pathlib import Path
 import control as ct
 import numpy as np
 import peers
+import pictures
 import servo_peers
 
 import dryfric_control as dfc
@@ -188,7 +189,7 @@ def worst(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(found - exact).max()) if found.size == exact.size else np.inf
 
 
-def stick_slip_table(repeat: int) -> None:
+def stick_slip_table(repeat: int, plot: Path | None = None) -> None:
     """40 s of stick-slip: time against accuracy of the transitions."""
     p = peers.StickSlip()
     heading("40 s of stick-slip, five break-aways")
@@ -300,6 +301,14 @@ def stick_slip_table(repeat: int) -> None:
         print(
             f"fastest peer at least as exact as ours at 1 ms: {name}, {best / ours:.1f} x our time"
         )
+    if plot:
+        laws = {
+            "switched": "switched model",
+            "lugre": "LuGre",
+            "tanh": "tanh",
+            "slips": "MuJoCo, against the switched model",
+        }
+        pictures.work_precision(done, laws, plot)
     sampled_block_row(p, ours)
 
 
@@ -491,7 +500,7 @@ def main() -> None:
         "samples": samples_table,
         "effects": effects_table,
         "structures": structures_table,
-        "stickslip": stick_slip_table,
+        "stickslip": lambda repeat: stick_slip_table(repeat, chosen.plot),
         "servo": servo_table,
         "memory": lambda repeat: memory_table(),
         "compile": lambda repeat: compile_table(),
@@ -499,6 +508,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"of {', '.join(tables)}")
     parser.add_argument("--repeat", type=int, default=7, help="repetitions of each timing")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of table stickslip")
     chosen = parser.parse_args()
     if unknown := set(chosen.tables) - set(tables):
         parser.error(f"no table {', '.join(sorted(unknown))}; there are {', '.join(tables)}")

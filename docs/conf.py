@@ -21,6 +21,7 @@ extensions = [
     "numpydoc",
     "myst_nb",
     "mathml",
+    "plain_pages",
     "effects_catalogue",
     "public_names",
 ]

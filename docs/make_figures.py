@@ -14,7 +14,7 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control import presets
-from dryfric_control.demo import save, stick_slip
+from dryfric_control.demo import save
 
 IMAGES = Path(__file__).resolve().parent / "images"
 NAMES = {0: "stuck", 1: "sliding"}
@@ -79,7 +79,6 @@ def tutorial() -> None:
 
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
-    save(stick_slip(), IMAGES / "stick_slip.png")
     save(modes(), IMAGES / "modes.png")
     speed = error_dynamics(
         "e_v",

@@ -215,6 +215,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
             max_gap=chosen.max_gap,
         )
         check_units(axis, record, Path(path).name)
+        print(f"{Path(path).name}: {record.check().headline}")
         records.append(record)
     _make_room(folder)
     found = diagnose(

@@ -145,7 +145,7 @@ def test_a_full_disk_is_found_before_the_work(run, tmp_path, monkeypatch, capsys
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_the_result_is_printed_before_it_is_written(tmp_path, monkeypatch, capsys):
+def test_check_and_result_are_printed_before_the_report_is_written(tmp_path, monkeypatch, capsys):
     from types import SimpleNamespace
 
     import dryfric_control.diagnosis.diagnose
@@ -166,3 +166,4 @@ def test_the_result_is_printed_before_it_is_written(tmp_path, monkeypatch, capsy
     assert main(["diagnose", *files, "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert "verdict: explained" in said.out and "No space left" in said.err
+    assert said.out.startswith("run.csv: ") and " at rest, no sample lost" in said.out

@@ -121,9 +121,15 @@ def test_observed_loop_draws_what_is_asked():
             run.plot(what=bad)
 
 
-def test_estimators_and_rivals_differ_in_grey():
+def test_estimators_and_rivals_differ_in_grey_and_show_their_scores():
     scores = presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False)
-    for lines in scores.plot().lines[:, 0]:
+    drawn = scores.plot()
+    for name, line in zip(scores.scores, drawn.lines[0, 0], strict=True):
+        values, share = line.get_data()
+        assert values == pytest.approx(np.sort(scores.scores[name][:, 0]))
+        assert share.tolist() == [0.5, 1.0]
+    assert "mode-detection error" in drawn.axes[3, 0].get_xlabel()
+    for lines in drawn.lines[:, 0]:
         assert len({line.get_linestyle() for line in lines}) == len(scores.scores) == 2
     names = ["cause", "one", "two", "three"]
     flat = dict.fromkeys(names, np.zeros(3))

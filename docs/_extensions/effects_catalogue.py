@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,6 +60,21 @@ Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` 
 there is one at most; of the others there may be several. The second of a kind has the name
 `cogging_2`, as in `fit(..., free=("cogging_2.amplitude",))`; `axis.named_effects()` lists them.
 
+## What one sees when an effect is missing
+
+Each panel shows a simulated record, held against an axis that is right in all but the effect: the
+force residual (drive force that the nominal axis would need less the drive force it had), forwards
+in blue and backwards in orange, over the quantity on which it depends most clearly. Below each
+effect stands the same beside the residual over velocity. `d.plot()` draws such panels of your own
+record. `python docs/make_effects.py` draws these.
+
+![Force residual of each missing effect, over what shows it best](images/effects.png)
+
+Some look alike, such as `input_gain` and `load_dependence`: where they do, a diagnosis names the
+other as an [alternative](diagnosis.md).
+
+## All effects
+
 """
 
 
@@ -85,24 +101,49 @@ def rows(cls: type[Effect]) -> Iterator[str]:
         yield f"| `{name}` | {unit} | {range_text(data['bounds'])} | {shown} | {meaning} |"
 
 
+def heading(cls: type[Effect]) -> str:
+    """Title of an effect's section."""
+    return f"{cls.title[0].upper()}{cls.title[1:]}"
+
+
+def anchor(cls: type[Effect]) -> str:
+    """Name by which a code host, and the site, reach a heading."""
+    return re.sub(r"[^\w\- ]", "", heading(cls).lower()).replace(" ", "-")
+
+
+def as_markdown(notes: list[str]) -> Iterator[str]:
+    """Notes of a docstring, their equations as Markdown has them."""
+    equation = False
+    for line in notes:
+        if line.startswith(".. math::"):
+            equation = True
+            yield "$$"
+            line = line.removeprefix(".. math::")
+        elif equation and not line.startswith(" "):
+            equation = False
+            yield "$$"
+        yield line.strip() if equation else line
+    if equation:
+        yield "$$"
+
+
 def section(cls: type[Effect]) -> Iterator[str]:
     """One effect."""
     doc = NumpyDocString(inspect.getdoc(cls) or "")
-    yield f"({cls.slug})="
-    yield f"## {cls.title[0].upper()}{cls.title[1:]}"
+    yield f"## {heading(cls)}"
     yield ""
     name = f"dfc.effects.{cls.__name__}"
     yield f"`{cls.slug}`, `{name}`: {ACTS_ON[cls.action]}."
     yield ""
     yield cls.explanation
     yield ""
+    yield f"![Force residual of a model without this: {cls.title}](images/effects/{cls.slug}.png)"
+    yield ""
     yield f"**To expose it:** {cls.experiment}"
     yield ""
     yield from rows(cls)
     yield ""
-    yield "```{eval-rst}"
-    yield from doc["Notes"]
-    yield "```"
+    yield from as_markdown(doc["Notes"])
     yield ""
 
 
@@ -114,7 +155,7 @@ def page() -> str:
     lines = ["| effect | id | what it is |", "|---|---|---|"]
     own = [cls for cls in REGISTRY.values() if cls.__module__.startswith("dryfric_control.")]
     for cls in own:
-        lines.append(f"| [{cls.title}](#{cls.slug}) | `{cls.slug}` | {ACTS_ON[cls.action]} |")
+        lines.append(f"| [{cls.title}](#{anchor(cls)}) | `{cls.slug}` | {ACTS_ON[cls.action]} |")
     lines.append("")
     for cls in own:
         lines += section(cls)

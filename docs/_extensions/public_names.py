@@ -22,6 +22,7 @@ RESULTS = (
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",
+    "records.data_check.RecordCheck",
 )
 
 

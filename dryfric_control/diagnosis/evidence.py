@@ -12,9 +12,9 @@ from scipy.signal import correlate
 from scipy.stats import hypergeom
 
 from dryfric_control.estimation.force_residual import View
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import ranked
 

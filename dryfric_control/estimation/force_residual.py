@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 from scipy.signal import savgol_coeffs
 
 from dryfric_control.compiled.windowed_runs import accelerations
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import above, ranked
 

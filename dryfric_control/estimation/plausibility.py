@@ -7,14 +7,12 @@ import warnings
 import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import RecordWarning
 
 # Positions beyond the travel by this part of its length are no overshoot.
 _BEYOND = 0.25
-# Work taken out of the machine, as a part of all that passed, which no
-# measurement error makes.
-_TAKEN = 0.2
 # Part of the least Coulomb level below which a drive cannot have moved the axis.
 _WEAK = 0.5
 
@@ -68,15 +66,9 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
                 f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
                 'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
             )
-    passed = record.u[:-1] * np.diff(record.x)
-    total = float(np.abs(passed).sum())
-    work = float(passed.sum())
-    if work < -_TAKEN * total:
-        found.append(
-            f"the drive takes energy out of the machine ({work:.3g} of {total:.3g} {force} "
-            f"{length} that passed): is the sign of u or x reversed (gain=-1), or are the two "
-            "swapped? Only a load that pulls the axis along can do that"
-        )
+    energy = energy_message(record, axis.units)
+    if energy:
+        found.append(energy)
     strongest = float(np.abs(record.u).max())
     places = np.linspace(low, high, 33)
     least = min(float(axis.coulomb(places, s).min()) for s in (1, -1))

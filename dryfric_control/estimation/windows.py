@@ -19,8 +19,8 @@ from dryfric_control.compiled.windowed_runs import (
     free_runs,
     project,
 )
-from dryfric_control.estimation.motion import LONGEST, least_motion, rest_times
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.motion import LONGEST, least_motion, rest_times
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 

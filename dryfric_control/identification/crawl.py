@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from dryfric_control.estimation.motion import directions
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
 

@@ -16,7 +16,6 @@ from tqdm import tqdm
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.force_residual import Sliding
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Scales, choose, typical
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.windows import Windows, cut
@@ -25,6 +24,7 @@ from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above, ranked

@@ -189,12 +189,12 @@ class MonteCarlo(Result):
 
     @panels(4, sharex=False)
     def plot(self, axes: Any) -> str:
-        """Draw which part of the runs stays below an error."""
+        """Draw the share of the runs that stays below an error."""
         heads = (
             f"position error, largest [{self.unit}]",
             "velocity error, RMS [% of velocity]",
             "friction error, mean [% of level]",
-            "other mode [% of samples]",
+            "mode-detection error [% of samples]",
         )
         part = (np.arange(len(self.mismatches)) + 1.0) / len(self.mismatches)
         for one, column, factor, head in zip(
@@ -211,7 +211,7 @@ class MonteCarlo(Result):
                 one.xaxis.set_major_formatter("{x:g}")
                 one.xaxis.set_minor_formatter(_minor_label)
             one.set_xlabel(head)
-            one.set_ylabel("part of runs")
+            one.set_ylabel("share of runs")
         legend_above(axes[0])
         return f"{len(self.mismatches)} random mismatches"
 

@@ -37,6 +37,8 @@ from dryfric_control.records.bad_readings import (
     without,
 )
 from dryfric_control.records.comparison import Comparison, compared
+from dryfric_control.records.data_check import RecordCheck, check_record
+from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
 from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
@@ -957,8 +959,42 @@ class Record:
         )
         return f"<table>{cells}</table>"
 
+    def check(self) -> RecordCheck:
+        """Look the data over before any fit.
+
+        Returns
+        -------
+        RecordCheck
+            Reversals, time at rest, readings lost, clipping, resolution; in its
+            ``messages`` what the record is uninformative about and what looks wrong.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> t = 1e-3 * np.arange(4000)
+        >>> u = 20.0 * np.sin(6.0 * t)
+        >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
+        >>> print(dfc.Record(t, u, x).check())
+        7 reversals, 9 % at rest, no sample lost, drive not clipped, resolution 1 um
+                  in the record
+        time      4 s in 4000 samples, 0.001 s apart
+        travel    0.166 m, 166035 steps of 1 um
+        noise     0.289 um
+        motion    48 % forwards, 42 % backwards, longest rest 0.073 s
+        velocity  0.013 to 0.592 m/s in 90 % of the motion
+        """
+        return check_record(self, self._known_units())
+
+    def _known_units(self) -> tuple[str, str]:
+        """Units of position and drive: those an axis has by default if nothing is said."""
+        if not {"x", "u"} & set(self.units):
+            return "m", "N"
+        return self.units.get("x", ""), self.units.get("u", "")
+
     def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
-        """Draw position and input over time, one above the other.
+        """Draw position and input over time; rest is a light band.
 
         Parameters
         ----------
@@ -972,7 +1008,13 @@ class Record:
         control.ControlPlot
         """
         # Here: reading a record needs neither python-control nor its figures.
-        from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
+        from dryfric_control.drawing import (
+            axes_of,
+            control_plot,
+            legend_above,
+            shade_stuck,
+            title_above,
+        )
 
         axes = axes_of(ax, 2)
         top, bottom = axes
@@ -982,12 +1024,18 @@ class Record:
             top.plot(self.t[left_out], self.masked.readings, "C3x", ms=4, label="masked")
         if self.reference is not None:
             top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
+        moving = directions(self)
+        for one, label in ((top, "at rest"), (bottom, None)):
+            shade_stuck(one, self.t, moving, label)
         legend_above(top)
         bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
-        # Where nothing is said, the units are those that an axis has by default.
-        known = self.units if {"x", "u"} & set(self.units) else {"x": "m", "u": "N"}
-        for one, name, role in ((top, "position", "x"), (bottom, "input", "u")):
-            one.set_ylabel(f"{name} [{known[role]}]" if role in known else name)
+        if self.bad["clipped"]:
+            for end in (self.u.min(), self.u.max()):
+                clipped = np.where(self.u == end, end, np.nan)
+                bottom.plot(self.t, clipped, "C3", lw=2.5, label="clipped" if end > 0.0 else None)
+            legend_above(bottom)
+        for one, name, unit in zip(axes, ("position", "input"), self._known_units(), strict=True):
+            one.set_ylabel(f"{name} [{unit}]" if unit else name)
         bottom.set_xlabel("Time [s]")
         for one in axes:
             one.margins(x=0.0)

@@ -13,11 +13,11 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
 from dryfric_control.estimation.force_residual import View
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import _break_aways, _coarse, stick_phases
 from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.records.motion import directions
 from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.estimation.motion import directions
 from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
 from dryfric_control.records import Record, read_record
+from dryfric_control.records.motion import directions
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import truth

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, samples
+
+if TYPE_CHECKING:
+    from dryfric_control.records.record import Record
 
 # A motion counts once it exceeds what a reading at rest can do: toggling
 # between two codes, or white noise at some five standard deviations of a

@@ -1,0 +1,121 @@
+"""Pictures of what the benchmarks print, for their option ``--plot FILE``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+
+def confusion(
+    answers: Sequence[tuple[str, str]], truths: Sequence[str], title: str, path: Path
+) -> None:
+    """Confusion matrix: what was hidden, what was named.
+
+    Parameters
+    ----------
+    answers : sequence of (str, str)
+        Hidden and named cause of each record.
+    truths : sequence of str
+        Hidden causes, in the order of the rows; named ones that are none of
+        them come last.
+    title : str
+        What was run.
+    path : Path
+        Picture to write.
+    """
+    import matplotlib.pyplot as plt
+
+    count = Counter(answers)
+    rows = [what for what in truths if any(hidden == what for hidden, _ in count)]
+    named = {one for _, one in count}
+    # What is no effect comes last; a record without one should end in the first of these.
+    others = sorted(named - set(rows), key=lambda one: (one != "nothing to find", one))
+    columns = [what for what in rows if what in named] + others
+    table = np.array([[count[hidden, name] for name in columns] for hidden in rows])
+    size = 1.6 + 0.24 * np.array([len(columns), len(rows)])
+    figure, ax = plt.subplots(figsize=tuple(size), layout="constrained")
+    share = table / table.sum(axis=1, keepdims=True)
+    ax.imshow(np.where(table > 0, 0.15 + 0.85 * share, 0.0), cmap="Blues", vmin=0.0, vmax=1.25)
+    for i, j in zip(*np.nonzero(table), strict=True):
+        dark = "white" if share[i, j] > 0.6 else "black"
+        ax.text(j, i, table[i, j], ha="center", va="center", fontsize=8, color=dark)
+    ax.set_xticks(range(len(columns)), columns, rotation=90, fontsize=8)
+    ax.set_yticks(range(len(rows)), rows, fontsize=8)
+    ax.set_xticks(np.arange(len(columns)) - 0.5, minor=True)
+    ax.set_yticks(np.arange(len(rows)) - 0.5, minor=True)
+    ax.grid(which="minor", color="0.9", linewidth=0.5)
+    ax.tick_params(which="both", length=0)
+    ax.set_xlabel("named by the diagnosis (records)")
+    ax.set_ylabel("hidden in the record")
+    ax.set_title(title, fontsize=9, loc="left")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def work_precision(
+    rows: Sequence[tuple[str, str, float, float]], laws: dict[str, str], path: Path
+) -> None:
+    """Time against error of every way to simulate one problem.
+
+    Parameters
+    ----------
+    rows : sequence of (str, str, float, float)
+        Name, law, time [s] and error [s]; those without a finite error are left out.
+    laws : dict of str to str
+        What each law is called in the legend.
+    path : Path
+        Picture to write.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, ax = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    shown = [row for row in rows if np.isfinite(row[3])]
+    for i, (law, words) in enumerate(laws.items()):
+        for own in (True, False):
+            some = [r for r in shown if r[1] == law and r[0].startswith("ours") == own]
+            if some:
+                ax.loglog(
+                    [r[3] for r in some],
+                    [1e3 * r[2] for r in some],
+                    "*" if own else "osD^"[i],
+                    color=f"C{i}",
+                    markersize=13 if own else 6,
+                    label=f"{words}{': this package' if own else ''}",
+                )
+    ax.set_xlabel("largest error of a switching time [s]")
+    ax.set_ylabel("processor time for 40 s of stick-slip [ms]")
+    ax.grid(which="major", color="0.9")
+    ax.margins(x=0.2)
+    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3)
+    # The colour says which law; the star that it is this package.
+    texts = [
+        ax.text(r[3], 1e3 * r[2], "   " + _short(r[0]), fontsize=7, va="center") for r in shown
+    ]
+    _apart(figure, texts)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _short(name: str) -> str:
+    """A row's name without what colour and star say."""
+    words = ("ours", "LuGre", "tanh", "events")
+    return ", ".join(part for part in name.split(", ") if part not in words)
+
+
+def _apart(figure, texts) -> None:
+    """Move labels up until none covers another."""
+    figure.canvas.draw()
+    placed = []
+    for text in sorted(texts, key=lambda one: one.get_window_extent().y0):
+        box = text.get_window_extent()
+        shift = 0.0
+        for low in sorted(placed, key=lambda one: one.y0):
+            if box.translated(0.0, shift).overlaps(low):
+                shift = low.y1 - box.y0
+        moved = box.translated(0.0, shift)
+        x, y = text.axes.transData.inverted().transform((box.x0, moved.y0 + 0.5 * box.height))
+        text.set_position((x, y))
+        placed.append(moved)

@@ -1,0 +1,244 @@
+"""A first look at a record, before any fit: what it holds, and what it cannot show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dryfric_control.records.bad_readings import FILLED, REASONS
+from dryfric_control.records.motion import directions
+from dryfric_control.text import Result, length_text, plain_data
+
+if TYPE_CHECKING:
+    from dryfric_control.records.record import Record
+
+# What a record must have to say something: shortest rest [s] and [samples], parts of the
+# samples that slide, part of them that slide either way, largest over smallest velocity,
+# encoder steps of travel, travel over noise, part of the readings masked.
+_REST, _REST_SAMPLES = 0.05, 5
+_SLIDING, _EITHER_WAY, _VELOCITIES = 0.1, 0.02, 2.0
+_STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
+# Work taken out of the machine, as a part of all that passed, which no
+# measurement error makes.
+_TAKEN = 0.2
+
+
+@dataclass(frozen=True, repr=False)
+class RecordCheck(Result):
+    """What a record holds and cannot show; made by `Record.check`.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples.
+    dt, duration : float
+        Sampling step and time covered [s].
+    travel : float
+        Distance between the extreme positions [unit of x].
+    reversals : int
+        Changes of direction, with or without a rest between them.
+    at_rest, forwards, backwards : float
+        Shares of the samples at which the readings show no motion, motion of
+        growing and of falling position [1].
+    longest_rest : float
+        Longest time without motion [s].
+    velocity : tuple of float
+        Magnitudes between which 90 % of the motion lies [unit of x/s].
+    masked : dict of str to int
+        Readings that are not used, by reason, see `Record.bad`.
+    clipped : float
+        Share of the samples at which the drive rests at its extremes [1].
+    quantum : float
+        Encoder quantum, 0 for none [unit of x].
+    noise : float
+        Standard deviation of the position noise, at least quantum / sqrt(12) [unit of x].
+    units : tuple of str
+        Units of position and drive; empty where the record does not know.
+    messages : tuple of str
+        What the record is uninformative about, and what looks wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> t = 1e-3 * np.arange(4000)
+    >>> u = 10.0 + 6.0 * np.sin(3.0 * t)
+    >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
+    >>> for message in dfc.Record(t, u, x).check().messages:
+    ...     print(message)
+    moves forwards only: friction, bias force and asymmetry cannot be separated; drive it both ways
+    """
+
+    samples: int
+    dt: float
+    duration: float
+    travel: float
+    reversals: int
+    at_rest: float
+    forwards: float
+    backwards: float
+    longest_rest: float
+    velocity: tuple[float, float]
+    masked: Mapping[str, int]
+    clipped: float
+    quantum: float
+    noise: float
+    units: tuple[str, str]
+    messages: tuple[str, ...]
+
+    @property
+    def headline(self) -> str:
+        """The record in one line."""
+        lost = self.masked.get(FILLED, 0)
+        left_out = sum(self.masked.values()) - lost
+        words = [
+            f"{self.reversals} reversal{'' if self.reversals == 1 else 's'}",
+            f"{_percent(self.at_rest)} at rest",
+            f"{lost} sample{'' if lost == 1 else 's'} lost" if lost else "no sample lost",
+        ]
+        if left_out:
+            words += [f"{left_out} reading{'' if left_out == 1 else 's'} masked"]
+        words += [
+            f"drive clipped {_percent(self.clipped)}" if self.clipped else "drive not clipped"
+        ]
+        return ", ".join([*words, f"resolution {self._length(self.quantum or self.noise)}"])
+
+    def _length(self, value: float) -> str:
+        return length_text(value, self.units[0]) if self.units[0] else f"{value:.3g}"
+
+    def _steps(self) -> float:
+        """Encoder steps of the travel; infinite without an encoder."""
+        return self.travel / self.quantum if self.quantum else np.inf
+
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        yield self.headline
+        slow, fast = self.velocity
+        speed = f"{self.units[0]}/s" if self.units[0] else ""
+        steps = f", {self._steps():.0f} steps of {self._length(self.quantum)}" * bool(self.quantum)
+        rows: list[tuple[str, ...]] = [
+            ("", "in the record"),
+            ("time", f"{self.duration:.4g} s in {self.samples} samples, {self.dt:.4g} s apart"),
+            ("travel", f"{self._length(self.travel)}{steps}"),
+            ("noise", self._length(self.noise)),
+            (
+                "motion",
+                f"{_percent(self.forwards)} forwards, {_percent(self.backwards)} backwards, "
+                f"longest rest {self.longest_rest:.3g} s",
+            ),
+            (
+                "velocity",
+                f"{slow:.3g} to {fast:.3g} {speed} in 90 % of the motion".replace("  ", " "),
+            ),
+        ]
+        yield rows
+        for message in self.messages:
+            yield f"warning: {message}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures and messages as plain data."""
+        return {f.name: plain_data(getattr(self, f.name)) for f in fields(self)}
+
+
+def _percent(share: float) -> str:
+    """A share as a percentage; one that is not zero does not look like it."""
+    return "less than 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
+
+
+def energy_message(record: Record, units: tuple[str, str]) -> str | None:
+    """What to say of a drive that takes energy out of the machine; None if it does not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> energy_message(dfc.Record(t, np.cos(t), -np.sin(t)), ("m", "N"))[:41]
+    'the drive takes energy out of the machine'
+    """
+    passed = record.u[:-1] * np.diff(record.x)
+    total = float(np.abs(passed).sum())
+    work = float(passed.sum())
+    if work >= -_TAKEN * total:
+        return None
+    return (
+        f"the drive takes energy out of the machine ({work:.3g} of {total:.3g} {units[1]} "
+        f"{units[0]} that passed): is the sign of u or x reversed (gain=-1), or are the two "
+        "swapped? Only a load that pulls the axis along can do that"
+    )
+
+
+def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
+    """Look a record over; `units` are those of position and drive, empty if not known."""
+    moving = directions(record)
+    ways = moving[moving != 0]
+    edges = np.flatnonzero(np.diff(moving == 0, prepend=False, append=False))
+    rests = edges[1::2] - edges[::2]
+    speeds = np.abs(record.derivatives().v[moving != 0])
+    slow, fast = np.quantile(speeds, (0.05, 0.95)) if speeds.size else (0.0, 0.0)
+    bad = record.bad
+    found = RecordCheck(
+        samples=len(record),
+        dt=record.dt,
+        duration=record.duration,
+        travel=record.range,
+        reversals=int(np.count_nonzero(np.diff(ways))),
+        at_rest=float(np.mean(moving == 0)),
+        forwards=float(np.mean(moving > 0)),
+        backwards=float(np.mean(moving < 0)),
+        longest_rest=float(rests.max(initial=0) * record.dt),
+        velocity=(float(slow), float(fast)),
+        masked={reason: bad[reason] for reason in REASONS if bad[reason]},
+        clipped=bad["clipped"] / len(record),
+        quantum=record.quantum or 0.0,
+        noise=record.noise,
+        units=units,
+        messages=(),
+    )
+    return replace(found, messages=tuple(_messages(found, energy_message(record, units))))
+
+
+def _messages(found: RecordCheck, energy: str | None) -> Iterator[str]:
+    """What a user has to know before a fit."""
+    if energy:
+        yield energy
+    if found.clipped:
+        yield (
+            f"the drive rests at both its extremes for {_percent(found.clipped)} of the time: make "
+            "sure that u is what acted, not what was asked"
+        )
+    masked = sum(found.masked.values())
+    if masked > _MASKED * found.samples:
+        yield f"{_percent(masked / found.samples)} of the readings are masked: see record.plot()"
+    if found._steps() < _STEPS:
+        yield (
+            f"the travel is {found._steps():.0f} encoder steps: velocity and "
+            "acceleration are coarse; use a finer encoder or a longer travel"
+        )
+    elif 0.0 < found.travel < _OVER_NOISE * found.noise:
+        yield (
+            f"the noise of position is {_percent(found.noise / found.travel)} of the travel: "
+            "velocity and acceleration are coarse"
+        )
+    sliding = found.forwards + found.backwards
+    if sliding < _SLIDING:
+        yield f"moves for {_percent(sliding)} of the time: little to learn from; drive it harder"
+        return
+    if min(found.forwards, found.backwards) < _EITHER_WAY * sliding:
+        way = "forwards" if found.forwards > found.backwards else "backwards"
+        yield (
+            f"moves {way} only: friction, bias force and asymmetry cannot be separated; drive it "
+            "both ways"
+        )
+    elif found.longest_rest < max(_REST, _REST_SAMPLES * found.dt):
+        yield (
+            f"hardly at rest ({found.longest_rest:.2g} s at most): uninformative about breakaway, "
+            "presliding and dwell time; let it stop a few times"
+        )
+    if found.velocity[1] < _VELOCITIES * found.velocity[0]:
+        yield (
+            "nearly one velocity: viscous friction and Coulomb level cannot be separated; vary it"
+        )

@@ -1,0 +1,115 @@
+"""The first look at a record: figures against records whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+DT = 1e-3
+T = DT * np.arange(4000)
+#: Rests, and moves there and back: 1 s each of rest, way out, rest, way back.
+X = np.interp(T, [0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.0, 0.2, 0.2, 0.0])
+SWAY = 0.1 * np.sin(6.0 * T)
+
+
+def checked(x, u=None, quantum=1e-5, **options):
+    """Check of positions on a grid, driven along their own velocity."""
+    u = np.gradient(x) + 1e-6 * np.cos(3.0 * T) if u is None else u
+    x = quantum * np.round(x / quantum) if quantum else x
+    return dfc.Record(T, u, x, quantum=quantum or 0.0, **options).check()
+
+
+def about(found, words):
+    return [message for message in found.messages if words in message]
+
+
+def test_figures_of_a_move_there_and_back():
+    found = checked(X)
+    # One code more or less at the edges of each rest.
+    assert found.at_rest == pytest.approx(0.5, abs=0.01)
+    assert found.forwards == pytest.approx(0.25, abs=0.01)
+    assert found.backwards == pytest.approx(0.25, abs=0.01)
+    assert found.longest_rest == pytest.approx(1.0, abs=0.01)
+    assert (found.reversals, found.masked, found.clipped) == (1, {}, 0.0)
+    assert found.quantum == pytest.approx(1e-5)
+    assert found.velocity == pytest.approx((0.2, 0.2), rel=0.05)
+    assert found.headline == (
+        "1 reversal, 50 % at rest, no sample lost, drive not clipped, resolution 10 um"
+    )
+
+
+def test_samples_lost_and_readings_masked_are_counted():
+    kept = np.ones(T.size, bool)
+    kept[[1200, 1800, 2500]] = False
+    gaps = dfc.Record.from_irregular(T[kept], np.cos(6.0 * T[kept]), SWAY[kept], dt=DT).check()
+    assert gaps.masked == {"filled": 3} and "3 samples lost, drive" in gaps.headline
+    with pytest.warns(dfc.RecordWarning, match="1 jump"):
+        jump = checked(np.where(np.arange(T.size) == 700, 0.2, SWAY), u=np.cos(6.0 * T))
+    assert jump.masked == {"jump": 1} and "no sample lost, 1 reading masked" in jump.headline
+
+
+def test_clipped_drive():
+    wave = 40.0 * np.cos(6.0 * T) + 5.0 * np.sin(211.0 * T)
+    with pytest.warns(dfc.RecordWarning, match="clipped"):
+        found = checked(SWAY, u=np.clip(wave, -30.0, 30.0))
+    assert found.clipped == pytest.approx(np.mean(np.abs(wave) >= 30.0), abs=1e-3)
+    assert about(found, "rests at both its extremes") and "drive clipped" in found.headline
+
+
+@pytest.mark.parametrize(
+    "x, options, words",
+    [
+        (0.1 * T + 0.02 * np.sin(3.0 * T), {}, "moves forwards only"),
+        (-0.1 * T - 0.02 * np.sin(3.0 * T), {}, "moves backwards only"),
+        (SWAY, dict(quantum=1e-7), "hardly at rest"),
+        (X, {}, "nearly one velocity"),
+        (SWAY, dict(quantum=5e-3), "encoder steps"),
+        (np.where(T < 0.2, 0.05 * np.sin(31.4 * T), 0.0), {}, "little to learn from"),
+        (SWAY, dict(u=-np.cos(6.0 * T)), "takes energy out"),
+    ],
+)
+def test_says_what_a_record_is_uninformative_about(x, options, words):
+    assert about(checked(x, **options), words)
+
+
+def test_noise_without_an_encoder():
+    x = SWAY + np.random.default_rng(0).normal(0.0, 3e-3, T.size)
+    assert about(checked(x, u=np.cos(6.0 * T), quantum=None), "the noise of position")
+
+
+def test_a_rich_record_has_no_warning():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    u = 20.0 * np.sin(6.0 * T) * (np.sin(1.5 * T) > -0.5)
+    record = dfc.Record(T, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=DT).y[0]))
+    assert record.check().messages == ()
+
+
+def test_a_part_that_stands_still_is_checked_too():
+    found = dfc.Record(T, np.cos(T), 1e-5 * np.round(1e5 * X))[2100:2900].check()
+    assert found.at_rest == 1.0 and found.travel == 0.0
+    assert about(found, "little to learn from")
+
+
+def test_units_are_those_of_the_record():
+    turned = dfc.Record(
+        T, np.gradient(X), 1e-5 * np.round(1e5 * X), units={"x": "rad"}, quantum=1e-5
+    ).check()
+    assert "resolution 10 urad" in turned.headline and "rad/s" in turned.summary()
+    unknown = dfc.Record(T, np.gradient(X), X, units={"u": "N m"}).check()
+    assert unknown.units == ("", "N m") and " m" not in unknown.headline.split("resolution")[1]
+    assert turned.to_dict()["at_rest"] == turned.at_rest
+    assert "\u00b5rad" in turned._repr_html_()
+
+
+def test_plot_shows_rest_and_clipped_samples():
+    with pytest.warns(dfc.RecordWarning):
+        record = dfc.Record(
+            T, np.clip(40.0 * np.cos(6.0 * T) + 5.0 * np.sin(211.0 * T), -30.0, 30.0), X
+        )
+    drawn = record.plot()
+    words = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in drawn.axes[:, 0]]
+    assert words == [["measured", "at rest"], ["clipped"]]
+    clipped = drawn.lines[1, 0][1].get_ydata()
+    assert np.array_equal(np.isfinite(clipped), record.u == -30.0)

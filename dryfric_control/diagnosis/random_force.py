@@ -119,6 +119,8 @@ class Gate:
         once more from where free runs have brought them.
         """
         alone = len(search.records) == 1
+        if search.late:
+            return False
         if alone and len(state.causes) < _TOGETHER:
             for c in candidates[:_LIKELY]:
                 if self.at(c.axis, (*state.names, *c.free)):

@@ -171,6 +171,37 @@ def test_median_over_position_follows_cogging():
     assert np.quantile(np.abs(median), 0.9) > 0.8
 
 
+def test_friction_over_velocity_is_that_of_the_laws():
+    axis = AXIS.replace(
+        coulomb=(8.0, 7.0), stribeck=dfc.Stribeck(excess=0.3, speed=0.01), stick_speed=1e-3,
+        effects=(dfc.effects.QuadraticDrag(drag=10.0), dfc.effects.Spring(stiffness=500.0)),
+    )  # fmt: skip
+    drawn = axis.plot_friction(speed=0.1)
+    line = drawn.lines[0, 0][0]
+    v, force = line.get_data()
+    way = np.where(np.signbit(v), -1.0, 1.0)
+    level = np.where(way > 0, 8.0, 7.0)
+    peak = 1.0 + 0.3 * np.exp(-(((np.abs(v) - 1e-3) / 0.01) ** 2))
+    # A spring is no friction. Rounding alone.
+    np.testing.assert_allclose(force, way * level * peak + 15.0 * v + 10.0 * v * np.abs(v))
+    assert v[0] == -0.1 and v[-1] == 0.1 and np.any(v == 1e-3)
+    words = [text.get_text() for text in drawn.axes[0, 0].texts]
+    assert words == ["10.4 N", "9.1 N"]
+
+
+def test_friction_that_depends_on_the_position_is_a_band():
+    axis = AXIS.replace(effects=(dfc.effects.PositionDependence(slope=2.0, centre=0.15),))
+    (band,) = axis.plot_friction(span=(0.1, 0.2)).axes[0, 0].collections
+    edge = band.get_paths()[0].vertices
+    # 8 (1 + 2 (x - 0.15)) N at both ends of the span, and 15 N s/m.
+    reach = edge[:, 1][edge[:, 0] == edge[:, 0].max()]
+    assert [reach.min(), reach.max()] == pytest.approx([7.2 + 4.0, 8.8 + 4.0])
+    assert not AXIS.plot_friction().axes[0, 0].collections
+    for bad in ({"speed": 0.0}, {"span": (0.2, 0.1)}, {"span": 3.0}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            AXIS.plot_friction(**bad)
+
+
 # -------------------------------------------------------------------- texts
 
 

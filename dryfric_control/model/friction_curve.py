@@ -112,9 +112,9 @@ def draw_friction(axis: FrictionAxis, ax: Any, speed: float, span: tuple[float, 
         name = "breakaway friction force" if s > 0 else None
         ax.plot(start, level, "o", color="C3", ms=4, label=name)
         ax.annotate(
-            typeset(f"{abs(level - axis.viscous * start):.3g} {force}"), (start, level), (8 * s, 5 * s), color="C3",
-            textcoords="offset points", fontsize="small", ha="left" if s > 0 else "right",
-            va="bottom" if s > 0 else "top",
+            typeset(f"{abs(level - axis.viscous * start):.3g} {force}"), (start, level),
+            (8 * s, 5 * s), textcoords="offset points", fontsize="small", color="C3",
+            ha="left" if s > 0 else "right", va="bottom" if s > 0 else "top",
         )  # fmt: skip
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=0)
     ax.set_xlabel(f"velocity [{length}/s]")

@@ -18,6 +18,7 @@ from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
 from dryfric_control.diagnosis.report import figures as diagnosis_figures
 from dryfric_control.drawing import panels
+from dryfric_control.observer import figures
 from dryfric_control.text import WIDTH, Result, plain_data, typeset, wrapped
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
@@ -110,6 +111,20 @@ def test_start_of_the_estimate_does_not_set_the_scale():
     # It starts 1000 increments off, the plant stays below 500.
     assert run.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
     assert np.max(run.estimate.y[0]) >= 1000.0
+
+
+def test_position_shows_its_start_and_the_loop_its_blocks():
+    run = presets.clutch_experiment(duration=0.5)
+    (inset,) = run.plot(what="position").axes[0, 0].child_axes
+    t, estimate = inset.lines[1].get_data()
+    assert t[0] == 0.0 and t[-1] == pytest.approx(0.15)
+    np.testing.assert_array_equal(estimate, run.estimate.y[0][: t.size])
+    drawn = figures.draw_block_diagram(title="loop").axes[0, 0]
+    words = " ".join(text.get_text() for text in drawn.texts)
+    for block in ("filter", "controller", "axis with dry", "encoder", "PI observer"):
+        assert block in words
+    # An arrow ends at each box, and two leave the page.
+    assert sum(getattr(text, "arrow_patch", None) is not None for text in drawn.texts) == 9
 
 
 def test_observed_loop_draws_what_is_asked():

@@ -227,7 +227,7 @@ def blind(axis: FrictionAxis, record: Record) -> BoolArray:
     >>> round(1e-3 * float(hidden[2000:].sum()), 1)     # 0.1 m/s for 2 * 5 mm
     0.1
     """
-    axis = axis.effective()
+    axis, record = at_the_mass(axis, record)
     drive = float(np.sqrt(np.mean(record.u**2)))
     hidden = np.zeros(len(record), bool)
     index = np.arange(len(record))

@@ -41,8 +41,8 @@ _SHOWN = 5
 _TEXT_WIDTH = 132
 # Bins of the medians of the force residual.
 _BINS = 24
-# Candidates that get a bar, and dots of measured friction.
-_BARS, _DOTS = 8, 3000
+# Candidates that get a bar, rows that there is room for at least, dots of measured friction.
+_BARS, _ROWS, _DOTS = 8, 4, 3000
 # Stribeck velocities in a closer look at the peak, and how much of the width it may take
 # before that look is needless.
 _CLOSER, _WIDE = 8.0, 0.4
@@ -470,7 +470,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     for tick, slug in zip(ax.get_yticklabels(), times, strict=True):
         tick.set_weight("bold" if slug in rank else "normal")
     ax.axvline(1.0, color="k", lw=0.8)
-    ax.set_ylim(len(times) - 0.4, -0.6)
+    ax.set_ylim(max(len(times), _ROWS) - 0.4, -0.6)
     # Bars that are next to nothing shall look it.
     most = max(1.05 * max(times.values()), _LEAST_TIMES)
     ax.set_xscale("log")

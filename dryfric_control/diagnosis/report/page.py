@@ -284,7 +284,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     if believed.stribeck and found.stribeck:
         peaks = believed.stribeck, found.stribeck
         rows.append(("Stribeck excess", peaks[0].excess, peaks[1].excess, "1"))
-        rows.append(("Stribeck speed", peaks[0].speed, peaks[1].speed, f"{length}/s"))
+        rows.append(("Stribeck velocity", peaks[0].speed, peaks[1].speed, f"{length}/s"))
 
     cells: list[tuple[str, ...]] = [
         ("friction effects included", "nominal", "with the causes", "change")

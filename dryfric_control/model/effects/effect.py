@@ -402,7 +402,7 @@ class Effect:
         yield from tried(cls, view)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        """Way and time after a turn in which no force residual of a rigid axis shows it.
+        """Way and time after a turn in which it is no force.
 
         A turn is a reversal or a start of the motion, or of the force that a transmission
         hands on.

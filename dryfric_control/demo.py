@@ -167,6 +167,7 @@ def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
     for s in (1, -1):
         truth = s * ramp.axis.coulomb(x, s)
         one.plot(x, truth, "k--", lw=1.0, label="truth" if s > 0 else None)
+    one.set_xlabel(f"position [{ramp.axis.units[0]}]")
     legend_above(one)
     title_above(one, one.get_title(loc="left"))
     return drawn

@@ -152,7 +152,7 @@ def draw_difference(
     lines = [(before, BEFORE, "nominal")] if nominal or after is None else []
     lines += [(after, AFTER, "with the causes")] if after is not None else []
     most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
-    factor, unit = prefixed(max(most, windows.floor), d.axis.units[0])
+    factor, unit = prefixed(0.1 * max(most, windows.floor), d.axis.units[0])
     for one, style, name in lines:
         error = np.insert(one.errors[part] / factor, gaps, np.nan)
         ax.plot(np.insert(record.t[part], gaps, np.nan), error, **style, lw=1.3, label=name)

@@ -1,4 +1,4 @@
-"""The main job, end to end: fit an axis to a record and replay what was held out."""
+"""The main job, end to end: fit, replay, the figures of the paper, a diagnosis."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ import control as ct
 import numpy as np
 
 from dryfric_control import presets
+from dryfric_control.diagnosis.diagnose import diagnose
+from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
+from dryfric_control.drawing import MEASURED, legend_above, title_above
 from dryfric_control.identification import (
+    CoulombIdentification,
     Fit,
     FitWarning,
+    SlowRamp,
     fit,
     identify_coulomb,
     identify_stribeck,
@@ -27,7 +32,9 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Spring
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.state_machine import plot_state_machine
 from dryfric_control.observer.figures import (
+    draw_block_diagram,
     draw_coulomb_maps,
     draw_friction,
     draw_modes,
@@ -97,6 +104,18 @@ def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController
     return believed, record, controller
 
 
+def measured(
+    path: str | os.PathLike[str],
+) -> tuple[FrictionAxis, Record, PositionController | None]:
+    """A rough axis for a measured record, the record, its controller where that is known."""
+    record = read_record(path)
+    axis = FrictionAxis(
+        mass=50.0, viscous=100.0, coulomb=CoulombMap.of(10.0), name=record.name or "axis"
+    )
+    is_emps = Path(path).name.upper().startswith("DATA_EMPS")
+    return axis, record, emps_controller(record.dt) if is_emps else None
+
+
 def fit_and_replay(
     axis: FrictionAxis, record: Record, controller: PositionController | None
 ) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
@@ -128,10 +147,36 @@ def fit_and_replay(
     return fitted, summary, figures
 
 
-def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
-    """The paper's section 3 on a made bench: Figures 4, 5 and 6."""
+def model() -> dict[str, ct.ControlPlot]:
+    """The paper's section 2: Figures 1 and 2, and the loop in which all runs (3)."""
     axis = presets.clutch_actuator()
-    ramp = slow_ramp_experiment(axis, quantum=presets.QUANTUM)
+    return {
+        "figure_1_friction": axis.plot_friction(),
+        "figure_2_state_machine": plot_state_machine(axis),
+        "figure_3_closed_loop": draw_block_diagram(),
+    }
+
+
+def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
+    """Identified levels over the crawl as recorded, and the levels of the simulated bench."""
+    drawn = levels.plot(title="Coulomb level over the travel: crawl, levels found, truth")
+    one, record = drawn.axes[0, 0], ramp.record
+    some = slice(None, None, max(1, len(record) // 10_000))
+    one.plot(record.x[some], record.u[some], color=MEASURED, lw=0.6, zorder=0, label="crawl")
+    x = np.linspace(*levels.travel, 201)
+    for s in (1, -1):
+        truth = s * ramp.axis.coulomb(x, s)
+        one.plot(x, truth, "k--", lw=1.0, label="truth" if s > 0 else None)
+    one.set_xlabel(f"position [{ramp.axis.units[0]}]")
+    legend_above(one)
+    title_above(one, one.get_title(loc="left"))
+    return drawn
+
+
+def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
+    """The paper's section 3 on a simulated bench: Figures 4, 5 and 6."""
+    axis = presets.clutch_actuator()
+    ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
     levels = identify_coulomb(ramp.record)
     believed = levels.apply(axis.replace(stribeck=None))
     with warnings.catch_warnings():
@@ -140,7 +185,7 @@ def bench() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
         peak = identify_stribeck(believed, ramp.record, ramp.controller, starts=1)
     figures = {
         "figure_4_slow_ramp": ramp.plot(),
-        "figure_5_coulomb": levels.plot(),
+        "figure_5_coulomb": over_crawl(levels, ramp),
         "figure_6_stick_slip": peak.plot(),
     }
     return {"coulomb": levels.to_dict(), "stick_slip": peak.to_dict()}, figures
@@ -158,6 +203,16 @@ def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
         "figure_11_modes": draw_modes(loop),
     }
     return summary, figures
+
+
+def hidden_cause() -> Diagnosis:
+    """Diagnosis of a short record of an axis whose Stribeck peak nobody knows of."""
+    axis = FrictionAxis(mass=2.0, viscous=15.0, coulomb=CoulombMap.of(8.0), name="simulated stage")
+    machine = axis.replace(stribeck=Stribeck(excess=0.4, speed=0.03))
+    t = 1e-3 * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    return diagnose(axis, Record(t, u, x, name="simulated record of 6 s"), progress=False)
 
 
 def run(
@@ -186,16 +241,7 @@ def run(
     ValueError
         If the record cannot be read; nothing is written then.
     """
-    controller: PositionController | None
-    if record_path is None:
-        axis, record, controller = made_record()
-    else:
-        record = read_record(record_path)
-        axis = FrictionAxis(
-            mass=50.0, viscous=100.0, coulomb=CoulombMap.of(10.0), name=record.name or "axis"
-        )
-        is_emps = Path(record_path).name.upper().startswith("DATA_EMPS")
-        controller = emps_controller(record.dt) if is_emps else None
+    axis, record, controller = made_record() if record_path is None else measured(record_path)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -222,7 +268,9 @@ def run(
             f"Held out: closed loop, position RMS {loop['position_rms']:.3g} m, force RMS "
             f"{loop['force_rms']:.3g} N ({loop['relative_force']:.2%} of the force)"
         )
-    say("Slow ramp on a made bench, figures 4 to 6 of the paper (half a minute)")
+    say("Friction, state machine and closed loop, figures 1 to 3")
+    figures |= model()
+    say("Slow ramp on a simulated bench, figures 4 to 6 of the paper (some ten seconds)")
     summary["bench"], drawn = bench()
     figures |= drawn
     say("Switched PI observer in closed loop, figures 7 to 11 of the paper")
@@ -231,9 +279,15 @@ def run(
     for name, figure in figures.items():
         save(figure, folder / f"{name}.png")
 
+    say("Diagnosis of an axis that hides a Stribeck peak: report.html")
+    found = hidden_cause()
+    say(found.summary())
+    write_report(found, folder)
+    summary["diagnosis"] = found.to_dict()
+
     with replacing(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    say(f"Figures and summary.json are in {folder}")
+    say(f"report.html, the figures and summary.json are in {folder}")
     return summary
 
 

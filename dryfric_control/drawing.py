@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import control as ct
@@ -25,8 +25,8 @@ _START = 0.1
 
 # Widths of a letter of the title and of the legend, and of a legend's handle [pt].
 _LETTER, _SMALL_LETTER, _HANDLE = 6.5, 4.6, 32.0
-# Height of a legend of one row [pt].
-_LEGEND = 20.0
+# Height of a legend of one row [pt], and its most columns.
+_LEGEND, _MOST_COLUMNS = 20.0, 6
 
 
 class PanelPlot(ct.ControlPlot):
@@ -146,11 +146,12 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
 
 
 def legend_above(ax: Any) -> None:
-    """Put the legend above the axes, where it hides no data."""
+    """Put the legend above the axes, where it hides no data, in as many rows as it needs."""
+    widths = [_HANDLE + _SMALL_LETTER * len(name) for name in ax.get_legend_handles_labels()[1]]
     ax.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=6,
+        ncols=_columns(widths, 72.0 * ax.bbox.width / ax.figure.dpi),
         fontsize="small",
         frameon=False,
         markerscale=2.0,
@@ -158,11 +159,23 @@ def legend_above(ax: Any) -> None:
     )
 
 
+def _columns(widths: Sequence[float], room: float) -> int:
+    """Most columns in which a legend, filled column by column, fits into the room."""
+    for columns in range(min(len(widths), _MOST_COLUMNS), 1, -1):
+        rows = -(-len(widths) // columns)
+        if sum(max(widths[i : i + rows]) for i in range(0, len(widths), rows)) <= room:
+            return columns
+    return 1
+
+
 def title_above(ax: Any, title: str) -> None:
     """Put a title at the left, above the legend if both do not fit in one line."""
     legend = ax.get_legend()
-    needed = _LETTER * len(title)
-    for text in legend.get_texts() if legend is not None else ():
-        needed += _HANDLE + _SMALL_LETTER * len(text.get_text())
+    needed, rows = _LETTER * len(title), 1
+    names = [] if legend is None else [text.get_text() for text in legend.get_texts()]
+    if names:
+        needed += sum(_HANDLE + _SMALL_LETTER * len(name) for name in names)
+        rows = -(-len(names) // legend._ncols)
     room = 72.0 * ax.bbox.width / ax.figure.dpi
-    ax.set_title(title, loc="left", pad=_LEGEND if legend is not None and needed > room else None)
+    above = bool(names) and (needed > room or rows > 1)
+    ax.set_title(title, loc="left", pad=_LEGEND * (0.3 + 0.7 * rows) if above else None)

@@ -13,6 +13,11 @@ from typing import Any
 
 import numpy as np
 
+# Raised signs of exponents.
+_RAISED = str.maketrans(
+    "-0123456789", "\u207b\u2070\xb9\xb2\xb3\u2074\u2075\u2076\u2077\u2078\u2079"
+)
+
 #: Longest line [characters].
 WIDTH = 100
 
@@ -53,12 +58,25 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
 
 def length_text(value: float, unit: str) -> str:
     """A small length with a readable prefix."""
-    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
-        if abs(value) >= 0.1 * factor:
-            return f"{value / factor:.3g} {prefix}{unit}"
     if abs(value) < 1e-13:  # round-off: no prefix makes it readable
         return f"{value:.0e} {unit}" if value else f"0 {unit}"
-    return f"{value / 1e-9:.3g} n{unit}"
+    factor, unit = prefixed(value, unit)
+    return f"{value / factor:.3g} {unit}"
+
+
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """Factor and name of the unit with the prefix in which a small value is readable.
+
+    Examples
+    --------
+    >>> from dryfric_control.text import prefixed
+    >>> prefixed(3e-6, "m"), prefixed(0.2, "rad")
+    ((1e-06, 'um'), (1.0, 'rad'))
+    """
+    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
+        if abs(value) >= 0.1 * factor:
+            return factor, f"{prefix}{unit}"
+    return 1e-9, f"n{unit}"
 
 
 def typeset(text: str) -> str:
@@ -72,6 +90,7 @@ def typeset(text: str) -> str:
     """
     text = re.sub(r"\b(N m|N|kg) (?=[ms]\b)", lambda m: m[0].replace(" ", "\xb7"), text)
     text = re.sub(r"(?<=[\d\[]) ?u(m|rad)\b", lambda m: m[0].replace("u", "\xb5"), text)
+    text = re.sub(r"\)e([+-]\d+)", lambda m: f")\xb710{str(int(m[1])).translate(_RAISED)}", text)
     for plain, sign in (("+-", "\xb1"), ("->", "\u2192"), ("^2", "\xb2"), ("^3", "\xb3")):
         text = text.replace(plain, sign)
     return text

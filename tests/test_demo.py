@@ -7,8 +7,10 @@ from pathlib import Path
 import matplotlib
 import pytest
 
+from dryfric_control import demo
 from dryfric_control.__main__ import main
 from dryfric_control._version import __version__
+from dryfric_control.store.axis_file import read_axis
 
 EMPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 
@@ -18,35 +20,57 @@ def no_window():
     matplotlib.use("Agg")
 
 
-def test_demo_makes_its_own_record_and_recovers_it(tmp_path):
-    assert main(["demo", "--out", str(tmp_path / "out")]) == 0
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Folder and summary of one run without a record."""
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    matplotlib.use("Agg")
+    assert main(["demo", "--out", str(folder)]) == 0
+    return folder, json.loads((folder / "summary.json").read_text())
+
+
+def test_demo_makes_its_own_record_and_recovers_it(made):
+    folder, summary = made
     # The record's own axis: mass 12, levels 9 and 7; the encoder of 2 um leaves 1 %.
     assert summary["parameters"]["mass"] == pytest.approx(12.0, rel=0.01)
     assert summary["coulomb_plus"] == pytest.approx(9.0, rel=0.01)
     assert summary["coulomb_minus"] == pytest.approx(7.0, rel=0.01)
     windows = summary["held_out_windows"]
     assert windows["position_rms_after_m"] < 0.01 * windows["position_rms_before_m"]
-    figures = {path.stem for path in (tmp_path / "out").glob("*.png")}
-    assert {"stick_slip", "fit", "held_out_windows", "held_out_closed_loop"} <= figures
-    assert {"figure_4_slow_ramp", "figure_5_coulomb", "figure_6_stick_slip"} <= figures
-    assert {"figure_7_maps", "figure_11_modes"} <= figures
     measured, replayed = (summary["bench"]["stick_slip"][k] for k in ("measured", "replayed"))
     # The replayed stick-slip is the measured one within 10 %.
     assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)
     assert replayed["period"] == pytest.approx(measured["period"], rel=0.1)
-    leftovers = [path for path in (tmp_path / "out").iterdir() if path.suffix == ".part"]
+    leftovers = [path for path in folder.iterdir() if path.suffix == ".part"]
     assert not leftovers
 
 
+def test_demo_draws_every_figure_of_the_paper(made):
+    folder, _ = made
+    figures = {path.stem for path in folder.glob("*.png")}
+    assert {"stick_slip", "fit", "held_out_windows", "held_out_closed_loop"} <= figures
+    numbers = [name.split("_")[1] for name in figures if name.startswith("figure_")]
+    assert sorted(map(int, numbers)) == list(range(1, 12))
+
+
+def test_demo_ends_with_a_diagnosis_and_its_report(made):
+    folder, summary = made
+    (cause,) = summary["diagnosis"]["causes"]
+    assert summary["diagnosis"]["verdict"] == "explained" and cause["effect"] == "stribeck"
+    # The peak that was put in; the encoder leaves less than 1 %.
+    assert cause["parameters"]["excess"] == pytest.approx(0.4, rel=0.01)
+    assert cause["parameters"]["speed"] == pytest.approx(0.03, rel=0.01)
+    assert "explained: Stribeck peak" in (folder / "report.html").read_text(encoding="utf-8")
+    assert read_axis(folder / "extended.toml").stribeck is not None
+
+
 @pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not there: ../shared/data/emps")
-def test_demo_recovers_the_mass_of_the_emps_record(tmp_path, capsys):
-    assert main(["demo", "--out", str(tmp_path), "--record", str(EMPS)]) == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
+def test_demo_recovers_the_mass_of_the_emps_record():
+    _, summary, figures = demo.fit_and_replay(*demo.measured(EMPS))
     # 95.1 kg: Janot, Gautier, Brunot, 2019; within 3 %.
     assert summary["parameters"]["mass"] == pytest.approx(95.1, rel=0.03)
     assert summary["held_out_closed_loop"]["relative_force"] < 0.1
-    assert "Held out" in capsys.readouterr().out
+    assert "held_out_closed_loop" in figures
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
 from dryfric_control.diagnosis.report import figures as diagnosis_figures
 from dryfric_control.drawing import panels
+from dryfric_control.observer import figures
 from dryfric_control.text import WIDTH, Result, plain_data, typeset, wrapped
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
@@ -112,6 +113,20 @@ def test_start_of_the_estimate_does_not_set_the_scale():
     assert np.max(run.estimate.y[0]) >= 1000.0
 
 
+def test_position_shows_its_start_and_the_loop_its_blocks():
+    run = presets.clutch_experiment(duration=0.5)
+    (inset,) = run.plot(what="position").axes[0, 0].child_axes
+    t, estimate = inset.lines[1].get_data()
+    assert t[0] == 0.0 and t[-1] == pytest.approx(0.15)
+    np.testing.assert_array_equal(estimate, run.estimate.y[0][: t.size])
+    drawn = figures.draw_block_diagram(title="loop").axes[0, 0]
+    words = " ".join(text.get_text() for text in drawn.texts)
+    for block in ("filter", "controller", "axis with dry", "encoder", "PI observer"):
+        assert block in words
+    # An arrow ends at each box, and two leave the page.
+    assert sum(getattr(text, "arrow_patch", None) is not None for text in drawn.texts) == 9
+
+
 def test_observed_loop_draws_what_is_asked():
     run = presets.clutch_experiment(duration=1.0)
     assert run.plot(what="maps").axes[0, 0].get_xlabel() == "position [inc]"
@@ -169,6 +184,37 @@ def test_median_over_position_follows_cogging():
     periods = np.ptp(shown.x) / 0.012
     assert 1.7 * periods < changes < 2.5 * periods
     assert np.quantile(np.abs(median), 0.9) > 0.8
+
+
+def test_friction_over_velocity_is_that_of_the_laws():
+    axis = AXIS.replace(
+        coulomb=(8.0, 7.0), stribeck=dfc.Stribeck(excess=0.3, speed=0.01), stick_speed=1e-3,
+        effects=(dfc.effects.QuadraticDrag(drag=10.0), dfc.effects.Spring(stiffness=500.0)),
+    )  # fmt: skip
+    drawn = axis.plot_friction(speed=0.1)
+    line = drawn.lines[0, 0][0]
+    v, force = line.get_data()
+    way = np.where(np.signbit(v), -1.0, 1.0)
+    level = np.where(way > 0, 8.0, 7.0)
+    peak = 1.0 + 0.3 * np.exp(-(((np.abs(v) - 1e-3) / 0.01) ** 2))
+    # A spring is no friction. Rounding alone.
+    np.testing.assert_allclose(force, way * level * peak + 15.0 * v + 10.0 * v * np.abs(v))
+    assert v[0] == -0.1 and v[-1] == 0.1 and np.any(v == 1e-3)
+    words = [text.get_text() for text in drawn.axes[0, 0].texts]
+    assert words == ["10.4 N", "9.1 N"]
+
+
+def test_friction_that_depends_on_the_position_is_a_band():
+    axis = AXIS.replace(effects=(dfc.effects.PositionDependence(slope=2.0, centre=0.15),))
+    (band,) = axis.plot_friction(span=(0.1, 0.2)).axes[0, 0].collections
+    edge = band.get_paths()[0].vertices
+    # 8 (1 + 2 (x - 0.15)) N at both ends of the span, and 15 N s/m.
+    reach = edge[:, 1][edge[:, 0] == edge[:, 0].max()]
+    assert [reach.min(), reach.max()] == pytest.approx([7.2 + 4.0, 8.8 + 4.0])
+    assert not AXIS.plot_friction().axes[0, 0].collections
+    for bad in ({"speed": 0.0}, {"span": (0.2, 0.1)}, {"span": 3.0}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            AXIS.plot_friction(**bad)
 
 
 # -------------------------------------------------------------------- texts

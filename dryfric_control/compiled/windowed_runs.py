@@ -452,3 +452,31 @@ def accelerations(numbers, integers, t, x, v, u, direction, out):
     """Acceleration of the sliding mode at given states, into `out`."""
     for k in range(t.shape[0]):
         out[k] = axis_step.mode_rate(numbers, integers, t[k], x[k], v[k], u[k], direction[k])[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def behind_drive_and_encoder(axis, t0, dt, u, first, y, force, x):
+    """Mean drive force of each sample behind input map, delay and lag, into `force`.
+
+    And the positions at which the encoder reads y, into `x`.
+    """
+    plant, memory = axis_step.point(axis.numbers, axis.integers), np.zeros(axis.memory)
+    state, last = axis_step.pointer(memory), u.shape[0] - 1
+    lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY] / dt
+    whole = int(delay)
+    part = delay - whole
+    lagged = _held(plant, state, u, 0, 0)
+    for k in range(last + 1):
+        mean = 0.0
+        for late, share in ((whole, 1.0 - part), (whole + 1, part)):
+            start = _held(plant, state, u, k - late, 0)
+            end = _held(plant, state, u, k - late, 1) if first else start
+            mean += 0.5 * share * (start + end)
+        if lag > 0.0:
+            new = mean + (lagged - mean) * np.exp(-dt / lag)
+            mean -= (new - lagged) * lag / dt
+            lagged = new
+        force[k] = mean
+        memory[axis_step.V] = 0.0
+        axis_step.place(plant, t0 + k * dt, dt, y[k], state)
+        x[k] = memory[axis_step.X]

@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -241,6 +242,8 @@ def _likely(
     """The diagnosis that the likelihood makes."""
     experiment = None
     extended = found.final.axis
+    left = found.unexplained
+    left = replace(left, fraction=found.gain.left if left.significant else 0.0)
     doubtful = next((c for c in found.causes if found.rivals.get(c.effect)), None)
     if doubtful is not None and unhurried:
         rivals = found.rivals[doubtful.effect]
@@ -255,7 +258,7 @@ def _likely(
         causes=tuple(found.causes),
         extended=extended,
         gain=found.gain,
-        unexplained=found.unexplained,
+        unexplained=left,
         next_experiment=experiment,
         messages=tuple(found.messages),
         scores=found.scores,
@@ -394,7 +397,7 @@ def _diagnosis(
     gain, confirmed = _gain(selector, axis, final, part == MEASURE)
     # Data that nothing was chosen on has the last word on a cause.
     explained = explained and (confirmed or not (free or kept))
-    left = _unexplained(selector, before, final, floor, explained)
+    left = _unexplained(selector, final, floor, gain, explained)
     causes = _causes(selector, found, best, final, kept)
     if causes:
         verdict = "explained" if explained else "partly explained"
@@ -475,17 +478,12 @@ def _causes(
     return causes + [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
 
 
-def _unexplained(selector, before, final, floor, explained):  # type: ignore[no-untyped-def]
-    expected = floor.expected
-    known = selector.known
-    left = float(np.maximum(final.scores - expected, 0.0)[known].mean())
-    there = float(np.maximum(before.scores - expected, 0.0)[known].mean())
-    fraction = min(left / there, 1.0) if there > 0.0 else 0.0
-    places: tuple[str, ...] = ()
-    if not explained:
-        scores = np.where(known, final.scores, np.nan)
-        places = where(scores, float(floor.worst[known].max()), selector.bench, selector.axis.units)
-    return Unexplained(fraction if not explained else 0.0, not explained, places)
+def _unexplained(selector, final, floor, gain, explained):  # type: ignore[no-untyped-def]
+    if explained:
+        return Unexplained(0.0, False, ())
+    scores = np.where(selector.known, final.scores, np.nan)
+    worst = float(floor.worst[selector.known].max())
+    return Unexplained(gain.left, True, where(scores, worst, selector.bench, selector.axis.units))
 
 
 def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import binary_dilation
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
-from dryfric_control.estimation.force_residual import View
+from dryfric_control.estimation.force_residual import View, at_the_mass
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import directions
@@ -46,11 +47,13 @@ class Evidence:
     axis : FrictionAxis
     record : Record
     t, x, v : ndarray, shape (n,)
-        Time, position and speed of samples that slide, zero-phase.
+        Time, position and velocity of samples that slide and are not `blind`, zero-phase.
     residual : ndarray, shape (n,)
         Force that the axis would need beside its drive to move as measured,
         m a - (u - f v - F): positive where a push in positive direction is
-        missing.
+        missing.  u is the force behind gain, delay and lag of the axis' drive.
+    hidden : float
+        Part of the sliding samples that is left out as `blind`.
     since_reversal : ndarray, shape (n,)
         Time since the motion last changed direction [s]; NaN before the first
         time.
@@ -76,6 +79,7 @@ class Evidence:
     x: FloatArray
     v: FloatArray
     residual: FloatArray
+    hidden: float
     since_reversal: FloatArray
     lags: FloatArray
     autocorrelation: FloatArray
@@ -116,7 +120,11 @@ class Evidence:
 
 
 def evidence(
-    axis: FrictionAxis, record: Record, window: float = 0.25, hold: str = "zero"
+    axis: FrictionAxis,
+    record: Record,
+    window: float = 0.25,
+    hold: str = "zero",
+    hide: BoolArray | None = None,
 ) -> Evidence:
     """Lay an axis' simulation beside a record.
 
@@ -130,6 +138,8 @@ def evidence(
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
+    hide : ndarray of bool, shape (nsamples,), optional
+        Samples that are left out of the force residual.  Default: those of `blind`.
 
     Returns
     -------
@@ -142,8 +152,9 @@ def evidence(
 
     Notes
     -----
-    The force residual is blind to what acts through time or at rest (delay,
-    backlash, presliding); the free runs and the modes are not.
+    The force residual is that of one rigid mass behind the drive of the axis.  What acts at
+    rest or between two masses (presliding, backlash, compliance) is no force on it:
+    the free runs and the modes show it.
 
     Examples
     --------
@@ -160,18 +171,23 @@ def evidence(
     """
     axis = axis.effective()
     windows = cut(record, window, hold)
-    seen = View(axis, record)
+    seen = View(*at_the_mass(axis, record, hold))
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
-    lags, correlation, white = autocorrelation(seen.residual, index, record.dt)
+    hidden = blind(axis, record) if hide is None else hide
+    # What is hidden reaches as far as the smoothing does.
+    shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
+    index, residual = index[shown], seen.residual[shown]
+    lags, correlation, white = autocorrelation(residual, index, record.dt)
     at = windows.evaluate(axis, np.ones(len(windows), bool), thorough=True)
     return Evidence(
         axis,
         record,
-        seen.t,
-        seen.x,
-        seen.v,
-        seen.residual,
+        seen.t[shown],
+        seen.x[shown],
+        seen.v[shown],
+        residual,
+        float(np.mean(~shown)) if shown.size else 0.0,
         since_reversal(record)[index],
         lags,
         correlation,
@@ -182,6 +198,53 @@ def evidence(
         moving,
         _modes(windows, record.x + at.errors),
     )
+
+
+def blind(axis: FrictionAxis, record: Record) -> BoolArray:
+    """Samples at which effects of an axis are no force on one rigid mass.
+
+    Those within the way and the time after a turn that `Effect.blind` says.
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        The axis.
+    record : Record
+        The measured record.
+
+    Returns
+    -------
+    ndarray of bool, shape (nsamples,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.Presliding(distance=5e-3),))
+    >>> t = 1e-3 * np.arange(4000)
+    >>> hidden = blind(axis, dfc.Record(t, np.cos(t), 0.1 * np.abs(t - 2.0)))
+    >>> round(1e-3 * float(hidden[2000:].sum()), 1)     # 0.1 m/s for 2 * 5 mm
+    0.1
+    """
+    axis, record = at_the_mass(axis, record)
+    drive = float(np.sqrt(np.mean(record.u**2)))
+    hidden = np.zeros(len(record), bool)
+    index = np.arange(len(record))
+    for effect in axis.effects:
+        way, time = effect.blind(axis, drive)
+        if way == time == 0.0:
+            continue
+        turns = np.diff(directions(record), prepend=0) != 0
+        share = effect.inner(axis).load_fraction
+        if share > 0.0:
+            motor = (1.0 - share) * axis.mass * record.derivatives().a
+            turns |= np.diff(np.sign(record.u - motor), prepend=0.0) != 0.0
+        turns[0] = True
+        last = np.maximum.accumulate(np.where(turns, index, 0))
+        hidden |= np.abs(record.x - record.x[last]) < way
+        hidden |= (index - last) * record.dt < time
+    return hidden
 
 
 def since_reversal(record: Record) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import savgol_coeffs
 
-from dryfric_control.compiled.windowed_runs import accelerations
+from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_and_encoder
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
@@ -56,6 +56,8 @@ class Sliding:
         Mean of the held input before and after each sample, which is what a
         central difference sees.
     direction : ndarray of int64, shape (n,)
+    smoothing : int
+        Samples of the Savitzky-Golay window.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class Sliding:
         drive = 0.5 * (record.u + np.concatenate((record.u[:1], record.u[:-1])))
         if smooth_drive:
             drive = np.convolve(np.pad(drive, half, mode="edge"), _kernel(size, record.dt), "valid")
+        self.smoothing = size
         self.t, self.x = record.t[pick], smooth.x[pick]
         self.v, self.a, self.u = smooth.v[pick], smooth.a[pick], drive[pick]
         self.direction = moving[pick].astype(np.int64)
@@ -313,6 +316,39 @@ def forces(
 ) -> FloatArray:
     """Force with which an axis' sliding mode differs from the drive, shape (n,)."""
     return np.asarray(axis.mass * _accelerations(axis, np.zeros(x.size), x, v, u, direction) - u)
+
+
+def at_the_mass(
+    axis: FrictionAxis, record: Record, hold: str = "zero"
+) -> tuple[FrictionAxis, Record]:
+    """Axis and record behind the drive and before the encoder.
+
+    Gain, dead zone, saturation, delay and lag of the drive are in the record's input, an
+    error of the encoder is out of its positions, and all of them are out of the axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(
+    ...     dfc.effects.InputGain(gain=1.2), dfc.effects.InputDelay(delay=4e-3)))
+    >>> bare, behind = at_the_mass(axis, dfc.Record(t, t, np.sin(t)))
+    >>> bare.effects, round(float(behind.u[1000]), 6)     # 1.2 (1 - 0.004)
+    ((), 1.1952)
+    """
+    axis = axis.effective()
+    gone = [e for e in axis.effects if e.action in ("input", "delay", "lag", "reading")]
+    if not gone:
+        return axis, record
+    force, x = np.empty(len(record)), np.empty(len(record))
+    behind_drive_and_encoder(
+        axis.arrays(record.dt), float(record.t[0]), record.dt, record.u, hold == "first",
+        record.x, force, x,
+    )  # fmt: skip
+    kept = tuple(e for e in axis.effects if e not in gone)
+    moved = any(e.action == "reading" for e in gone)
+    return axis.replace(effects=kept), record.replace(u=force, x=x if moved else None)
 
 
 def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> FloatArray:

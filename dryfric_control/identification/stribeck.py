@@ -23,7 +23,7 @@ from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_wind
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.model.loops import PositionController
+from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
@@ -48,6 +48,8 @@ _SHORTEST = 10
 # A move shorter than this part of the long slips is part of one stick phase:
 # noise, or the creep at its beginning.
 _SLIP = 0.1
+# Slips that a replay runs on before it starts anew.
+_STRETCH = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +111,16 @@ class StribeckIdentification(Result):
         Ripple of the model in the same loop, where the controller is known.
     loop : LoopReplay or None
         That replay.
+    branches : tuple of Record
+        The same in stretches of some slips, each from the rest before its first: a replay of
+        the whole record falls out of step with it.
     """
 
     fit: Fit
     measured: Ripple | None
     replayed: Ripple | None
     loop: LoopReplay | None
+    branches: tuple[Record, ...] = ()
 
     @property
     def axis(self) -> FrictionAxis:
@@ -149,10 +155,10 @@ class StribeckIdentification(Result):
         some = slice(None, None, max(1, len(record) // 20_000))
         axes[0].plot(record.x[some], record.u[some], ".", color=MEASURED, ms=2, label="measured")
         axes[1].plot(record.t[some], record.u[some], ".", color=MEASURED, ms=2)
-        if self.loop is not None:
-            y = self.loop.response.y
-            axes[0].plot(y[0][some], y[4][some], "k-", lw=0.8, label="model in the same loop")
-            axes[1].plot(record.t[some], y[4][some], "k-", lw=0.8)
+        for i, one in enumerate(self.branches):
+            name = f"model in the same loop, restarted every {_STRETCH} slips" if i == 0 else None
+            axes[0].plot(one.x[some], one.u[some], "k-", lw=0.8, label=name)
+            axes[1].plot(one.t[some], one.u[some], "k-", lw=0.8)
         places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
         for s in (1, -1):
             axes[0].plot(
@@ -359,10 +365,33 @@ def identify_stribeck(
     for message in found.messages:
         warnings.warn(message, FitWarning, stacklevel=2)
     loop = replayed = None
+    branches: tuple[Record, ...] = ()
     if controller is not None:
         loop = replay_loop(found.axis, record, controller)
         replayed = _replayed(loop)
-    return StribeckIdentification(found, measured, replayed, loop)
+        branches = _branches(found.axis, record, controller, sticks)
+    return StribeckIdentification(found, measured, replayed, loop, branches)
+
+
+def _branches(
+    axis: FrictionAxis, record: Record, controller: PositionController, sticks: Sticks
+) -> tuple[Record, ...]:
+    """Replays of stretches of some slips one way, each from the rest before its first."""
+    turns = np.flatnonzero(np.diff(sticks.direction, prepend=0) != 0)
+    since = np.arange(sticks.begin.size)
+    since -= np.maximum.accumulate(np.where(np.isin(since, turns), since, 0))
+    first = np.flatnonzero(since % _STRETCH == 0)
+    ends = np.append(sticks.begin[first[1:]], len(record))
+    found = []
+    for a, b in zip(sticks.begin[first], ends, strict=True):
+        part = record[a:b]
+        r = np.asarray(part.reference)
+        start = {"quantum": record.quantum or 0.0, "x0": float(part.x[0])}
+        # What the controller has summed up before is a constant force.
+        push = part.u[0] - simulate_loop(axis, controller, r, **start).y[4][0]
+        run = simulate_loop(axis, controller, r, disturbance=np.full(r.size, push), **start)
+        found.append(part.replace(u=run.y[4] + push, x=run.y[0]))
+    return tuple(found)
 
 
 def _replayed(loop: LoopReplay) -> Ripple | None:

@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, places, positive, samples
 from dryfric_control.compiled import axis_step, elastic
+from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import Inner, law_address
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import Events, SimulationResponse
 from dryfric_control.model.units import on_axis
 from dryfric_control.text import table
@@ -636,6 +638,66 @@ class FrictionAxis:
             by_drive(u),
         )
 
+    def plot_friction(
+        self,
+        speed: float | None = None,
+        span: tuple[float, float] | None = None,
+        ax: Any = None,
+        title: str | None = None,
+    ) -> ct.ControlPlot:
+        """Draw friction over velocity.
+
+        Levels of both directions with the breakaway friction forces, Stribeck peak and
+        viscous part, and everything that effects add to them; a line in the middle of the
+        span, and a band where friction depends on the position.
+
+        Parameters
+        ----------
+        speed : float, optional
+            Largest velocity shown [m/s].  Default: eight Stribeck velocities; without a
+            peak, the velocity at which the viscous part is half the Coulomb level.
+        span : tuple of float, optional
+            Lowest and highest position of the band [m].  Default: the travel.
+        ax : Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: name of the axis and what is shown.
+
+        Returns
+        -------
+        control.ControlPlot
+
+        Raises
+        ------
+        ValueError
+            If `speed` is not positive, or `span` does not run from low to high.
+
+        Notes
+        -----
+        F(v) = sign(v) Fc(x) (1 + sigma exp(-((abs(v) - Sigma)/vs)^2)) + f v, and forces of
+        effects that depend on the velocity, as a quadratic drag.  A spring, gravity or a
+        load is no part of it; friction that depends on time is that at time zero.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+        ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
+        >>> drawn = axis.plot_friction()
+        >>> drawn.axes[0, 0].get_ylabel()
+        'friction [N]'
+        >>> friction = drawn.lines[0, 0][0].get_ydata()
+        >>> round(float(friction.max()), 1)     # breakaway (1 + 0.3) 8 N
+        10.4
+        """
+        fastest = usual_speed(self) if speed is None else positive("speed", speed, unit="m/s")
+        places = (self.travel or (0.0, 0.0)) if span is None else _travel(span, "span")
+        axes = axes_of(ax, 1, figsize=(7.0, 4.2))
+        draw_friction(self, axes[0], fastest, places)
+        legend_above(axes[0])
+        title_above(axes[0], f"{self.name}: friction over velocity" if title is None else title)
+        return control_plot(axes)
+
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values with units."""
         length, force, speed = self.unit("m"), self.unit("N"), self.unit("m/s")
@@ -816,14 +878,14 @@ def mode_label(index: int) -> str:
     return {0: "stuck", 1: "plus", -1: "minus"}[index]
 
 
-def _travel(travel: Any) -> tuple[float, float]:
+def _travel(travel: Any, name: str = "travel") -> tuple[float, float]:
     try:
         low, high = travel
     except (TypeError, ValueError):
-        raise ValueError(f"travel must be (low, high), got {travel!r}") from None
-    low, high = finite("travel[0]", low), finite("travel[1]", high)
+        raise ValueError(f"{name} must be (low, high), got {travel!r}") from None
+    low, high = finite(f"{name}[0]", low), finite(f"{name}[1]", high)
     if not low < high:
-        raise ValueError(f"travel must run from low to high, got {travel!r}")
+        raise ValueError(f"{name} must run from low to high, got {travel!r}")
     return low, high
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from dryfric_control.drawing import axes_of, control_plot
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.responses import MODE_NAMES
+from dryfric_control.text import typeset
 
 # Boxes of the modes in axes coordinates: left, bottom, width, height.
 _BOXES = {-1: (0.0, 0.60, 0.34, 0.33), 1: (0.66, 0.60, 0.34, 0.33), 0: (0.34, 0.12, 0.32, 0.31)}
@@ -83,7 +84,8 @@ def _levels(axis: FrictionAxis, level: Callable[[ArrayLike, int], Any], s: int) 
     places = np.linspace(*axis.travel, 1001) if axis.travel else np.zeros(1)
     values = np.asarray(level(places, s), dtype=float)
     low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-    return f"{low if low == high else f'{low} to {high}'} {axis.units[1]}"
+    unit = typeset(axis.units[1])
+    return f"{low if low == high else f'{low} to {high}'} {unit}"
 
 
 def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
@@ -107,9 +109,9 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
 
 def _below(axis: FrictionAxis, force: str) -> list[str]:
     """Numbers that all modes share, and what the letters mean."""
-    length, unit = axis.units
-    mass = axis.unit("kg").replace("^2", "\N{SUPERSCRIPT TWO}")
-    shared = [f"m = {axis.mass:.4g} {mass}", f"f = {axis.viscous:.4g} {unit} s/{length}"]
+    length = axis.units[0]
+    shared = [typeset(f"m = {axis.mass:.4g} {axis.unit('kg')}")]
+    shared += [typeset(f"f = {axis.viscous:.4g} {axis.unit('N s/m')}")]
     if axis.stribeck:
         shared += [rf"$\sigma$ = {axis.stribeck.excess:.4g}"]
         shared += [rf"$v_s$ = {axis.stribeck.speed:.4g} {length}/s"]

@@ -19,6 +19,29 @@ from dryfric_control.drawing import (
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.responses import Response
 
+# Start that the inset of the position shows [s].
+_FIRST = 0.15
+# The closed loop: boxes by centre, half width and words; arrows by their corners and words.
+_BLOCKS = (
+    (0.135, 0.72, 0.065, "low-pass\nfilter"),
+    (0.365, 0.72, 0.085, "position\ncontroller"),
+    (0.615, 0.72, 0.095, "axis with dry\nfriction: stuck,\nsliding +, sliding \N{MINUS SIGN}"),
+    (0.835, 0.72, 0.062, "encoder"),
+    (0.615, 0.22, 0.095, "switched\nPI observer:\ngains by mode"),
+)
+_ARROWS = (
+    (((0.0, 0.72), (0.07, 0.72)), "r", 0),
+    (((0.2, 0.72), (0.28, 0.72)), r"$r_f$", 0),
+    (((0.45, 0.72), (0.52, 0.72)), "u", 0),
+    (((0.71, 0.72), (0.773, 0.72)), "x", 0),
+    (((0.897, 0.72), (1.0, 0.72)), "y", 0),
+    (((0.945, 0.72), (0.945, 0.47), (0.365, 0.47), (0.365, 0.575)), "", 1),
+    (((0.945, 0.47), (0.945, 0.22), (0.71, 0.22)), "", 1),
+    (((0.485, 0.72), (0.485, 0.22), (0.52, 0.22)), "", 0),
+    (((0.52, 0.12), (0.3, 0.12)), r"$\hat x,\ \hat v,\ \hat F$, mode", 0),
+)
+_JUNCTIONS = ((0.945, 0.72), (0.945, 0.47), (0.485, 0.72))
+
 
 class Run(Protocol):
     """What a figure reads of an observed loop."""
@@ -31,6 +54,53 @@ class Run(Protocol):
     def plant(self) -> Response: ...
     @property
     def estimate(self) -> Response: ...
+
+
+def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPlot:
+    """Draw the closed loop of the paper's section 5 as blocks.
+
+    Parameters
+    ----------
+    ax : Axes, optional
+        Where to draw.  Default: a new figure.
+    title : str, optional
+        Title.  Default: one that names what is shown.
+
+    Returns
+    -------
+    control.ControlPlot
+
+    Examples
+    --------
+    >>> from dryfric_control.observer.figures import draw_block_diagram
+    >>> words = [text.get_text() for text in draw_block_diagram().axes[0, 0].texts]
+    >>> "encoder" in words
+    True
+    """
+    from matplotlib.patches import FancyBboxPatch
+
+    axes = axes_of(ax, 1, figsize=(7.0, 3.2))
+    one = axes[0]
+    one.set_axis_off()
+    one.set_xlim(-0.01, 1.01)
+    one.set_ylim(-0.06, 1.0)
+    for x, y, half, words in _BLOCKS:
+        box = FancyBboxPatch(
+            (x - half, y - 0.145), 2.0 * half, 0.29, fc="0.95", ec="k",
+            boxstyle="round,pad=0,rounding_size=0.01", mutation_aspect=2.0,
+        )  # fmt: skip
+        one.add_patch(box)
+        one.text(x, y, words, ha="center", va="center", fontsize="small")
+    for corners, words, at in _ARROWS:
+        one.plot(*zip(*corners, strict=True), "k", lw=1.1, solid_joinstyle="miter", zorder=0)
+        end = {"arrowstyle": "-|>", "color": "k", "shrinkA": 0, "shrinkB": 0}
+        one.annotate("", corners[-1], corners[-2], arrowprops=end)
+        middle = np.mean(corners[at : at + 2], axis=0)
+        one.text(*(middle + (0.0, 0.03)), words, ha="center", va="bottom", fontsize="small")
+    one.plot(*zip(*_JUNCTIONS, strict=True), "ko", ms=3.5)
+    title = "closed loop: the observer reads drive force and encoder" if title is None else title
+    title_above(one, title)
+    return control_plot(axes)
 
 
 def draw_coulomb_maps(
@@ -131,11 +201,19 @@ def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.Cont
 
     Notes
     -----
-    The first 0.1 s do not count for the scales; the band is the plant at rest.
+    The first 0.1 s do not count for the scales; the band is the plant at rest.  The inset
+    shows the first 0.15 s, in which the estimate comes from where it started.
     """
     axes = axes_of(ax, 2)
     axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")
     _signal(run, axes, 0, "position", run.axis.units[0], title)
+    first = run.plant.t <= _FIRST
+    inset = axes[0].inset_axes((0.055, 0.40, 0.25, 0.46))
+    inset.plot(run.plant.t[first], run.plant.y[0][first], "k", linewidth=1.0)
+    inset.plot(run.plant.t[first], run.estimate.y[0][first], "C0.--", linewidth=1.0, ms=3)
+    inset.set_xlim(-0.03 * _FIRST, _FIRST)
+    inset.set_title("start", fontsize="x-small", pad=2.0)
+    inset.tick_params(labelsize="x-small")
     return control_plot(axes)
 
 

@@ -442,6 +442,47 @@ class Record:
             x = quantum * np.round((x - shift) / quantum) + shift
         return self._derived(self.t, self.u, x, self.reference, self.dt, "read anew")
 
+    def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
+        """The record with another input or other positions.
+
+        Parameters
+        ----------
+        u, x : array_like, shape (n,), optional
+            What takes the place of the input and of the positions.
+
+        Returns
+        -------
+        Record
+            With time, encoder quantum and all else of this one.
+
+        Raises
+        ------
+        ValueError
+            If an argument is no vector of finite numbers, one for each sample.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> record = dfc.Record(t, np.cos(t), np.sin(t))
+        >>> float(record.replace(u=35.0 * record.u).u[0])
+        35.0
+        """
+        new = {"u": self.u, "x": self.x}
+        for name, values in (("u", u), ("x", x)):
+            if values is not None:
+                new[name] = vector(name, values)
+            if new[name].size != len(self):
+                raise ValueError(
+                    f"{name} has {new[name].size} samples but the record has {len(self)}; give "
+                    "one each"
+                )
+        return self._derived(
+            self.t, new["u"], new["x"], self.reference, self.dt, channels=self.channels,
+            masked=self.masked,
+        )  # fmt: skip
+
     def __getitem__(self, key: slice) -> Record:
         """The samples of a slice with step 1."""
         if not isinstance(key, slice):

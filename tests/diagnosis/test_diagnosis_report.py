@@ -1,5 +1,6 @@
 """What a diagnosis shows: evidence, figures, HTML, the axis as a file, the command."""
 
+import functools
 import importlib
 import io
 import json
@@ -24,6 +25,7 @@ from dryfric_control.diagnosis.evidence import (
     since_reversal,
     where,
 )
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report import figures, findings, wording
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
@@ -138,6 +140,12 @@ def uneven(found):
         found, axis=believed, extended=machine, causes=causes, scores=scores, verdict="explained",
         unexplained=Unexplained(0.0, False, ()), next_experiment=None, messages=(),
     )  # fmt: skip
+
+
+@functools.cache
+def page_of(d):
+    """Page of a diagnosis, made once."""
+    return html_page(d)
 
 
 def words_of(text):
@@ -263,6 +271,107 @@ def test_binned_quartiles_and_gaps():
     assert binned([], []).centre.size == 0
 
 
+SINES = 20.0 * np.sin(6.0 * DT * np.arange(6000)) + 12.0 * np.sin(17.0 * DT * np.arange(6000) + 1)
+PLAIN = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+
+
+def moved(*effects):
+    """An axis with effects, and its record under two sines."""
+    machine = PLAIN.replace(effects=effects)
+    x = 1e-6 * np.round(1e6 * machine.simulate(SINES, dt=DT).y[0])
+    return machine, dfc.Record(DT * np.arange(6000), SINES, x)
+
+
+@pytest.fixture(scope="module")
+def smoothed_away():
+    """RMS of the residual that the smoothing alone leaves of this motion."""
+    return evidence(*moved()).force_rms
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (dfc.effects.InputDelay(delay=4e-3),),
+        (dfc.effects.InputDelay(delay=4.5e-3), dfc.effects.ActuatorLag(time_constant=3e-3)),
+        (dfc.effects.ActuatorLag(time_constant=5e-3), dfc.effects.Saturation(limit=18.0)),
+        (dfc.effects.InputGain(gain=1.2), dfc.effects.InputDelay(delay=4e-3)),
+        (dfc.effects.EccentricEncoder(amplitude=1e-4, period=0.02),),
+    ],
+    ids=lambda effects: "+".join(e.slug for e in effects),
+)
+def test_force_residual_is_behind_the_drive_and_before_the_encoder(effects, smoothed_away):
+    machine, record = moved(*effects)
+    own, nominal = evidence(machine, record), evidence(PLAIN, record)
+    # A drive that was late by 4 ms is no force that is missing: what is left is that of a
+    # machine without it, 0.12 N of noise, within what a saturation's corners add.
+    assert own.force_rms < 1.3 * smoothed_away < 0.3 * nominal.force_rms
+    assert own.hidden == nominal.hidden == 0.0
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        dfc.effects.Backlash(gap=1e-3, load_fraction=0.5),
+        dfc.effects.Presliding(distance=5e-5),
+    ],
+    ids=lambda effect: effect.slug,
+)
+def test_what_is_no_force_is_left_out_and_said_so(effect, smoothed_away, found):
+    machine, record = moved(effect)
+    own, nominal = evidence(machine, record), evidence(PLAIN, record)
+    assert own.force_rms < 1.3 * smoothed_away < 0.2 * nominal.force_rms
+    assert 0.0 < own.hidden < 0.3
+    d = replace(found, axis=PLAIN, extended=machine, record=record, causes=())
+    before, after = figures.sides(d)
+    # Both sides leave out the same, or their sizes would not compare.
+    assert before.force_rms == pytest.approx(after.force_rms, rel=0.1)
+    assert f"{effect.title} cannot be shown as a force" in wording.hidden_text(d, after.hidden)
+    assert wording.hidden_text(replace(d, extended=PLAIN), nominal.hidden) == ""
+
+
+def test_the_share_left_is_one_fact(found):
+    gain = Gain(4.2e-4, 9e-6, 1.2e-6, (38.0, 56.0), "m")
+    assert gain.left == pytest.approx(math.sqrt((9e-6**2 - 1.2e-6**2) / (4.2e-4**2 - 1.2e-6**2)))
+    d = replace(found, gain=gain, unexplained=Unexplained(gain.left, True, ()))
+    for words in (d.summary(), words_of(html_summary(d))):
+        assert "2.1 % of the error above noise is left" in " ".join(words.split())
+    for after, left in ((1e-3, 1.0), (1.1e-6, 0.0)):
+        assert Gain(4.2e-4, after, 1.2e-6, (1.0, 1.0), "m").left == left
+
+
+def test_difference_is_drawn_in_a_readable_unit(found, shown):
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_difference(found, shown, None, ax)
+    (line,) = (li for li in ax.lines if li.get_label() == "nominal")
+    t, error = line.get_data()
+    known = np.isfinite(error)
+    index = np.rint(t[known] / DT).astype(int)
+    scale = {"[\xb5m]": 1e-6, "[mm]": 1e-3}[typeset(ax.get_ylabel()).rpartition(" ")[2]]
+    np.testing.assert_allclose(scale * error[known], shown.errors[index])
+
+
+def test_friction_that_was_measured_lies_on_the_machine_s_curve(found):
+    before, after = figures.sides(found)
+    ax = matplotlib.pyplot.figure().subplots()
+    figures.draw_friction_curves(found, before, after, ax)
+    dots = next(li for li in ax.lines if li.get_marker() == ".")
+    v, friction = dots.get_data()
+    # 6 N and 14 N s/m; spring and bias are no friction. Noise as in the residual.
+    assert np.median(np.abs(friction - 6.0 * np.sign(v) - 14.0 * v)) < 0.12
+    assert {"nominal", "with the causes"} <= {li.get_label() for li in ax.lines}
+
+
+def test_page_shows_what_is_left_and_the_references(found):
+    frequency = (1.0, 10.0, 100.0)
+    left = Remaining(0.2, 0.003, True, ("x",), frequency, (3e-4, 2e-4, 1e-4))
+    d = replace(found, remaining=left, references={"nominal axis": 3250.0})
+    text = html_page(d)
+    words = words_of(text)
+    assert "Spectrum of the random force that is left, 0.2 N RMS" in text
+    assert "0.2 N RMS a sample, structured, correlation time 0.003 s" in words
+    assert "nominal axis +3250" in words and "Spectrum" not in words_of(page_of(found))
+
+
 # ------------------------------------------------------------------- where
 
 
@@ -367,9 +476,11 @@ def test_page_draws_every_panel_with_units(found):
         assert data and all(one.size for one in data), ax.get_xlabel()
         low, high = ax.get_ylim()
         assert np.isfinite([*ax.get_xlim(), low, high]).all()
-        assert re.search(r"\[.+\]", ax.get_xlabel())
+        assert re.search(r"\[.+\]|\(factor\)", ax.get_xlabel())
     ylabels = [ax.get_ylabel() for ax in axes]
-    assert ylabels[:3] == ["position [m]", "RMS error [m]", "force residual [N]"]
+    assert ylabels[0].startswith("simulated \N{MINUS SIGN} measured [")
+    assert ylabels[1:3] == ["RMS error [\xb5m]", "force residual [N]"]
+    assert ylabels[6] == "friction [N]"
     plot.figure.savefig(io.BytesIO())
     words = " ".join(text.get_text() for ax in plot.figure.axes for text in ax.texts)
     assert "partly explained: spring, bias force" in words
@@ -399,7 +510,7 @@ def test_errors_are_those_of_the_windows(found, shown):
     line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "nominal")
     # Motionless windows are drawn at a tenth of the floor.
     np.testing.assert_allclose(
-        line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
+        1e-6 * line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
     )
 
 
@@ -421,10 +532,10 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     bars = [patch for patch in ax.patches if patch.get_width() != 0.0]
     assert [bar.get_width() > 0.0 for bar in bars] == [True]
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert labels == ["1. Coulomb asymmetry", "spring", "Stribeck peak"]
+    assert labels == ["1. Coulomb asymmetry", "Stribeck peak"]
+    assert "Alone no better: spring." in words_of(page_of(uneven))
     told = [text.get_text() for text in ax.texts]
     assert " useful only in combination" in told
-    assert any(text.startswith("no bar: alone no better") for text in told)
     assert ax.get_xlim()[0] == 1.0
 
 
@@ -434,10 +545,10 @@ def test_no_bar_at_all_is_told_in_a_sentence(found):
     assert not ax.patches and not ax.axison
     sentence = figures.NO_BAR
     assert " ".join(ax.texts[0].get_text().split()) == sentence
-    page = html_page(d)
+    page = page_of(d)
     assert sentence in words_of(page)
     assert "Bars:" not in page
-    assert sentence not in words_of(html_page(found))
+    assert sentence not in words_of(page_of(found))
 
 
 def test_page_without_causes_shows_one_axis(nothing):
@@ -449,9 +560,9 @@ def test_page_without_causes_shows_one_axis(nothing):
 
 
 def test_page_draws_into_given_axes(found):
-    given = matplotlib.pyplot.figure().subplots(2, 4)
+    given = matplotlib.pyplot.figure().subplots(3, 3)
     assert found.plot(given).axes.ravel()[0] is given[0, 0]
-    with pytest.raises(ValueError, match="ax must hold 8 axes"):
+    with pytest.raises(ValueError, match="ax must hold 9 axes"):
         found.plot(given[:1])
     with pytest.raises(ValueError, match="by must be one of"):
         figures.draw_residual(None, None, "mass", given[0, 0])
@@ -530,7 +641,7 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
     assert found.small_corrections == ()
     assert "Stribeck" not in figures.headline(uneven) and "inertia" not in figures.headline(uneven)
     heading = "small corrections of nominal values"
-    for text in (uneven.summary(), words_of(html_page(uneven)), words_of(html_summary(uneven))):
+    for text in (uneven.summary(), words_of(page_of(uneven)), words_of(html_summary(uneven))):
         text = re.sub(r"\s+", " ", text).replace("\u2192", "->").replace("\u00b1", "+-")
         causes, _, small = text.partition(heading if heading in text else heading.capitalize())
         for change in (
@@ -589,7 +700,7 @@ def test_a_force_and_a_load_are_no_part_of_the_level(uneven):
 def test_which_way_is_harder_is_told_in_newtons(uneven):
     x = np.array(uneven.to_dict()["coulomb_level"]["x"])
     flat = re.sub(r"\s+", " ", uneven.summary())
-    page = words_of(html_page(uneven))
+    page = words_of(page_of(uneven))
     for text in (flat, page, words_of(html_summary(uneven))):
         for way, name in ((1, "forwards"), (-1, "backwards")):
             places = ", ".join(f"{law_level(p, way):.3g} N at x = {p:.3g} m" for p in x)
@@ -628,8 +739,8 @@ def test_levels_are_drawn_where_they_vary(uneven, found):
     assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
     assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
     alt = "Coulomb level over position; nominal: 6 N, both ways"
-    assert alt in html_page(uneven)
-    assert "Coulomb level over position" not in html_page(found)
+    assert alt in page_of(uneven)
+    assert "Coulomb level over position" not in page_of(found)
 
 
 @pytest.mark.parametrize(
@@ -653,15 +764,15 @@ def test_errors_have_two_digits(value, error, text):
 
 def test_page_says_once_what_an_error_covers(found, uneven):
     for d in (found, uneven):
-        for text in (html_page(d), html_summary(d)):
+        for text in (page_of(d), html_summary(d)):
             assert words_of(text).count("random error of this record alone, not that of") == 1
 
 
 def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
-    page = words_of(html_page(found))
+    page = words_of(page_of(found))
     assert "axis_file" not in page
     code = re.search(r"(import dryfric_control as dfc.*?)Its file", "".join(Page(
-        html_page(found)).text), re.DOTALL)[1]  # fmt: skip
+        page_of(found)).text), re.DOTALL)[1]  # fmt: skip
     asked = []
     monkeypatch.setattr(
         dfc, "design_pi_observer", lambda axis, **given: asked.append((axis, given))
@@ -678,10 +789,10 @@ def test_words_are_those_of_a_user(found, uneven):
     for d in (found, uneven):
         figure = d.plot().figure
         drawn_words = " ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
-        for text in (d.summary(), words_of(html_page(d)), words_of(html_summary(d)), drawn_words):
+        for text in (d.summary(), words_of(page_of(d)), words_of(html_summary(d)), drawn_words):
             for insider in ("held-out", "looks the same", "log(1", "log score", "told wrongly"):
                 assert insider not in text, insider
-    page = words_of(html_page(found))
+    page = words_of(page_of(found))
     assert "alternatives" in page and "none" in page
     # A gain of 1.5 (1.2 to 1.8) is an error exp(0.75) times smaller.
     assert "2.12 (1.82 to 2.46)" in page
@@ -719,13 +830,13 @@ class Page(HTMLParser):
 @pytest.mark.parametrize("which", ["found", "nothing"])
 def test_page_stands_alone_and_escapes(which, request):
     d = request.getfixturevalue(which)
-    text = html_page(d)
+    text = page_of(d)
     page = Page(text)
     assert text.startswith("<!DOCTYPE html>")
     assert "script" not in page.tags and "link" not in page.tags
     for _, name, value in page.attributes:
         if name in ("src", "href"):
-            assert value.startswith("data:image/png;base64,")
+            assert value.startswith("data:image/svg+xml;base64,")
     assert not re.search(r"https?://|url\(|@import", text)
     words = " ".join(page.text)
     assert NAME in words and "run <7>" in words
@@ -736,7 +847,7 @@ def test_page_stands_alone_and_escapes(which, request):
 
 
 def test_page_tells_everything(found):
-    words = " ".join(Page(html_page(found)).text)
+    words = " ".join(Page(page_of(found)).text)
     for part in (
         "partly explained",
         "stiffness = 12.00 \u00b1 0.10 N/m",

@@ -193,6 +193,13 @@ def test_ripple_comes_back(seed, options):
     assert found.replayed.period == pytest.approx(found.measured.period, rel=0.1)
     # Half of the demand on the ripple, which the excess drives.
     assert found.stribeck.excess == pytest.approx(0.3, rel=0.05)
+    # Restarted every few slips it stays in step, both ways.
+    ways = {int(np.sign(one.x[-1] - one.x[0])) for one in found.branches}
+    for one in found.branches:
+        begin = round((one.t[0] - record.t[0]) / record.dt)
+        measured = record.u[begin : begin + len(one)]
+        assert np.corrcoef(one.u, measured)[0, 1] > 0.99
+    assert ways == {1, -1}
 
 
 def test_ripple_of_a_smooth_crawl_is_none():

@@ -41,7 +41,7 @@ CASES = [
 
 def test_numbers_of_the_axis_stand_in_the_drawing():
     text = words(dfc.plot_state_machine(an_axis()))
-    for number in ("m = 2 kg", "f = 15 N s/m", "= 8 N", "= 6 N", "p = 500 1/s", "0.0001 m/s"):
+    for number in ("m = 2 kg", "f = 15 N\xb7s/m", "= 8 N", "= 6 N", "p = 500 1/s", "0.0001 m/s"):
         assert number in text
     # breakaway is (1 + 0.5) times the Coulomb level
     assert "$F_{s+}$ = 12 N" in text and "$F_{s-}$ = 9 N" in text

@@ -63,3 +63,15 @@ def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
     floor = noise_floor(bench, axis, [axis, far], at, active)
     assert np.all(np.isfinite(floor.scores))
     assert len(floor.scores) == (2 if np.isfinite(path[0]) else 1)
+
+
+def test_record_with_another_input_or_other_positions():
+    one = record(quantum=1e-3)
+    other = one.replace(u=2.0 * one.u)
+    np.testing.assert_array_equal(other.u, 2.0 * one.u)
+    np.testing.assert_array_equal(other.x, one.x)
+    assert other.quantum == one.quantum and one.replace(x=-one.x).x[5] == -one.x[5]
+    with pytest.raises(ValueError, match="u has 3 samples"):
+        one.replace(u=np.zeros(3))
+    with pytest.raises(ValueError, match="x"):
+        one.replace(x=np.full(T.size, np.nan))

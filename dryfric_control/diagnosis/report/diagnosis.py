@@ -155,10 +155,11 @@ class Diagnosis(Result, Findings):
 
         Parameters
         ----------
-        ax : sequence of eight Axes, optional
-            Where to draw the position, the errors of the free runs, the force
-            residual against velocity, position, time and time since reversal, the
-            candidates and the autocorrelation.  Default: a new figure, with the
+        ax : sequence of nine Axes, optional
+            Where to draw simulated - measured position, the errors of the free runs,
+            the force residual against velocity, position, time and time since
+            reversal, friction over velocity, the candidates and the
+            autocorrelation.  Default: a new figure, with the
             verdict in words.
 
         Returns

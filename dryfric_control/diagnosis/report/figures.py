@@ -9,8 +9,8 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
-from dryfric_control.diagnosis.report.findings import Findings, title_of
+from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
+from dryfric_control.diagnosis.report.findings import Findings, plain, title_of
 from dryfric_control.diagnosis.report.wording import (
     WAYS,
     headline,
@@ -19,7 +19,8 @@ from dryfric_control.diagnosis.report.wording import (
     times_smaller,
 )
 from dryfric_control.drawing import axes_of, control_plot, legend_above
-from dryfric_control.text import typeset
+from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
+from dryfric_control.text import prefixed, typeset
 
 FloatArray = NDArray[np.float64]
 
@@ -33,13 +34,18 @@ AFTER = {"color": FOUND, "linestyle": "-"}
 ROLES = ((1, "judge", "0.92"), (2, "measure", "0.80"))
 #: What the force residual is drawn against.
 AGAINST = ("velocity", "position", "time", "reversal")
-PANELS = 4 + len(AGAINST)
+PANELS = 5 + len(AGAINST)
 
 # Free runs shown in the close-up of the position.
 _SHOWN = 5
 _TEXT_WIDTH = 132
 # Bins of the medians of the force residual.
 _BINS = 24
+# Candidates that get a bar, rows that there is room for at least, dots of measured friction.
+_BARS, _ROWS, _DOTS = 8, 4, 3000
+# Stribeck velocities in a closer look at the peak, and how much of the width it may take
+# before that look is needless.
+_CLOSER, _WIDE = 8.0, 0.4
 # Letters of the title in a line, its lines, and the causes that it names.
 _TITLE_WIDTH, _TITLE_LINES, _NAMED = 76, 2, 2
 # Marks of motion forwards and backwards, for those who see no colour.
@@ -63,23 +69,28 @@ NO_BAR = (
 
 
 def plot_diagnosis(d: Findings, ax: Any = None) -> ct.ControlPlot:
-    """Draw a diagnosis on one page, or in eight given axes; see `Diagnosis.plot`."""
+    """Draw a diagnosis on one page, or in nine given axes; see `Diagnosis.plot`."""
     before, after = sides(d)
     axes = _page(d) if ax is None else axes_of(ax, PANELS)
-    draw_position(d, before, after, axes[0])
+    draw_difference(d, before, after, axes[0])
     draw_errors(d, before, after, axes[1])
     for i, by in enumerate(AGAINST):
-        draw_residual(before, after, by, axes[2 + i], legend=i == 0)
+        draw_residual(before, after, by, axes[2 + i], labels=i == 0, wide=True)
+    draw_friction_curves(d, before, after, axes[-3])
     draw_candidates(d, axes[-2])
     draw_autocorrelation(before, after, axes[-1])
     return control_plot(axes)
 
 
 def sides(d: Findings) -> tuple[Evidence, Evidence | None]:
-    """Evidence for the nominal axis, and with the causes if there are any."""
-    before = evidence(d.axis, d.record, d.window)
+    """Evidence for the nominal axis, and with the causes if there are any.
+
+    Both leave out of the force residual what the causes make no force.
+    """
+    hide = blind(d.extended, d.record)
+    before = evidence(d.axis, d.record, d.window, d.hold, hide)
     same = d.extended.effective() == d.axis.effective()
-    return before, None if same else evidence(d.extended, d.record, d.window)
+    return before, None if same else evidence(d.extended, d.record, d.window, d.hold, hide)
 
 
 def _page(d: Findings) -> NDArray[Any]:
@@ -106,9 +117,9 @@ def _page(d: Findings) -> NDArray[Any]:
     )
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows
-    figure = plt.figure(figsize=(10.0, 11.2 + head), layout="constrained")
+    figure = plt.figure(figsize=(10.0, 12.4 + head), layout="constrained")
     figure.get_layout_engine().set(h_pad=0.08, w_pad=0.08)
-    grid = figure.add_gridspec(5, 1, height_ratios=(head, 2.0, 1.9, 2.2, 4.0))
+    grid = figure.add_gridspec(5, 1, height_ratios=(head, 2.0, 1.9, 2.2, 5.2))
     title = figure.add_subplot(grid[0])
     title.set_axis_off()
     # Dollar signs are no formulas here.
@@ -116,45 +127,81 @@ def _page(d: Findings) -> NDArray[Any]:
     title.text(0.0, 1.0, "\n".join(heading), fontsize=13, weight="bold", **words)
     title.text(0.0, 1.0 - above / head, text, fontsize=8.5, linespacing=1.25, **words)
     wide = [figure.add_subplot(grid[row]) for row in (1, 2)]
-    middle, bottom = grid[3].subgridspec(1, len(AGAINST)), grid[4].subgridspec(1, 2)
+    middle, bottom = grid[3].subgridspec(1, len(AGAINST)), grid[4].subgridspec(2, 2)
     forces: list[Any] = []
     for i in range(len(AGAINST)):
         forces.append(figure.add_subplot(middle[i], sharey=forces[0] if forces else None))
-    low = [figure.add_subplot(bottom[i]) for i in range(2)]
+    low = [figure.add_subplot(bottom[place]) for place in (np.s_[0, 0], np.s_[:, 1], np.s_[1, 0])]
     for one in forces[1:]:
         one.tick_params(labelleft=False)
     return np.array([*wide, *forces, *low], dtype=object)
 
 
-def _runs(shown: Evidence, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-    """Times and positions of free runs, with a gap at each restart."""
-    edges = shown.windows.edges
-    part = slice(edges[first], edges[last])
-    gaps = edges[first + 1 : last] - edges[first]
-    return (
-        np.insert(shown.record.t[part], gaps, np.nan),
-        np.insert(shown.positions[part], gaps, np.nan),
-    )
-
-
-def draw_position(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
-    """Measured position and free runs around the largest error."""
+def draw_difference(
+    d: Findings, before: Evidence, after: Evidence | None, ax: Any, nominal: bool = True
+) -> None:
+    """Simulated - measured position around a large error; with the causes alone on request."""
     windows, record = before.windows, before.record
     # A typical large error: the very worst may be a single mistimed breakaway.
     order = np.argsort(before.error_by_window)
     worst = int(order[round(0.95 * (order.size - 1))])
     first = max(0, min(worst - _SHOWN // 2, len(windows) - _SHOWN))
-    last = min(first + _SHOWN, len(windows))
-    part = slice(windows.edges[first], windows.edges[last])
-    ax.plot(record.t[part], record.x[part], ".", color=GREY, ms=5, label="measured")
-    name = "free runs" if after is None else "free runs, nominal"
-    ax.plot(*_runs(before, first, last), **BEFORE, lw=1.6, label=name)
-    if after is not None:
-        ax.plot(*_runs(after, first, last), **AFTER, lw=1.2, label="free runs, with the causes")
+    edges = windows.edges[first : min(first + _SHOWN, len(windows)) + 1]
+    part = slice(edges[0], edges[-1])
+    gaps = edges[1:-1] - edges[0]
+    lines = [(before, BEFORE, "nominal")] if nominal or after is None else []
+    lines += [(after, AFTER, "with the causes")] if after is not None else []
+    most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
+    factor, unit = prefixed(0.1 * max(most, windows.floor), d.axis.units[0])
+    for one, style, name in lines:
+        error = np.insert(one.errors[part] / factor, gaps, np.nan)
+        ax.plot(np.insert(record.t[part], gaps, np.nan), error, **style, lw=1.3, label=name)
+    noise = 2.0 * windows.floor / factor
+    ax.axhspan(-noise, noise, color="0.85", lw=0, zorder=0, label="noise of a reading, twice")
+    for k in edges[1:-1]:
+        ax.axvline(record.t[k], color="0.6", lw=0.6, ls=":", zorder=0)
     ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"position [{d.axis.units[0]}]")
-    ax.set_title("close-up", loc="left", fontsize="medium")
+    ax.set_ylabel(f"simulated \N{MINUS SIGN} measured [{unit}]")
     ax.margins(x=0.01)
+    legend_above(ax)
+
+
+def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
+    """Friction over velocity, nominal and with the causes, and what was measured."""
+    last = before if after is None else after
+    length, force = d.axis.units
+    measured = friction_over_velocity(last.axis, last.v, last.x) - last.residual
+    some = slice(None, None, max(1, measured.size // _DOTS))
+    # A closer look at a narrow peak fits below the curve.
+    fastest = 1.02 * float(np.quantile(np.abs(last.v), 0.998)) if last.v.size else 1.0
+    peaks = [one.stribeck for one in (before.axis, last.axis) if one.stribeck]
+    near = _CLOSER * max((peak.speed for peak in peaks), default=0.0)
+    span = float(d.record.x.min()), float(d.record.x.max())
+    panels = [(ax, fastest)]
+    if peaks and near < _WIDE * fastest:
+        panels += [(ax.inset_axes((0.60, 0.12, 0.38, 0.34)), near)]
+    for one, reach in panels:
+        one.plot(
+            last.v[some], measured[some], ".", color=GREY, ms=1.5, rasterized=True,
+            label="measured, net of inertia and other effects",
+        )  # fmt: skip
+        draw_curve(before.axis, one, reach, span, "nominal", lw=1.6, **BEFORE)
+        if after is not None:
+            draw_curve(after.axis, one, reach, span, "with the causes", lw=1.4, **AFTER)
+        one.axhline(0.0, color="0.7", lw=0.6, zorder=0)
+        one.set_xlim(-reach if one is ax else 0.0, reach)
+    levels = friction_over_velocity(last.axis, np.array([fastest, -fastest]), np.mean(span))
+    ends = np.quantile(measured, [0.003, 0.997]) if measured.size else levels
+    seen = np.concatenate((ends, levels))
+    room = 0.1 * float(np.ptp(seen))
+    ax.set_ylim(seen.min() - room, seen.max() + room)
+    for one, _ in panels[1:]:
+        v = np.linspace(0.0, near, 99)
+        both = [friction_over_velocity(e.axis, v, np.mean(span)) for e in (before, last)]
+        one.set_ylim(0.9 * np.min(both), 1.06 * np.max(both))
+        one.tick_params(labelsize="x-small")
+    ax.set_xlabel(f"velocity [{length}/s]")
+    ax.set_ylabel(f"friction [{force}]")
     legend_above(ax)
 
 
@@ -163,6 +210,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     windows = before.windows
     middle = windows.start_times + 0.5 * windows.samples * windows.record.dt
     least = 0.1 * (d.gain.floor if d.gain.floor > 0.0 else float(before.error_by_window.max()))
+    factor, unit = prefixed(max(d.gain.floor, least), d.axis.units[0])
     ends = np.append(windows.start_times, windows.record.t[-1] + windows.record.dt)
     for role, name, shade in ROLES:
         label: str | None = f"used to {name}"
@@ -171,27 +219,30 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
             label = None
     # A motionless window has hardly any error: it is drawn at the lower edge.
     ax.semilogy(
-        middle, np.maximum(before.error_by_window, least), **BEFORE, marker="o", mfc="white",
-        ms=3.5, lw=0.9, label="nominal",
+        middle, np.maximum(before.error_by_window, least) / factor, **BEFORE, marker="o",
+        mfc="white", ms=3.5, lw=0.9, label="nominal",
     )  # fmt: skip
     if after is not None:
         ax.semilogy(
-            middle, np.maximum(after.error_by_window, least), **AFTER, marker="o", ms=3, lw=0.9,
-            label="with the causes",
+            middle, np.maximum(after.error_by_window, least) / factor, **AFTER, marker="o", ms=3,
+            lw=0.9, label="with the causes",
         )  # fmt: skip
     if d.gain.floor > 0.0:
-        ax.axhline(d.gain.floor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
+        ax.axhline(d.gain.floor / factor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
     ax.set_xlim(ends[0], ends[-1])
     ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"RMS error [{d.axis.units[0]}]")
-    ax.set_title("free runs", loc="left", fontsize="medium")
+    ax.set_ylabel(f"RMS error [{unit}]")
     legend_above(ax)
 
 
 def draw_residual(
-    before: Evidence, after: Evidence | None, by: str, ax: Any, legend: bool = True
-) -> None:
-    """Force residual against one of `AGAINST`; ValueError for anything else."""
+    before: Evidence, after: Evidence | None, by: str, ax: Any, labels: bool = True,
+    wide: bool = False,
+) -> None:  # fmt: skip
+    """Force residual against one of `AGAINST`; ValueError for anything else.
+
+    With `wide` the legend runs on over the neighbours.
+    """
     if by not in AGAINST:
         raise ValueError(f"by must be one of {AGAINST}, got {by!r}")
     length, force = before.axis.units
@@ -225,6 +276,7 @@ def draw_residual(
         ax.plot(found.centre, found.median, **style, lw=1.6, label=name, gid=_MEDIAN)
     if by == "reversal" and np.any(place(before) > 0.0):
         ax.set_xscale("log")
+        ax.set_xticks([], minor=True)
     _fit_force(before, ax)
     names = {
         "velocity": f"velocity [{length}/s]",
@@ -233,8 +285,11 @@ def draw_residual(
         "reversal": "since reversal [s]",
     }
     ax.set_xlabel(names[by])
-    if legend:
+    if labels:
         ax.set_ylabel(f"force residual [{force}]")
+    if labels and not wide:
+        legend_above(ax)
+    elif labels:
         # It runs on over the neighbours: room above is kept by an empty title.
         ax.set_title(" ", fontsize="medium")
         ax.legend(
@@ -303,6 +358,19 @@ def draw_levels(d: Findings, ax: Any) -> None:
     legend_above(ax)
 
 
+def draw_remaining(d: Findings, ax: Any) -> None:
+    """Spectrum of the random force that is left, and its level if it were white."""
+    left = d.remaining
+    ax.loglog(left.frequency, left.spectrum, color=FOUND, lw=1.4, label="random force left")
+    # A force held over each sample is white up to half the sampling rate.
+    ax.axhline(
+        2.0 * d.record.dt * left.rms**2, color="k", lw=1.0, ls=":", label="white, of its RMS"
+    )
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel(f"spectrum [({left.unit})²/Hz]")
+    legend_above(ax)
+
+
 def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> None:
     """Autocorrelation of the force residual and the band of white noise."""
     last = before if after is None else after
@@ -337,10 +405,32 @@ def any_bar(d: Findings) -> bool:
     return max(falls(d).values(), default=0.0) >= _WORTH
 
 
+def top(times: dict[str, float], named: set[str]) -> dict[str, float]:
+    """The candidates that are drawn: the best ones, and those that are named."""
+    best = [slug for slug, value in times.items() if value >= _WORTH][:_BARS]
+    return {slug: value for slug, value in times.items() if slug in best or slug in named}
+
+
+def others_text(d: Findings) -> str:
+    """Candidates without a bar, in one line."""
+    times = falls(d)
+    named = {slug for cause in d.causes for slug in (cause.effect, *cause.alternatives)}
+    shown = top(times, named)
+    better = [slug for slug, value in times.items() if slug not in shown and value >= _WORTH]
+    rest = [slug for slug in times if slug not in shown and slug not in better]
+    lines = []
+    if better:
+        reach = plain(max(times[slug] for slug in better))
+        lines.append(f"Behind them, {reach} at most: {', '.join(map(title_of, better))}.")
+    if rest:
+        lines.append(f"Alone no better: {', '.join(map(title_of, rest))}.")
+    return " ".join(lines)
+
+
 def draw_candidates(d: Findings, ax: Any) -> None:
     """Error reduction (factor) of every candidate as the only cause."""
     times = falls(d)
-    ax.set_xlabel("error reduction with this cause alone (factor) [1]")
+    ax.set_xlabel("error reduction (factor)")
     if not any_bar(d):
         words = "\n".join(textwrap.wrap(NO_BAR, 44)) if times else "no candidate had to be tried"
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
@@ -350,6 +440,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     small = {cause.effect for cause in d.small_corrections}
     rivals = {slug for cause in d.causes for slug in cause.alternatives} - set(rank) - small
     labelled: set[str] = set()
+    times = top(times, {*rank, *small, *rivals})
     for row, (slug, value) in enumerate(times.items()):
         if slug in rank:
             what, style = "named a cause", {"color": FOUND}
@@ -374,24 +465,20 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     ax.set_yticks(
         range(len(times)),
         [f"{rank[slug]}. {title_of(slug)}" if slug in rank else title_of(slug) for slug in times],
-        fontsize=min(8.0, 180.0 / len(times)),
         parse_math=False,
     )
     for tick, slug in zip(ax.get_yticklabels(), times, strict=True):
         tick.set_weight("bold" if slug in rank else "normal")
     ax.axvline(1.0, color="k", lw=0.8)
-    ax.set_ylim(len(times) - 0.4, -0.6)
+    ax.set_ylim(max(len(times), _ROWS) - 0.4, -0.6)
     # Bars that are next to nothing shall look it.
     most = max(1.05 * max(times.values()), _LEAST_TIMES)
     ax.set_xscale("log")
     ax.set_xlim(1.0, most)
-    marks = [mark for mark in (_FINE if most < 4.0 else _COARSE) if mark <= most]
-    marks = marks[:: -(-len(marks) // _MOST_TICKS)]
+    marks = [1.0]
+    for mark in _FINE if most < 4.0 else _COARSE:
+        if mark <= most and mark > marks[-1] * most ** (1.0 / _MOST_TICKS):
+            marks.append(mark)
     ax.set_xticks(marks, [f"{mark:g}" for mark in marks])
     ax.set_xticks([], minor=True)
-    if min(times.values()) < _WORTH:
-        ax.text(
-            0.98, 0.02, "no bar: alone no better than other\nvalues of the base parameters",
-            ha="right", va="bottom", fontsize=7, transform=ax.transAxes,
-        )  # fmt: skip
     legend_above(ax)

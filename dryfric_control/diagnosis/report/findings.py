@@ -113,9 +113,28 @@ class Gain:
         """How many times smaller the error became, before/after."""
         return self.before / self.after
 
+    @property
+    def left(self) -> float:
+        """Share of the error above the noise floor that is left, 0 to 1.
+
+        Notes
+        -----
+        sqrt((after^2 - floor^2) / (before^2 - floor^2))
+
+        Examples
+        --------
+        >>> from dryfric_control.diagnosis import Gain
+        >>> round(Gain(1e-3, 3e-5, 1e-5, (20.0, 50.0), "m").left, 3)
+        0.028
+        """
+        if self.after >= self.before:
+            return 1.0
+        rest = max(self.after**2 - self.floor**2, 0.0)
+        return min(math.sqrt(rest / (self.before**2 - self.floor**2)), 1.0) if rest else 0.0
+
     def to_dict(self) -> dict[str, Any]:
         """Numbers, ready for JSON."""
-        return fields_of(self) | {"ratio": self.ratio}
+        return fields_of(self) | {"ratio": self.ratio, "left": self.left}
 
 
 @dataclass(frozen=True)
@@ -125,7 +144,8 @@ class Unexplained:
     Attributes
     ----------
     fraction : float
-        Part of the structured error (above the noise floor) that is left.
+        Share of the error above the noise floor that is left, `Gain.left`; 0 where what is
+        left is no more than noise.
     significant : bool
         Whether what is left is more than the noise floor makes.
     where : tuple of str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jinja2
@@ -27,6 +27,9 @@ from dryfric_control.drawing import control_plot
 from dryfric_control.store.axis_file import axis_text
 from dryfric_control.text import length_text, table, typeset
 
+# Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
+# resolution of clouds of dots.
+_PANEL, _DOTS = (4.9, 3.7), 200
 # What each verdict means, for whoever sees the word for the first time.
 MEANING = {
     "nothing to find": "The simulation differs from the record by no more than noise does.",
@@ -48,7 +51,7 @@ _TEMPLATES.globals["br"] = Markup("<br>")
 
 def html_summary(d: Findings) -> str:
     """Verdict, causes and gain as a fragment of HTML, without images and styles."""
-    return _TEMPLATES.get_template("summary.html").render(_found(d))
+    return _TEMPLATES.get_template("summary.html").render(_found(d), steps=wording.next_steps(d))
 
 
 def html_page(d: Findings) -> str:
@@ -60,6 +63,8 @@ def html_page(d: Findings) -> str:
         axis=d.axis.name,
         record=r.name or "record",
         pictures=_pictures(d, before, after),
+        steps=wording.next_steps(d),
+        references=Markup(table(_reference_rows(d), as_html=True)) if d.references else "",
         evidence=Markup(table(_evidence_rows(before, after), as_html=True)),
         acting=Markup(table(_acting_rows(d), as_html=True)),
         extended_by_effects=bool(d.extended.effects),
@@ -74,21 +79,16 @@ def html_page(d: Findings) -> str:
 
 def _found(d: Findings) -> dict[str, Any]:
     """What the summary shows, as text."""
-    left = d.unexplained
-    words = f"Unexplained: {100.0 * left.fraction:.3g} % of the structured error"
     return {
         "verdict": wording.headline(d),
         "meaning": MEANING.get(d.verdict, ""),
         "causes": [_cause(d, cause) for cause in d.main_causes],
         "corrections": [_cause(d, cause) for cause in d.small_corrections],
         "small": f"{100.0 * SMALL:g}",
-        "gain": _gain(d),
-        "unexplained": ", ".join([words, "; ".join(left.where)]).removesuffix(", ") + "."
-        if left.significant
-        else "",
+        "gain": wording.gain_text(d),
+        "unexplained": wording.places_text(d) if d.unexplained.significant else "",
         "further": wording.further_lines(d),
         "messages": d.messages,
-        "experiment": "" if d.next_experiment is None else d.next_experiment.summary(),
     }
 
 
@@ -107,19 +107,6 @@ def _cause(d: Findings, cause: Cause) -> dict[str, Any]:
     }
 
 
-def _gain(d: Findings) -> str:
-    g = d.gain
-    before, after, floor = (length_text(v, g.unit) for v in (g.before, g.after, g.floor))
-    runs = "Free runs, each from its most likely start"
-    if not d.causes:
-        return f"{runs}: RMS error {before}, noise floor {floor}."
-    return (
-        f"{runs}, on data that neither search nor fit has seen: RMS error {before} with the "
-        f"nominal axis, {after} with the causes, noise floor {floor}; error reduction (factor) "
-        f"{plain(g.ratio)} (90 %: {plain(g.interval[0])} to {plain(g.interval[1])})."
-    )
-
-
 def _provenance(d: Findings) -> str:
     r = d.record
     unit = d.axis.units[0]
@@ -130,21 +117,24 @@ def _provenance(d: Findings) -> str:
     )
 
 
-def _png(size: tuple[float, float], columns: int, draw: Callable[[Sequence[Any]], None]) -> bytes:
-    """A picture of some panels side by side, without touching open figures."""
+def _svg(draw: Callable[[Any], None]) -> bytes:
+    """A picture of one panel, the same bytes every time, without touching open figures."""
+    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(1, columns, squeeze=False, sharey=columns > 2)[0]
-    draw(axes)
-    control_plot(axes)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
+    with mpl.rc_context({"svg.hashsalt": "dryfric-control", "font.size": 11.0}):
+        figure = Figure(figsize=_PANEL, layout="constrained")
+        axes = figure.subplots(1, 1)
+        draw(axes)
+        control_plot(np.array([axes], dtype=object))
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="svg", dpi=_DOTS, metadata={"Date": None})
     return buffer.getvalue()
 
 
-def _picture(data: bytes, alt: str, caption: str) -> dict[str, str]:
-    return {"png": base64.b64encode(data).decode("ascii"), "alt": alt, "caption": caption}
+def _picture(draw: Callable[[Any], None], alt: str, caption: str) -> dict[str, str]:
+    data = base64.b64encode(_svg(draw)).decode("ascii")
+    return {"svg": data, "alt": alt, "caption": caption}
 
 
 def _medians(before: Evidence, after: Evidence | None) -> str:
@@ -157,9 +147,8 @@ def _medians(before: Evidence, after: Evidence | None) -> str:
 
 
 def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dict[str, str]]:
-    def residuals(axes: Sequence[Any]) -> None:
-        for i, by in enumerate(figures.AGAINST):
-            figures.draw_residual(before, after, by, axes[i], legend=i == 0)
+    def residual(by: str) -> Callable[[Any], None]:
+        return lambda ax: figures.draw_residual(before, after, by, ax)
 
     force = before.axis.units[1]
     rms = f"RMS {before.force_rms:.3g} {force} nominal"
@@ -167,30 +156,49 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         rms += f", {after.force_rms:.3g} {force} with the causes"
     pictures = [
         _picture(
-            _png((9.0, 2.8), 1, lambda axes: figures.draw_errors(d, before, after, axes[0])),
+            lambda ax: figures.draw_friction_curves(d, before, after, ax),
+            "Friction over velocity, nominal and with the causes, over the measured friction.",
+            "Friction over velocity; bands where it depends on the position. Dots: measured force "
+            "net of inertia and of the other effects.",
+        ),
+        _picture(
+            lambda ax: figures.draw_errors(d, before, after, ax),
             f"RMS error of every free run over time, {_medians(before, after)}.",
             "Error of free runs, each started from its most likely state. Grey: what the data "
             "was used for; white was used to fit.",
         ),
         _picture(
-            _png((9.0, 2.8), 1, lambda axes: figures.draw_position(d, before, after, axes[0])),
-            "Measured position and free runs over time, where the errors are among the largest.",
-            "Close-up of a stretch where the errors of the free runs are among the largest.",
-        ),
-        _picture(
-            _png((9.0, 2.8), len(figures.AGAINST), residuals),
-            f"Force residual against velocity, position, time and time since reversal; {rms}.",
-            "Force that the model would need beside its drive to move as measured. Grey dots: "
-            "sliding samples of the nominal axis; lines: medians, over position one for "
-            "each direction.",
+            lambda ax: figures.draw_difference(d, before, after, ax),
+            "Simulated minus measured position over time, where the errors are among the largest.",
+            "Simulated minus measured position where the errors are among the largest. Dotted: "
+            "restarts of the free runs.",
         ),
     ]
+    if after is not None:
+        pictures.append(
+            _picture(
+                lambda ax: figures.draw_difference(d, before, after, ax, nominal=False),
+                "Simulated minus measured position with the causes, on its own scale.",
+                "The same with the causes, on a scale of its own.",
+            )
+        )
+    hidden = wording.hidden_text(d, before.hidden)
+    what = {
+        "velocity": "Force residual over velocity: the force that the model would need beside its "
+        f"drive to move as measured; {rms}. Dots: nominal model; lines: medians. {hidden}",
+        "position": "The same over position, a line for each direction.",
+        "time": "The same over time.",
+        "reversal": "The same over the time since the last reversal.",
+    }
+    for by, caption in what.items():
+        words = f"Force residual against {by.replace('reversal', 'time since reversal')}; {rms}."
+        pictures.append(_picture(residual(by), words, caption))
     table = wording.level_table(d)
     if wording.level_varies(table):
         unit = d.axis.units
         pictures.append(
             _picture(
-                _png((9.0, 3.2), 1, lambda axes: figures.draw_levels(d, axes[0])),
+                lambda ax: figures.draw_levels(d, ax),
                 "Coulomb level over position; nominal: "
                 f"{wording.level_text(table, 'believed', unit)}; with the causes: "
                 f"{wording.level_text(table, 'found', unit)}.",
@@ -204,27 +212,41 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         best = next(iter(times))
         pictures.append(
             _picture(
-                _png((9.0, 4.2), 1, lambda axes: figures.draw_candidates(d, axes[0])),
+                lambda ax: figures.draw_candidates(d, ax),
                 "Bars: error reduction (factor) of each candidate alone; the "
                 f"longest: {titles_of(best)}, {plain(times[best])}.",
-                "Error reduction (factor) of each candidate as the only cause, on free runs that "
-                "the fit did not see, against an axis that only gets other values for mass, "
-                "viscous friction and Coulomb level (1: no better, and no bar for what is no "
-                "better or worse). A cause that is useful only in combination need not stand "
-                "out here.",
+                "Error reduction (factor) of the best candidates, each as the only cause, against "
+                "an axis that only gets other values for mass, viscous friction and Coulomb level "
+                f"(1: no better). {figures.others_text(d)}",
             )
         )
     elif times:
-        pictures.append({"png": "", "alt": "", "caption": figures.NO_BAR})
+        pictures.append({"svg": "", "alt": "", "caption": figures.NO_BAR})
     pictures.append(
         _picture(
-            _png((9.0, 2.8), 1, lambda axes: figures.draw_autocorrelation(before, after, axes[0])),
+            lambda ax: figures.draw_autocorrelation(before, after, ax),
             "Autocorrelation of the force residual over the lag, with the band of white noise.",
             "A residual that is noise stays in the band, but for the shortest lags, which the "
             "smoothing correlates.",
         )
     )
+    left = d.remaining
+    if left.frequency and left.rms > 0.0:
+        pictures.append(
+            _picture(
+                lambda ax: figures.draw_remaining(d, ax),
+                f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
+                "Spectrum of the random force that is left with the causes in the model. A peak "
+                "is a cause that repeats; a rise to low frequencies, one that drifts.",
+            )
+        )
     return pictures
+
+
+def _reference_rows(d: Findings) -> list[tuple[str, ...]]:
+    """What the answer was compared with."""
+    rows = [(name, f"{gain:+.0f}") for name, gain in d.references.items()]
+    return [("reference", "gain of log-likelihood over it"), *rows]
 
 
 def _evidence_rows(before: Evidence, after: Evidence | None) -> list[tuple[str, ...]]:
@@ -262,7 +284,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     if believed.stribeck and found.stribeck:
         peaks = believed.stribeck, found.stribeck
         rows.append(("Stribeck excess", peaks[0].excess, peaks[1].excess, "1"))
-        rows.append(("Stribeck speed", peaks[0].speed, peaks[1].speed, f"{length}/s"))
+        rows.append(("Stribeck velocity", peaks[0].speed, peaks[1].speed, f"{length}/s"))
 
     cells: list[tuple[str, ...]] = [
         ("friction effects included", "nominal", "with the causes", "change")

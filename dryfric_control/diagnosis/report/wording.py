@@ -14,6 +14,7 @@ from dryfric_control.diagnosis.report.findings import (
     Findings,
     cause_text,
     plain,
+    titles_of,
     with_error,
 )
 from dryfric_control.model.axis import FrictionAxis
@@ -162,9 +163,69 @@ def acts_on_level(cause: Cause) -> bool:
     )
 
 
+def gain_text(d: Findings) -> str:
+    """Error of free runs before and after, and how much of it is left, in one line."""
+    g = d.gain
+    before, after, floor = (length_text(v, g.unit) for v in (g.before, g.after, g.floor))
+    if not d.causes:
+        return f"{before} RMS; noise floor {floor}"
+    left = (
+        "less than 1" if d.unexplained.fraction < 0.01 else f"{100.0 * d.unexplained.fraction:.2g}"
+    )
+    rest = f"; {left} % of the error above noise is left" if d.unexplained.significant else ""
+    return (
+        f"{before} RMS before, {after} after; error reduction (factor) {plain(g.ratio)} "
+        f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])}); noise floor {floor}{rest}"
+    )
+
+
+def places_text(d: Findings) -> str:
+    """Where the error that is left lives."""
+    return "; ".join(d.unexplained.where) or "no clear location"
+
+
+def next_steps(d: Findings) -> list[str]:
+    """What to do with a diagnosis, a line each."""
+    steps = []
+    if d.verdict == "nothing to find":
+        steps.append(
+            "Use the nominal axis as it is, for motions as in this record: what never acted in it "
+            "was not tested."
+        )
+    elif d.causes:
+        steps.append("Use the axis with the causes in place of the nominal one, see below.")
+    if d.unexplained.significant:
+        steps.append(f"Look at what is left where it is: {places_text(d)}.")
+        steps.append(
+            "Add the effect that you suspect with register_effect and diagnose again, or "
+            "diagnose several records of this machine together."
+        )
+    for cause in d.main_causes:
+        if cause.alternatives and d.next_experiment is None:
+            others = " or ".join(map(titles_of, cause.alternatives))
+            steps.append(f"Separate {cause.title} from {others}. {cause.experiment}")
+        if not all(map(math.isfinite, cause.standard_errors.values())):
+            steps.append(f"Determine {cause.title} better. {cause.experiment}")
+    if d.next_experiment is not None:
+        steps.append(f"Next experiment: {d.next_experiment.summary()}")
+    return steps
+
+
+def hidden_text(d: Findings, share: float) -> str:
+    """What the force residual leaves out, in words."""
+    drive = float(np.sqrt(np.mean(d.record.u**2)))
+    extended = d.extended.effective()
+    names = [e.title for e in extended.effects if any(e.blind(extended, drive))]
+    if not names:
+        return ""
+    return (
+        f"Left out: {100.0 * share:.2g} % of the sliding samples, just after a turn, "
+        f"where {' and '.join(names)} cannot be shown as a force; the free runs show it."
+    )
+
+
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
-    g, unit = d.gain, d.axis.units[0]
     lines = [f"verdict: {d.verdict}"]
     for i, cause in enumerate(d.main_causes, start=1):
         lines.append(f"{i}. {cause_text(cause, d.axis)}")
@@ -174,22 +235,11 @@ def summary_lines(d: Findings) -> list[str]:
         lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")
     for cause in small:
         lines.append(f"    {cause_text(cause, d.axis)}")
-    errors = (
-        "error of free runs on unseen data, each from its most likely start: "
-        f"{length_text(g.before, unit)} RMS"
+    lines.append(
+        f"error of free runs on unseen data, each from its most likely start: {gain_text(d)}"
     )
-    if d.causes:
-        errors += (
-            f" before, {length_text(g.after, unit)} after; "
-            f"error reduction (factor) {plain(g.ratio)} "
-            f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])})"
-        )
-    lines.append(f"{errors}; noise floor {length_text(g.floor, unit)}")
     if d.unexplained.significant:
-        lines.append(
-            f"unexplained: {100.0 * d.unexplained.fraction:.3g} % of the structured error; "
-            + "; ".join(d.unexplained.where)
-        )
+        lines.append("unexplained: " + places_text(d))
     lines += further_lines(d)
     lines += [f"warning: {message}" for message in d.messages]
     if d.next_experiment is not None:
@@ -208,7 +258,7 @@ def further_lines(d: Findings) -> list[str]:
         lines.append(f"random force left: {left.rms:.3g} {force} RMS a sample, {kind}")
     if d.references:
         names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
-        lines.append(f"gain of log-likelihood over references: {names}")
+        lines.append(f"gain of log-likelihood over references (positive: better than it): {names}")
     for name, found in d.varies.items():
         values = ", ".join(
             with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)

@@ -401,6 +401,26 @@ class Effect:
         """
         yield from tried(cls, view)
 
+    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
+        """Way and time after a turn in which it is no force.
+
+        A turn is a reversal or a start of the motion, or of the force that a transmission
+        hands on.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect, its base parameters those that act.
+        force : float
+            RMS of the drive force [N].
+
+        Returns
+        -------
+        tuple of float
+            Way [m] and time [s], 0 for an effect that is a force at every sample.
+        """
+        return 0.0, 0.0
+
     def viscous_in(self, direction: int) -> float:
         """Viscous coefficient that it adds in one direction.
 

@@ -83,6 +83,10 @@ class Presliding(Effect):
         level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
         return Inner(contact=level / self.distance)
 
+    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
+        # From one sign of the Coulomb level to the other.
+        return 2.0 * self.distance, 0.0
+
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
         # Elastic lengths over a decade and a half.
@@ -149,6 +153,11 @@ class Backlash(Effect):
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load.
         return Inner(half_gap=0.5 * self.gap, load_fraction=self.load_fraction)
+
+    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
+        # Twice the time in which the drive takes the motor across the play.
+        free = (1.0 - self.load_fraction) * axis.mass
+        return self.gap, 2.0 * math.sqrt(2.0 * self.gap * free / max(force, 1e-300))
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
@@ -269,6 +278,11 @@ class Compliance(Effect):
         return Inner(
             stiffness=self.stiffness, damping=self.damping, load_fraction=self.load_fraction
         )
+
+    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
+        # A period of the swing of motor against load.
+        reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
+        return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:

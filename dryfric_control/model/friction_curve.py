@@ -1,0 +1,122 @@
+"""Friction of an axis over its velocity, as numbers and as a curve."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.compiled.windowed_runs import accelerations
+from dryfric_control.text import typeset
+
+if TYPE_CHECKING:
+    from dryfric_control.model.axis import FrictionAxis
+
+FloatArray = NDArray[np.float64]
+
+# Velocities of one direction, and positions over the travel.
+_POINTS, _PLACES = 241, 49
+# Velocities shown by default: so many Stribeck velocities, or as far as the viscous part
+# grows to this share of the Coulomb level, or so many stick velocities.
+_STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
+
+
+def friction_over_velocity(axis: FrictionAxis, v: ArrayLike, x: ArrayLike) -> FloatArray:
+    """Friction force of a sliding axis at velocities and positions.
+
+    Coulomb level, Stribeck peak, viscous part and every effect that acts through them
+    or by a force that depends on the velocity; no load, at time zero, no time at rest.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=(8.0, 7.0),
+    ...                         effects=(dfc.effects.Spring(200.0),))
+    >>> friction_over_velocity(axis, [0.1, -0.1], 0.05).tolist()
+    [9.5, -8.5]
+    """
+    axis = axis.effective()
+    alone = axis.replace(
+        effects=tuple(
+            e
+            for e in axis.effects
+            if e.action == "friction" or (e.action == "force" and e.depends_on_speed)
+        )
+    )
+    velocity, place = (
+        np.array(a, dtype=float) for a in np.broadcast_arrays(np.asarray(v), np.asarray(x))
+    )
+    found, rest = np.empty(velocity.size), np.zeros(velocity.size)
+    way = np.where(np.signbit(velocity), -1, 1).astype(np.int64).ravel()  # -0.0 is backwards
+    arrays = alone.arrays(1.0)
+    accelerations(
+        arrays.numbers, arrays.integers, rest, place.ravel(), velocity.ravel(), rest, way, found
+    )
+    return np.asarray(-axis.mass * found.reshape(velocity.shape) + 0.0)
+
+
+def usual_speed(axis: FrictionAxis) -> float:
+    """Largest velocity that a curve shows if none is asked for."""
+    axis = axis.effective()
+    if axis.stribeck is not None and axis.stribeck.excess > 0.0:
+        return _STRIBECK * max(axis.stribeck.speed, axis.stick_speed)
+    level = float(max(axis.coulomb(np.mean(axis.travel or 0.0), s) for s in (1, -1)))
+    if axis.viscous > 0.0 and level > 0.0:
+        return _SHARE * level / axis.viscous
+    return _STICK * axis.stick_speed
+
+
+def draw_curve(
+    axis: FrictionAxis,
+    ax: Any,
+    speed: float,
+    span: tuple[float, float],
+    label: str,
+    **style: Any,
+) -> None:
+    """Draw friction over velocity: a line in mid-travel, a band where it depends on position.
+
+    The line at velocity zero runs between the breakaway forces of the two directions.
+    """
+    places = np.linspace(*span, _PLACES)
+    # The peak lies at the stick velocity: dense there.
+    grid = np.concatenate(
+        ([0.0, axis.stick_speed], speed * np.linspace(0.0, 1.0, _POINTS)[1:] ** 3)
+    )
+    grid = np.unique(np.minimum(grid, speed))
+    v = np.concatenate((-grid[::-1], grid))
+    force = friction_over_velocity(axis, v[:, None], places[None, :])
+    low, high = force.min(axis=1), force.max(axis=1)
+    colour = style.get("color", "k")
+    if np.any(high - low > 1e-9 * np.abs(force).max()):
+        ax.fill_between(
+            v, low, high, color=colour, alpha=0.18, lw=0, label=f"{label}, over the travel"
+        )
+    ax.plot(v, force[:, _PLACES // 2], label=label, **style)
+
+
+def draw_friction(axis: FrictionAxis, ax: Any, speed: float, span: tuple[float, float]) -> None:
+    """Draw friction over velocity with what it is made of."""
+    axis = axis.effective()
+    draw_curve(axis, ax, speed, span, "friction", color="k", lw=1.6)
+    middle, (length, force) = float(np.mean(span)), axis.units
+    peak = axis.stribeck is not None and axis.stribeck.excess > 0.0
+    for s in (1, -1):
+        ways = s * np.array([0.0, speed])
+        if peak:
+            smooth = friction_over_velocity(axis.replace(stribeck=None), ways, middle)
+            ax.plot(ways, smooth, "C0--", lw=1.0, label="without Stribeck peak" if s > 0 else None)
+        start = s * (axis.stick_speed if peak else 0.0)
+        level = float(friction_over_velocity(axis, start, middle))
+        name = "breakaway friction force" if s > 0 else None
+        ax.plot(start, level, "o", color="C3", ms=4, label=name)
+        ax.annotate(
+            typeset(f"{abs(level - axis.viscous * start):.3g} {force}"), (start, level),
+            (8 * s, 5 * s), textcoords="offset points", fontsize="small", color="C3",
+            ha="left" if s > 0 else "right", va="bottom" if s > 0 else "top",
+        )  # fmt: skip
+    ax.axhline(0.0, color="0.7", lw=0.8, zorder=0)
+    ax.set_xlabel(f"velocity [{length}/s]")
+    ax.set_ylabel(f"friction [{force}]")
+    ax.margins(x=0.0, y=0.14)

@@ -33,12 +33,15 @@ _STRANGE, _IN_A_ROW = 25.0, 3
 # What a resting axis may creep in a sample, as a part of the reading's variance.
 _CREEP = 0.01
 # Deviations of the velocity within which its sign is not sure, and the velocities, forces
-# and weights that then stand for their distribution, as in an unscented transform of two
-# normal variables (Julier and Uhlmann 2004): the middle last.
+# and weights that then stand for their distribution, as in an unscented transform (Julier
+# and Uhlmann 2004): the middle last.  A force that may break the axis away widens what
+# may be, but moves no mean: where noise was recorded with the input, the axis did not feel it,
+# and means that creep would speak for effects at rest that are not there.
 _NEAR = 3.0
 _SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
 _FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
-_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 3.0)
+_MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
+_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
 # Margins of break-away beyond this many force deviations are safe.
 _SAFE = 7.0
 # Error that a smooth step may have, over the velocity scale and over what the random
@@ -254,8 +257,8 @@ def innovations(
                     x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
                 if mode1 != 0.0:
                     resting = 0.0
-                x_mean += _WEIGHTS[i] * x1
-                v_mean += _WEIGHTS[i] * v1
+                x_mean += _MEANS[i] * x1
+                v_mean += _MEANS[i] * v1
                 points[0, i], points[1, i] = x1, v1
             if plain:
                 at_rest = mode == 0 and mode1 == 0.0
@@ -268,6 +271,8 @@ def innovations(
             m01, m11 = 0.0, 0.0
             for i in range(5):
                 a, b = points[0, i] - x_mean, points[1, i] - v_mean
+                if _MEANS[i] == 0.0:
+                    a, b = points[0, i] - points[0, 4], points[1, i] - points[1, 4]
                 m00 += _WEIGHTS[i] * a * a
                 m01 += _WEIGHTS[i] * a * b
                 m11 += _WEIGHTS[i] * b * b

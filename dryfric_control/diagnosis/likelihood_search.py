@@ -48,8 +48,11 @@ _SOME = 8000
 _REFINED, _AHEAD, _FITTED = 2, 10, 5
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
-# Turns of the first fit from where free runs have led.
-_LED_TURNS = 8
+# Fall of the logarithm of the random force's variance that is tried at a first guess.
+_QUIETER = 1.0
+# Candidates beside the nominal base that are fitted with all free, and turns of that fit,
+# as of the first one from where free runs have led.
+_LED, _LED_TURNS = 3, 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
 #: Standard errors by which a gain on held-out blocks must exceed zero.
@@ -331,6 +334,10 @@ class Search:
                 [(self._refine, (beside, terms, [(c.cost, p, z, c.slug)], _TURNS))
                  for c, p, z in runs[:_AHEAD]]
             )  # fmt: skip
+            if beside is not now:
+                # What the base has bent for is worth a fit with all free.
+                ahead.sort(key=lambda r: r[0].cost)
+                ahead = self._parallel([(self._on, r) for r in ahead[:_LED]]) + ahead[_LED:]
             for c, _, _ in [*ahead, *runs[_AHEAD:]]:
                 if c.slug not in best or c.cost < best[c.slug].cost:
                     best[c.slug] = c
@@ -386,6 +393,11 @@ class Search:
                 best = found
         return best
 
+    def _on(self, candidate: Candidate, problem: Likelihood, z):  # type: ignore[no-untyped-def]
+        """A candidate fitted with everything free, from where its quick refinement ended."""
+        found = maximise(problem, z, _LED_TURNS, self.until)
+        return replace(candidate, axis=found.axis, cost=found.cost), problem, found.z
+
     def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
         """An axis with an effect as it is in the nominal one, or not at all."""
         return put(axis, slug, named(self.believed).get(slug))
@@ -400,7 +412,7 @@ class Search:
         old = len(now.problem.names)
         own = list(range(old, count))
         place = [*range(old), *range(count, problem.size)]  # where old coordinates are now
-        point = problem.at(z)
+        z, point = self._quieter(problem, z)
         damping, fall = 1e-3, 0.0
         for turn in range(turns):
             if self.late:
@@ -447,6 +459,19 @@ class Search:
                 break
         free_names = tuple(problem.names[j] for j in own)
         return Candidate(slug, free_names, problem.axis_at(z), point.cost), problem, z
+
+    @staticmethod
+    def _quieter(problem: Likelihood, z: FloatArray) -> tuple[FloatArray, Point]:
+        """Search coordinates with less random force, as long as that is likelier."""
+        forces = len(problem.names) + 2 * np.arange(len(problem.runs))
+        point = problem.at(z)
+        while True:
+            less = z.copy()
+            less[forces] = np.maximum(less[forces] - _QUIETER, problem.low[forces])
+            tried = problem.at(less)
+            if not tried.cost < point.cost:
+                return z, point
+            z, point = less, tried
 
     def worth(self, gain: float, count: int, causes: int = 1) -> float:
         """Gain of log-likelihood less what so many parameters and causes must bring."""

@@ -320,8 +320,8 @@ def made_record(push):
     """
     mass, viscous, coulomb, inner = 2.0, 15.0, 8.0, 20
     rng = np.random.default_rng(4)
-    reference = np.convolve(np.repeat(rng.uniform(0.05, 0.25, 34), 300), np.ones(150) / 150, "same")
-    n, h, quantum = 10_000, DT / 20, 2e-6
+    reference = np.convolve(np.repeat(rng.uniform(0.05, 0.25, 20), 300), np.ones(150) / 150, "same")
+    n, h, quantum = 6000, DT / 20, 2e-6
     x, v = float(reference[0]), 0.0
     u, y = np.zeros(n), np.zeros(n)
     before = 0.0

@@ -6,11 +6,14 @@ from collections.abc import Iterator
 import pytest
 
 
+SLOW_EXAMPLES = ("diagnose", "diagnose_batch", "identify_stribeck")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Notebooks and files with many slow tests first: workers, a file at a time, end together."""
     for item in items:
-        if item.path.suffix == ".ipynb":
+        if item.path.suffix == ".ipynb" or item.name.rpartition(".")[2] in SLOW_EXAMPLES:
             item.add_marker("slow")
     slow = [item for item in items if item.get_closest_marker("slow")]
     count, place = Counter(item.path for item in slow), {}

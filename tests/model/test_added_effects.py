@@ -80,6 +80,7 @@ def test_guessed_fitted_and_stored(slug, tmp_path):
     assert slug in axis.describe()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ADDED)
 def test_diagnosed(slug):
     case, _ = hidden(slug)

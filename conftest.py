@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import pytest
 
-
 SLOW_EXAMPLES = ("diagnose", "diagnose_batch", "identify_stribeck")
 
 

@@ -212,7 +212,7 @@ def bench(tmp_path, monkeypatch):
         mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
         effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
     )  # fmt: skip
-    t = 1e-3 * np.arange(12000)
+    t = 1e-3 * np.arange(6000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
     np.savetxt(
@@ -225,6 +225,7 @@ def bench(tmp_path, monkeypatch):
     matplotlib.pyplot.close("all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_code_of_the_pages_runs(page, bench):
     """Blocks of one page in turn: plain code is run, a transcript is compared as well."""

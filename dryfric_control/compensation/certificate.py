@@ -283,10 +283,6 @@ def certify_tracking(
     turning : float
         Largest acceleration at which the reference turns back [m/s^2].
 
-    Returns
-    -------
-    TrackingCertificate
-
     Notes
     -----
     The force left over is at most ::

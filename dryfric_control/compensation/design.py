@@ -520,10 +520,6 @@ def certified(fields: dict[str, Any]) -> Compensation:
     fields : dict
         Every field but the certificate.
 
-    Returns
-    -------
-    Compensation
-
     Raises
     ------
     ValueError

@@ -76,17 +76,7 @@ GROWTH = 1.5
 
 
 def rigid(axis: FrictionAxis) -> FrictionAxis:
-    """The axis that acts, without effects that need inner states.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-
-    Returns
-    -------
-    FrictionAxis
-    """
+    """The axis that acts, without effects that need inner states."""
     return _without(axis, LEFT_OUT)
 
 
@@ -97,17 +87,7 @@ def _without(axis: FrictionAxis, actions: tuple[str, ...]) -> FrictionAxis:
 
 
 def presliding_distance(axis: FrictionAxis) -> float:
-    """Way over which friction builds up at a reversal [m], 0 without presliding.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-
-    Returns
-    -------
-    float
-    """
+    """Way over which friction builds up at a reversal [m], 0 without presliding."""
     acting = axis.effective()
     stiffness = acting.arrays(1.0).numbers[kernel.axis_step.CONTACT_STIFFNESS]
     middle = 0.5 * sum(acting.travel or (0.0, 0.0))
@@ -215,16 +195,6 @@ def watchable(axis: FrictionAxis) -> FrictionAxis:
 
 
 def largest_level(axis: FrictionAxis) -> float:
-    """Largest Coulomb level of the map over the travel [N].
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-
-    Returns
-    -------
-    float
-    """
+    """Largest Coulomb level of the map over the travel [N]."""
     places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
     return float(max(axis.coulomb(places, s).max() for s in (1, -1)))

@@ -147,10 +147,6 @@ def parameters(axis: FrictionAxis, dt: float) -> list[Parameter]:
         The axis, its base parameters those that act.
     dt : float
         Sampling time [s].
-
-    Returns
-    -------
-    list of Parameter
     """
     base = axis.arrays(dt).numbers
     # The code is written for these; of several shortest lengths each sets the least.

@@ -162,10 +162,6 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
     dt : float, optional
         Sampling time of an axis [s], 1 ms by default.  The others have their own.
 
-    Returns
-    -------
-    Exported
-
     Raises
     ------
     ValueError

@@ -121,17 +121,7 @@ class CoulombIdentification(Result, CoulombMap):
         return middle - reach, middle + reach
 
     def apply(self, axis: FrictionAxis) -> FrictionAxis:
-        """Axis with these levels over this travel.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis.
-
-        Returns
-        -------
-        FrictionAxis
-        """
+        """Axis with these levels over this travel."""
         return axis.replace(coulomb=self.coulomb, travel=self.travel)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:

@@ -213,10 +213,6 @@ def level_of(pieces: Pieces, force: FloatArray, travel: tuple[float, float], deg
     travel : tuple of float
     degree : int
 
-    Returns
-    -------
-    Level
-
     Notes
     -----
     The error in the work of a piece has two parts: that of friction itself,

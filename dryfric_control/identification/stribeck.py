@@ -202,10 +202,6 @@ def stick_phases(record: Record) -> Sticks:
 def ripple(record: Record) -> Ripple | None:
     """Amplitude and period of a record's stick-slip ripple.
 
-    Parameters
-    ----------
-    record : Record
-
     Returns
     -------
     Ripple or None

@@ -26,10 +26,6 @@ def powers(unit: str) -> tuple[int, int, int]:
     unit : str
         Such as "N s/m".  Factors after the slash are all in the denominator.
 
-    Returns
-    -------
-    tuple of int
-
     Examples
     --------
     >>> powers("N s/m"), powers("N m^2"), powers("V"), powers("kg")
@@ -57,10 +53,6 @@ def on_axis(unit: str, units: tuple[str, str]) -> str:
         stays as it is.
     units : tuple of str
         Units of position and force of the axis.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -149,10 +149,6 @@ class OneModeObserver:
             Its gains of mode +1 are taken.
         band : float
             Speed up to which the axis counts as stuck [m/s].
-
-        Returns
-        -------
-        OneModeObserver
         """
         gain = design.gains[1]
         if design.form == "current":  # the prediction that starts after that correction
@@ -179,10 +175,6 @@ class OneModeObserver:
             Standard deviation of the change of friction per sample [N].
         band : float
             Speed up to which the axis counts as stuck [m/s].
-
-        Returns
-        -------
-        OneModeObserver
 
         Raises
         ------

@@ -187,10 +187,6 @@ def proved_gain(
     lyapunov : ndarray, shape (nnodes, 3, 3)
         Lyapunov matrices of the gain condition.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     CertificateError
@@ -239,10 +235,6 @@ def evaluate_blocks(
         Decay per sample to certify; nothing is checked at 1.
     lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
         Lyapunov matrices of the two conditions.
-
-    Returns
-    -------
-    tuple of Block
 
     Raises
     ------
@@ -329,10 +321,6 @@ def certify(
         Lyapunov matrices of the two conditions.
     unit : float
         Unit of gamma: SI value of a scaled gain of 1.
-
-    Returns
-    -------
-    Certificate
 
     Raises
     ------

@@ -148,10 +148,6 @@ class ObservedLoop(Result):
             friction of plant and observer over the travel (paper, Fig. 7).
             Others: one signal with its error (paper, Figs 8 to 11).
 
-        Returns
-        -------
-        control.ControlPlot
-
         Raises
         ------
         ValueError

@@ -331,17 +331,7 @@ class ObserverDesign(Result):
 
 
 def design_data(design: ObserverDesign) -> dict[str, Any]:
-    """A design as plain numbers and words.
-
-    Parameters
-    ----------
-    design : ObserverDesign
-        The design.
-
-    Returns
-    -------
-    dict
-    """
+    """A design as plain numbers and words."""
     data: dict[str, Any] = {"axis": axis_to_dict(design.axis)}
     data |= {name: getattr(design, name) for name in (*NUMBERS, *WORDS, "window")}
     data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}

@@ -90,10 +90,6 @@ class ErrorModel:
             Unit of each error; the measurement takes the unit of position.
         output : float
             Factor of the performance output.
-
-        Returns
-        -------
-        ErrorModel
         """
         return ErrorModel(
             A=self.A * state[None, :] / state[:, None],
@@ -245,10 +241,6 @@ def error_models(
         Modes in which the integral term acts on the speed estimate.
     form : str
         "prediction" or "current".
-
-    Returns
-    -------
-    dict of int to ErrorModel
     """
     models = {}
     integral = set(integral_modes)

@@ -119,10 +119,6 @@ def draw_coulomb_maps(
     title : str, optional
         Title.  Default: name of the plant and what is shown.
 
-    Returns
-    -------
-    control.ControlPlot
-
     Examples
     --------
     >>> from dryfric_control import presets
@@ -186,19 +182,6 @@ def _signal(run: Run, axes: Any, row: int, name: str, unit: str, title: str | No
 def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
     """Draw position, reference and the estimation error (Fig. 8).
 
-    Parameters
-    ----------
-    run : Run
-        The run.
-    ax : sequence of two Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the axis and what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-
     Notes
     -----
     The first 0.1 s do not count for the scales; the band is the plant at rest.  The inset
@@ -218,63 +201,21 @@ def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.Cont
 
 
 def draw_speed(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw velocity and its estimation error (Fig. 9).
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    ax : sequence of two Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the axis and what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-    """
+    """Draw velocity and its estimation error (Fig. 9)."""
     axes = axes_of(ax, 2)
     _signal(run, axes, 1, "velocity", f"{run.axis.units[0]}/s", title)
     return control_plot(axes)
 
 
 def draw_friction(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw friction, its estimate and the error (Fig. 10).
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    ax : sequence of two Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the axis and what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-    """
+    """Draw friction, its estimate and the error (Fig. 10)."""
     axes = axes_of(ax, 2)
     _signal(run, axes, 2, "friction", run.axis.units[1], title)
     return control_plot(axes)
 
 
 def draw_modes(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw the mode and the mode-detection errors (Fig. 11).
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    ax : sequence of two Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the axis and what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-    """
+    """Draw the mode and the mode-detection errors (Fig. 11)."""
     axes = axes_of(ax, 2)
     t, true, estimate = run.plant.t, run.plant.y[3], run.estimate.y[4]
     axes[0].step(t, true, "k", where="post", linewidth=1.0, label="system")
@@ -294,21 +235,7 @@ def draw_modes(run: Run, ax: Any = None, title: str | None = None) -> ct.Control
 
 
 def draw_loop(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw position, velocity, friction and mode in one figure.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    ax : sequence of four Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the axis and what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-    """
+    """Draw position, velocity, friction and mode in one figure."""
     axes = axes_of(ax, 4)
     t, length, force = run.plant.t, *run.axis.units
     names = (f"position [{length}]", f"velocity [{length}/s]", f"friction [{force}]", "mode")

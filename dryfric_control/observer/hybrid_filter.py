@@ -168,11 +168,6 @@ class HybridFilter:
     def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
         """The filter as a sampled block.
 
-        Parameters
-        ----------
-        name : str, optional
-            Name of the block.
-
         Returns
         -------
         control.NonlinearIOSystem
@@ -206,10 +201,6 @@ class HybridFilter:
 
     def stepper(self) -> HybridStepper:
         """The filter sample by sample, for a loop of your own.
-
-        Returns
-        -------
-        HybridStepper
 
         Examples
         --------

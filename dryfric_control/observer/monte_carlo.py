@@ -75,10 +75,6 @@ class Mismatch:
             What the observer believes.
         stribeck_speed : float
             Stribeck velocity of the plant [m/s].
-
-        Returns
-        -------
-        FrictionAxis
         """
         axis = design.axis
         return axis.replace(

@@ -68,10 +68,6 @@ def tables(
         Increment of the position sensor [m].  Default: the
         design's.
 
-    Returns
-    -------
-    Tables
-
     Raises
     ------
     ValueError

@@ -60,10 +60,6 @@ def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
     weights : Weights
         Specifications.
 
-    Returns
-    -------
-    Scales
-
     Notes
     -----
     With the observer's natural frequency beta per sample, an uncertain force d

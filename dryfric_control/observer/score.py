@@ -65,10 +65,6 @@ class EstimateScore:
         ----------
         unit : str, optional
             Unit of position.
-
-        Returns
-        -------
-        str
         """
         return "\n".join(
             [

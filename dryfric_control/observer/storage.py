@@ -70,10 +70,6 @@ def design_of(data: dict[str, Any]) -> ObserverDesign:
     data : dict
         Numbers and words.
 
-    Returns
-    -------
-    ObserverDesign
-
     Raises
     ------
     CertificateError

@@ -138,10 +138,6 @@ def solve_lmi(
     margin : float
         Strictness of every inequality in the scaled problem.
 
-    Returns
-    -------
-    Candidate
-
     Raises
     ------
     InfeasibleError

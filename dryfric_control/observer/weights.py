@@ -118,10 +118,6 @@ def default_weights(
     encoder_quantum : float, optional
         Resolution of the position sensor [m].
 
-    Returns
-    -------
-    Weights
-
     Raises
     ------
     ValueError

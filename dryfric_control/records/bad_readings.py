@@ -86,10 +86,6 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     noise, quantum : float
         Standard deviation of their noise, and quantum, 0 for none.
 
-    Returns
-    -------
-    dict of int to str
-
     Notes
     -----
     A single reading x[k] jumps if the lines through the two readings on either side

@@ -43,10 +43,6 @@ def compared(expected: FloatArray, measured: FloatArray, dt: float) -> Compariso
     dt : float
         Step [s].
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     ValueError

@@ -148,15 +148,6 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
 def axis_text(axis: FrictionAxis) -> str:
     """An axis as TOML text.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import dryfric_control as dfc
@@ -181,11 +172,6 @@ def axis_text(axis: FrictionAxis) -> str:
 
 def axis_to_dict(axis: FrictionAxis) -> dict[str, Any]:
     """An axis as numbers, texts, lists and dicts, ready for any file format.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
 
     Returns
     -------
@@ -260,10 +246,6 @@ def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
     ----------
     data : mapping
         At least mass, viscous and coulomb, see `read_axis`.
-
-    Returns
-    -------
-    FrictionAxis
 
     Raises
     ------

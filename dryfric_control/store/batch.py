@@ -130,10 +130,6 @@ def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     without : tuple of type, optional
         Classes whose objects are passed over, wherever they are held.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     ValueError

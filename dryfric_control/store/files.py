@@ -143,10 +143,6 @@ def load_document(
     broken : type
         Error of `rebuild` for data that fit together and do not keep their promise.
 
-    Returns
-    -------
-    object
-
     Raises
     ------
     ValueError

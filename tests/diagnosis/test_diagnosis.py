@@ -18,6 +18,7 @@ from diagnosis_cases import believed, foreign, named_right, parameter_errors, re
 from truth import Plant, closed_loop, make_case, make_null, make_outside, make_pair
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis import selection
 from dryfric_control.diagnosis.diagnose import diagnose
 from dryfric_control.model.effects.effect import REGISTRY
 
@@ -29,15 +30,15 @@ FLAGGED = ("partly explained", "unexplained")
 
 # One record each: effect, seed, condition of the bench.
 HIDDEN = [
-    ("inertia", 0, "exact"),
+    ("inertia", 0, "short"),
     ("coulomb", 0, "short"),
     ("bias_force", 0, "short"),
-    ("coulomb_asymmetry", 0, "exact"),
+    ("coulomb_asymmetry", 0, "short"),
     ("stribeck", 0, "exact"),
     ("quadratic_drag", 0, "off"),
     ("position_dependence", 0, "short"),
     ("spring", 0, "coarse"),
-    ("gravity", 0, "exact"),
+    ("gravity", 0, "short"),
     ("cogging", 0, "off"),
     ("drift", 0, "short"),
     ("presliding", 0, "exact"),
@@ -77,6 +78,7 @@ def passes(case, found):
     return found.verdict == "explained" and (not errors or np.median([*errors]) < 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("slug", "seed", "condition"), HIDDEN)
 def test_hidden_effect_is_named(slug, seed, condition):
     case, found = case_of(slug, seed, condition), answer(slug, seed, condition)
@@ -86,6 +88,7 @@ def test_hidden_effect_is_named(slug, seed, condition):
     assert found.gain.ratio > 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "condition"), CLEAN)
 def test_clean_record_is_not_accused(seed, condition):
     found = answer((), seed, condition)
@@ -94,6 +97,7 @@ def test_clean_record_is_not_accused(seed, condition):
     assert found.unexplained.fraction == 0.0
 
 
+@pytest.mark.slow
 def test_slightly_wrong_parameters_are_mended_and_nothing_else_is_accused():
     case = make_null(0, "off")
     found = diagnose(believed(case), record(case), jobs=1)
@@ -103,6 +107,7 @@ def test_slightly_wrong_parameters_are_mended_and_nothing_else_is_accused():
         assert getattr(found.extended, name) == pytest.approx(case.actual[name], rel=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed"), OUTSIDE)
 def test_what_no_candidate_explains_is_admitted(kind, seed):
     case = make_outside(seed, kind=kind)
@@ -112,6 +117,7 @@ def test_what_no_candidate_explains_is_admitted(kind, seed):
     assert found.unexplained.where
 
 
+@pytest.mark.slow
 def test_both_causes_of_a_pair_are_found():
     case = make_pair(0, "short", pair=("spring", "input_delay"))
     found = diagnose(believed(case), record(case), jobs=1)
@@ -120,12 +126,13 @@ def test_both_causes_of_a_pair_are_found():
     assert max(parameter_errors(case, found).values()) < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "seed", "condition"),
     [
         (("input_gain",), 7, "exact"),
         (("input_gain",), 4, "short"),
-        (("input_gain", "stribeck"), 5, "exact"),
+        (("input_gain", "stribeck"), 5, "short"),
     ],
 )
 def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
@@ -138,6 +145,7 @@ def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, cond
 # -- the blind test would catch a diagnosis that cheats -----------------------------
 
 
+@pytest.mark.slow
 def test_a_constant_answer_fails_the_blind_test():
     """Whatever the constant is, it passes on records of its own cause alone."""
     work = [*HIDDEN, *(((), seed, condition) for seed, condition in CLEAN)]
@@ -194,10 +202,12 @@ def looks_at_names(candidate):
     return found.causes[0].parameters != right.causes[0].parameters
 
 
+@pytest.mark.slow
 def test_the_answer_hangs_on_no_name_and_no_order():
     assert not looks_at_names(diagnose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impostor", [first_registered, by_name])
 def test_a_diagnosis_that_looks_at_names_is_caught(impostor):
     assert looks_at_names(impostor)
@@ -216,13 +226,16 @@ def wanders(seed, condition):
     return diagnose(believed(case), record(case), jobs=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("judge", ["held out", "fitted"])
 def test_without_the_held_out_step_chance_is_accused(monkeypatch, judge):
     """Fits always lower the error they were fitted on; unseen data tell."""
     if judge == "fitted":
         monkeypatch.setattr(module, "Race", OnFitted)
-    # The step of the free runs: what a random force makes of it is another judge's matter.
-    monkeypatch.setattr(module, "_exact", lambda *_: True)
+    # One accusation is enough, and so is the step of the free runs: what a random force makes
+    # of it is another judge's matter.
+    monkeypatch.setattr(selection, "_MOST_CAUSES", 1)
+    monkeypatch.setattr(module, "_nothing", lambda *_: True)
     monkeypatch.setattr(module, "answer", lambda *_: SimpleNamespace(verdict="unexplained"))
     found = wanders(1, "short")
     assert found.verdict in FLAGGED
@@ -246,6 +259,7 @@ def registered(effect):
         del REGISTRY[effect.slug]
 
 
+@pytest.mark.slow
 def test_a_candidate_that_learns_by_heart_is_refused():
     """A friction level for every second fits any record; it says nothing of the others."""
     # Bounds that keep the level of 8 N positive.
@@ -306,8 +320,8 @@ def made_record(push):
     """
     mass, viscous, coulomb, inner = 2.0, 15.0, 8.0, 20
     rng = np.random.default_rng(4)
-    reference = np.convolve(np.repeat(rng.uniform(0.05, 0.25, 34), 300), np.ones(150) / 150, "same")
-    n, h, quantum = 10_000, DT / 20, 2e-6
+    reference = np.convolve(np.repeat(rng.uniform(0.05, 0.25, 20), 300), np.ones(150) / 150, "same")
+    n, h, quantum = 6000, DT / 20, 2e-6
     x, v = float(reference[0]), 0.0
     u, y = np.zeros(n), np.zeros(n)
     before = 0.0
@@ -325,6 +339,7 @@ def made_record(push):
     return dfc.Record(DT * np.arange(n), u, y)
 
 
+@pytest.mark.slow
 def test_an_effect_of_the_user_is_found_like_any_other():
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
     measured = made_record(lambda x, v: 0.03 / (0.1 + x) ** 2)
@@ -358,6 +373,7 @@ class Brake(dfc.effects.Effect):
     law = staticmethod(brake_law)
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_not_linear_in_its_parameters_is_found_from_any_start():
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     measured = made_record(lambda x, v: -6.0 * (v / 0.12) / (1.0 + (v / 0.12) ** 2))
@@ -371,6 +387,7 @@ def test_an_effect_that_is_not_linear_in_its_parameters_is_found_from_any_start(
 # -- effects in the believed axis ------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
     case = case_of("spring", 0, "short")
     true = case.truth["spring"]
@@ -382,6 +399,7 @@ def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
     assert len(found.extended.effects) == 1
 
 
+@pytest.mark.slow
 def test_a_believed_peak_that_is_not_there_is_taken_away():
     case = case_of("drift", 2, "exact")
     peak = dfc.Stribeck(excess=0.3, speed=0.02)
@@ -393,6 +411,7 @@ def test_a_believed_peak_that_is_not_there_is_taken_away():
 # -- what must not matter -----------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("length", "force"), [(1e3, 1.0), (1.0, 1e3)])
 def test_units_do_not_matter(length, force):
     """The same record in mm or mN, the axis told in the same units."""
@@ -413,6 +432,7 @@ def test_units_do_not_matter(length, force):
     assert found.gain.ratio == pytest.approx(plain.gain.ratio, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_two_calls_agree_and_so_do_one_and_two_jobs():
     which = "position_dependence", 0, "short"
     case, first = case_of(*which), answer(*which)
@@ -427,6 +447,7 @@ def test_two_calls_agree_and_so_do_one_and_two_jobs():
     assert axis == believed(case) and known == REGISTRY
 
 
+@pytest.mark.slow
 def test_it_keeps_silent_unless_asked(capfd):
     case = case_of((), 0, "exact")
     diagnose(believed(case), record(case), jobs=1)
@@ -475,6 +496,7 @@ def test_a_record_without_motion_is_refused():
 # -- what is handed back -----------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("slug", "seed", "condition"), HIDDEN)
 def test_the_answer_can_be_used(slug, seed, condition):
     case, found = case_of(slug, seed, condition), answer(slug, seed, condition)

@@ -426,6 +426,7 @@ def test_where_finds_reversals(wander):
     assert first.startswith("where the motion reverses")
 
 
+@pytest.mark.slow
 def test_where_says_nothing_of_noise(wander):
     rng = np.random.default_rng(2)
     assert where(rng.random(len(wander)), 1.0, wander) == ()
@@ -539,6 +540,7 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     assert ax.get_xlim()[0] == 1.0
 
 
+@pytest.mark.slow
 def test_no_bar_at_all_is_told_in_a_sentence(found):
     d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
     ax = d.plot().axes.ravel()[-2]
@@ -612,6 +614,7 @@ def test_medians_over_position_do_not_jump_between_the_directions(found):
     assert "> forwards, < backwards" in ax.get_xlabel()
 
 
+@pytest.mark.slow
 def test_title_of_many_causes_stays_on_the_page(uneven):
     figure = uneven.plot().figure
     figure.canvas.draw()
@@ -633,6 +636,7 @@ def test_title_of_many_causes_stays_on_the_page(uneven):
 # ------------------------------------------- what a cause means in the axis
 
 
+@pytest.mark.slow
 def test_small_corrections_stand_apart_everywhere(uneven, found):
     assert [c.effect for c in uneven.small_corrections] == ["stribeck", "inertia"]
     assert [c.effect for c in uneven.main_causes] == [
@@ -697,6 +701,7 @@ def test_a_force_and_a_load_are_no_part_of_the_level(uneven):
     assert wording.levels(loaded, [0.2], 1) == pytest.approx([6.0])
 
 
+@pytest.mark.slow
 def test_which_way_is_harder_is_told_in_newtons(uneven):
     x = np.array(uneven.to_dict()["coulomb_level"]["x"])
     flat = re.sub(r"\s+", " ", uneven.summary())
@@ -727,6 +732,7 @@ def test_asymmetry_alone_is_told_in_two_numbers(uneven):
     assert "Coulomb level nominal (x grows forwards): 6 N, both ways" in d.summary()
 
 
+@pytest.mark.slow
 def test_levels_are_drawn_where_they_vary(uneven, found):
     ax = matplotlib.pyplot.figure().subplots()
     figures.draw_levels(uneven, ax)
@@ -762,12 +768,14 @@ def test_errors_have_two_digits(value, error, text):
     assert findings.with_error(value, error) == text
 
 
+@pytest.mark.slow
 def test_page_says_once_what_an_error_covers(found, uneven):
     for d in (found, uneven):
         for text in (page_of(d), html_summary(d)):
             assert words_of(text).count("random error of this record alone, not that of") == 1
 
 
+@pytest.mark.slow
 def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
     page = words_of(page_of(found))
     assert "axis_file" not in page
@@ -785,6 +793,7 @@ def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, mo
     assert names["run"].time[1] == pytest.approx(DT)
 
 
+@pytest.mark.slow
 def test_words_are_those_of_a_user(found, uneven):
     for d in (found, uneven):
         figure = d.plot().figure
@@ -1024,6 +1033,7 @@ def asked(found, monkeypatch):
     return calls
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("quiet", "terminal"), [(True, True), (False, True), (False, False)])
 def test_command_writes_the_report(files, asked, found, capsys, monkeypatch, quiet, terminal):
     record, axis, out = files

@@ -82,6 +82,7 @@ def report(tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 400])
 def test_the_report_opens_without_a_network(report, tmp_path, width):
     seen = opened(report, tmp_path, width)

@@ -223,6 +223,7 @@ def test_of_two_equal_peaks_the_first_is_taken():
         assert other == pytest.approx(found[0], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "how"), [*((n, "noise") for n in EFFECTS), ("clean", "thirds")])
 def test_a_diagnosis_is_the_same(name, how):
     one, two = told(name), diagnose(BASE, changed(run(name), how), jobs=1)

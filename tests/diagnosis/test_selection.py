@@ -435,6 +435,7 @@ def test_an_alternative_brings_the_base_that_goes_with_it(sprung):
     assert in_place(axis, peaked, "stribeck").effects == axis.effects
 
 
+@pytest.mark.slow
 def test_a_search_finds_the_spring_and_stops(sprung):
     words = []
     selector = Selector(sprung.race, sprung.axis, words.append)

@@ -110,6 +110,7 @@ def same_end(found, stored, reach):
         assert found["errors"][name] == pytest.approx(error, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
 @pytest.mark.filterwarnings("ignore")
 def test_a_fit_ends_where_it_did(name, stored):
@@ -123,6 +124,7 @@ def test_identified_levels_are_the_same(stored):
         assert found[side] == pytest.approx(stored["coulomb"][side], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_diagnosis_says_what_it_did(name, stored):
     found = diagnosed(CASES[name]())

@@ -121,6 +121,7 @@ def test_single_precision_stays_within_the_noise(tmp_path):
         assert 0.0 < np.sqrt(np.mean((out[place] - expected[place]) ** 2)) < 0.1 * error
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_sanitizers_find_nothing(tmp_path):
     flags = ["-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all"]

@@ -39,6 +39,7 @@ def record_of(case):
     return Record(case.t, case.u, case.x, case.reference, quantum=case.quantum)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_base_parameters_of_an_independent_bench(seed):
     case = truth.make_null(seed)
@@ -61,6 +62,7 @@ def test_coarse_encoder_does_not_bias_the_inertia():
     assert naive < 0.5 * case.actual["mass"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [-0.5, 0.5])
 def test_input_recorded_half_a_sample_off(samples):
     case = truth.make_null(1)
@@ -76,6 +78,7 @@ def test_input_recorded_half_a_sample_off(samples):
     assert freed.axis.mass == pytest.approx(exact.axis.mass, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_effect_is_added_and_found():
     case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
     found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "bias_force"))
@@ -84,6 +87,7 @@ def test_effect_is_added_and_found():
     assert found.axis.effects[0].slug == "bias_force"
 
 
+@pytest.mark.slow
 def test_input_delay_is_found():
     case = truth.make_case({"input_delay": {"delay": 3.4e-3}}, seed=2)
     found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "input_delay"))
@@ -91,6 +95,7 @@ def test_input_delay_is_found():
     assert found.parameters["input_delay.delay"] == pytest.approx(3.4e-3, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_of_the_size_of_the_errors():
     scores = []
     rng = np.random.default_rng(7)
@@ -128,6 +133,7 @@ def test_starts_inside_the_peak_are_found(seed):
     assert problem.evaluate(z)[0].costs.max() < 430.0
 
 
+@pytest.mark.slow
 def test_intervals_cover_with_the_peak_free():
     # `benchmarks/identification.py stribeck` prints the table.
     names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
@@ -158,6 +164,7 @@ def test_intervals_widen_with_the_level():
             assert wide[name][0] < narrow[name][0] < value < narrow[name][1] < wide[name][1]
 
 
+@pytest.mark.slow
 def test_bias_and_asymmetry_cannot_be_told_apart():
     case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
     assert case.actual["stribeck"] is None
@@ -171,6 +178,7 @@ def test_bias_and_asymmetry_cannot_be_told_apart():
     assert difference - 2.0 * found.parameters["bias_force.force"] == pytest.approx(-2.0, abs=2e-2)
 
 
+@pytest.mark.slow
 def test_crawl_without_acceleration_names_the_inertia():
     axis = dfc.FrictionAxis(mass=2.0, viscous=400.0, coulomb=8.0, stick_speed=1e-6)
     t = 1e-3 * np.arange(20_000)
@@ -182,6 +190,7 @@ def test_crawl_without_acceleration_names_the_inertia():
         fit(axis, record, free=("mass", "coulomb"))
 
 
+@pytest.mark.slow
 def test_several_records_are_fitted_together():
     case = truth.make_null(3)
     record = record_of(case)
@@ -282,6 +291,7 @@ def test_directions_know_rest_from_motion():
     assert np.array_equal(found[~unsure], response.mode[~unsure])
 
 
+@pytest.mark.slow
 @needs_emps
 def test_emps_mass_and_held_out_errors():
     train, test = read_record(EMPS).split(0.6)
@@ -293,6 +303,7 @@ def test_emps_mass_and_held_out_errors():
     assert found.replay(test).rms < 1.5 * found.training[0].rms
 
 
+@pytest.mark.slow
 @needs_emps
 @pytest.mark.parametrize(
     ("free", "published"),
@@ -312,6 +323,7 @@ def test_emps_relative_force_error(free, published):
     assert force_error(found.axis, record) < published + 0.1
 
 
+@pytest.mark.slow
 @needs_emps
 def test_emps_closed_loop():
     train, _ = read_record(EMPS).split(0.6)

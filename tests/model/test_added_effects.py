@@ -57,6 +57,7 @@ def test_a_run_is_that_of_the_truth(slug):
         assert np.abs(without.y[0] - readings).max() > 40.0 * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ADDED)
 def test_guessed_fitted_and_stored(slug, tmp_path):
     case, axis = hidden(slug)
@@ -79,6 +80,7 @@ def test_guessed_fitted_and_stored(slug, tmp_path):
     assert slug in axis.describe()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ADDED)
 def test_diagnosed(slug):
     case, _ = hidden(slug)

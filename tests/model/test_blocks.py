@@ -33,6 +33,7 @@ def dithered(n, seed=0):
     return t, 2.0 * np.sin(2.0 * np.pi * 7.0 * t) + 4.0 * rng.standard_normal(n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [dfc.axis_block, dfc.switched_axis])
 def test_blocks_walk_the_compiled_path_through_thousands_of_switches(axis, build):
     t, u = dithered(20_000)

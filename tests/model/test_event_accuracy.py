@@ -119,6 +119,7 @@ def simulated_switches(band, held, dt=DT):
     return np.column_stack([events.time, events.before, events.after])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [False, True], ids=["moving", "held"])
 @pytest.mark.parametrize("band", BANDS)
 def test_switching_times_agree_with_scipy(band, held):

@@ -491,6 +491,7 @@ def diagnosed(slug, units=Units()):
     return dfc.diagnose(units.axis(BELIEVED), record, window=0.25 * units.time, jobs=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "units"),
     [

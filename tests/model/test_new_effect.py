@@ -229,6 +229,7 @@ def test_every_action_has_one():
     assert {effect.action for effect in TRUE} == set(ACTIONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", TRUE, ids=lambda effect: effect.action)
 def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
     cls = type(effect)
@@ -288,6 +289,7 @@ def test_two_coggings_add_up_and_have_names():
     assert axis_from_dict(axis_to_dict(both)) == both
 
 
+@pytest.mark.slow
 def test_two_coggings_are_fitted_each():
     record = made(AXIS.replace(effects=(FIRST, SECOND)))
     off = AXIS.replace(
@@ -313,6 +315,7 @@ def test_a_number_counts_from_the_effects_that_there_are():
         dfc.effects.register_effect(type("A", (Bellows,), {"slug": "bellows_2"}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("believed", [(), (FIRST,)], ids=["none known", "one known"])
 def test_a_diagnosis_finds_a_second_cogging(believed):
     record = made(AXIS.replace(effects=(FIRST, SECOND)), seconds=8.0)

@@ -311,6 +311,7 @@ def test_sampling_rates(dt):
 # --- nothing breaks it -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_wild_plants_leave_it_finite_and_near():
     """Plants that the nominal axis has nothing to do with, encoders of 1 nm to 0.3 mm."""
     rng = np.random.default_rng(5)

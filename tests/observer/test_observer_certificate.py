@@ -201,6 +201,7 @@ def test_no_short_sequence_beats_the_one_found():
             assert lifted_gain(design, path, 120 // period) < design.lower_bound
 
 
+@pytest.mark.slow
 def test_the_gap_of_the_reference_designs_is_small():
     for name, largest in (("paper", 0.05), ("slack", 0.02), ("path", 0.02), ("dwell", 0.02)):
         gap = design_pi_observer(AXIS, DT, **CASES[name]).certificate.gap
@@ -259,6 +260,7 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
     assert np.sqrt(power[0]) < check.limit * (1.0 + 1e-4)  # longer can only be harder
 
 
+@pytest.mark.slow
 def test_without_a_decay_rate_memory_meets_the_limit():
     """So the limit is tight, and what is left with a rate is the price of it."""
     spec = SPEC | {"decay": 1.0}

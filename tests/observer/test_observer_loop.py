@@ -124,6 +124,7 @@ def test_the_observer_keeps_its_promises(run):
     assert not np.isnan(delay).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"method": "paper"}, {"method": "path"}, {"method": "dwell"}])
 def test_every_method_keeps_them(options):
     score = presets.clutch_experiment(presets.clutch_observer(**options)).score

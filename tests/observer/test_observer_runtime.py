@@ -310,6 +310,7 @@ def test_motion_is_seen_when_the_reading_leaves():
     assert first(9.0) == 10
 
 
+@pytest.mark.slow
 @given(
     plus=st.floats(0.5, 2.0),
     minus=st.floats(0.5, 2.0),

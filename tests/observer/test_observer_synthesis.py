@@ -48,6 +48,7 @@ def problem(graph=None, decay=0.995):
 
 
 # The bounds are those of the project's theory sheet for this very problem.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments, bound",
     [
@@ -121,6 +122,7 @@ def test_gamma_does_not_move_with_the_scaling(channel, factor, paper):
     assert gammas[1] == pytest.approx(gammas[0], rel=1e-3)  # the requirement: 0.1 %
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 10.0])
 @pytest.mark.parametrize("method", ["paper", "slack", "path", "dwell"])
 def test_gamma_does_not_move_with_units(method, factor):
@@ -150,6 +152,7 @@ def test_gamma_does_not_move_with_units(method, factor):
     assert fast.gamma / factor == pytest.approx(base.gamma, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stick_rate", [200.0, 500.0, 900.0])
 @pytest.mark.parametrize("method, windows", [("path", (1, 2, 3, 4)), ("dwell", (1, 2, 4, 8))])
 def test_a_longer_memory_never_costs(method, windows, stick_rate):
@@ -182,6 +185,7 @@ def test_fewer_changes_of_mode_never_cost():
     assert never.gamma < one_way.gamma < free.gamma
 
 
+@pytest.mark.slow
 def test_scs_agrees_when_asked():
     pytest.importorskip("scs")
     default = design_pi_observer(reference_axis(), DT, **SPEC)

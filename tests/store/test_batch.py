@@ -212,6 +212,7 @@ def scores(design, runs=RUNS, **options):
     return np.stack([*found.scores.values()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_same_bits_with_and_without_store_in_any_number_of_jobs(design, plain, tmp_path, jobs):
     store = tmp_path / "runs.jsonl"
@@ -295,6 +296,7 @@ presets.clutch_monte_carlo(
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(design, tmp_path, monkeypatch):
     (tmp_path / "stopping.py").write_text(ESTIMATOR)
     store, half = tmp_path / "runs.jsonl", RUNS // 2
@@ -343,6 +345,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="an orphan keeps the number of its parent")
 def test_workers_end_with_a_run_that_is_killed(tmp_path):
     """They went on for minutes, with a case that nobody waits for."""
@@ -385,6 +388,7 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path):
             os.kill(worker, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):
     distributed = pytest.importorskip("distributed", reason="dask[distributed] is not installed")
     store = tmp_path / "runs.jsonl"
@@ -427,6 +431,7 @@ def bench():
     return believed, records
 
 
+@pytest.mark.slow
 def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch):
     axis, records = bench
     store = tmp_path / "diagnoses.jsonl"

@@ -106,6 +106,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer):
     assert path.read_bytes() == b"old"
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_the_old_file(tmp_path):
     path = tmp_path / "observer.json"
     path.write_bytes(b"old")
@@ -355,6 +356,7 @@ def test_a_design_comes_back_bit_by_bit(tmp_path):
 # -------------------------------------------------------------------- fuzzing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", damage.READERS)
 def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
     """A moment of ``benchmarks/fuzz_readers.py``, always the same."""

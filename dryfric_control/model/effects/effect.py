@@ -593,17 +593,7 @@ _COMPILED: dict[type[Effect], Any] = {}
 
 
 def law_address(cls: type[Effect]) -> int:
-    """Address of an effect's compiled law, valid in this process.
-
-    Parameters
-    ----------
-    cls : type of Effect
-        The effect.
-
-    Returns
-    -------
-    int
-    """
+    """Address of an effect's compiled law, valid in this process."""
     if cls not in _COMPILED:
         if REGISTRY.get(cls.slug) is not cls:  # else checked as it was registered
             _check_numbers(cls)

@@ -90,10 +90,6 @@ def assign_columns(
     timed : bool, optional
         Whether a column of time is needed; False for none, None for perhaps.
 
-    Returns
-    -------
-    dict of str to int
-
     Raises
     ------
     ValueError
@@ -233,10 +229,6 @@ def to_si(
         Units the caller states: as stored, of a channel with a gain after it.
     where : str
         The source, for messages.
-
-    Returns
-    -------
-    Channels
 
     Raises
     ------

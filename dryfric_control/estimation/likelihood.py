@@ -456,7 +456,8 @@ class Solution:
 
     def covariance(self) -> FloatArray:
         """Sandwich covariance of the search coordinates."""
-        h = self.information.sum(axis=0) + np.diag(self.problem.prior_terms(self.z)[2])
+        h = self.information.sum(axis=0) * self.curvature()
+        h += np.diag(self.problem.prior_terms(self.z)[2])
         inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
         g = self.gradients
         blocks = max(len(g) - 1, 1)

@@ -1,6 +1,7 @@
 """What identification reaches: on the bench, on EMPS, on a servo pendulum.
 
-    python benchmarks/identification.py [emps | bam | bench | coverage | stribeck] [--repeats 200]
+    python benchmarks/identification.py [emps | bam | bench | coverage | map | stribeck]
+        [--repeats 200] [--condition noise]
 
 Prints tables; every figure comes from the run.  Records are read from
 ../shared/data and left out with a word where they are not at hand.
@@ -32,41 +33,114 @@ DATA = ROOT.parent / "shared" / "data"
 sys.path.insert(0, str(ROOT / "tests"))
 import truth  # noqa: E402  (the independent bench lives with the tests)
 
+#: What a record of `coverage` has beside its axis: parts of the Coulomb level as white
+#: noise on u and as cogging that the axis of the fit lacks; sampling time [s].
+CONDITIONS = {
+    "clean": (0.0, 0.0, 1e-3),
+    "noise": (0.03, 0.0, 1e-3),
+    "cogging": (0.0, 0.05, 1e-3),
+    "both": (0.03, 0.05, 1e-3),
+    "noise, 250 Hz": (0.03, 0.0, 4e-3),
+    "cogging, 250 Hz": (0.0, 0.05, 4e-3),
+    "noise, 4 kHz": (0.03, 0.0, 2.5e-4),
+    "cogging, 4 kHz": (0.0, 0.05, 2.5e-4),
+    "noise, 50 um": (0.03, 0.0, 1e-3),
+    "cogging, 50 um": (0.0, 0.05, 1e-3),
+    "noise, Stribeck free": (0.03, 0.0, 1e-3),
+}
 
-def coverage(repeats: int) -> None:
-    """Share of 90 % intervals that cover the truth, over seeded repeats."""
-    names = ("mass", "viscous", "coulomb")
-    rows: dict[str, list[bool]] = {}
-    start = time.perf_counter()
-    for seed in range(repeats):
-        case = truth.make_null(seed, "short")
-        rng = np.random.default_rng(seed)
+
+def spoiled(seed: int, condition: str) -> tuple[truth.Case, Record]:
+    """Record of the independent bench in a condition of `coverage`, and what is true."""
+    noise, cogging, dt = CONDITIONS[condition]
+    rng = np.random.default_rng([seed, 77])
+    length = "short"
+    if "," in condition and "Hz" not in condition:
+        length = "coarse" if "um" in condition else "exact"
+    case = truth.make_null(seed, length)
+    if cogging > 0.0:
+        shape = {"amplitude": 0.0, "pitch": 1.0, "phase": 0.0}
+        axis = truth.make_case({"cogging": shape}, seed, length).actual  # the same axis without
+        shape["amplitude"] = cogging * axis["coulomb"]
+        shape["pitch"] = rng.uniform(0.03, 0.15) * (axis["travel"][1] - axis["travel"][0])
+        shape["phase"] = rng.uniform(0.0, 2.0 * np.pi)
+        case = truth.make_case({"cogging": shape}, seed, length)
+    t, u, x, quantum = case.t, case.u, case.x, case.quantum
+    if dt != 1e-3:  # the same drive force, held and read at another rate
+        each = round(4 * dt / 1e-3)
+        u = np.repeat(u, 4)[: 4 * u.size // each * each].reshape(-1, each).mean(axis=1)
+        substeps = max(round(case.substeps * dt / 1e-3), 8)
+        states = truth.open_loop(case.plant, u, dt, substeps, case.states[0])
+        t, x = dt * np.arange(u.size), quantum * np.round(states[:-1, 0] / quantum)
+    if condition == "clean":
         # Noise above what the generator's own time steps leave in its record.
-        noisy = case.x + 20e-6 * rng.standard_normal(case.x.size)
-        a = case.actual
-        axis = dfc.FrictionAxis(
-            mass=1.1 * a["mass"],
-            viscous=a["viscous"],
-            coulomb=a["coulomb"],
-            stribeck=dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None,
-            stick_speed=a["stick_speed"],
-            travel=a["travel"],
-        )
-        found = fit(axis, Record(case.t, case.u, noisy, quantum=0.0), names, starts=1)
-        for kind, ends in (("jackknife", found.interval()), ("bootstrap", found.bootstrap())):
-            for name in names:
-                hit = ends[name][0] <= a[name] <= ends[name][1]
-                rows.setdefault(f"fit: {name}, {kind}", []).append(hit)
+        x, quantum = x + 20e-6 * rng.standard_normal(x.size), 0.0
+    u = u + noise * case.actual["coulomb"] * rng.standard_normal(u.size)
+    return case, Record(t, u, x, quantum=quantum)
+
+
+def coverage(repeats: int, conditions: list[str]) -> None:
+    """Share of 90 % intervals that cover the truth, over seeded repeats."""
+    print(f"90 % intervals of fit, {repeats} records each: cover the truth; median error, and half")
+    print("an interval in per cent of the value; the fit says that the model does not fit")
+    for condition in conditions:
+        names = ["mass", "viscous", "coulomb"]
+        start, said, scale = time.perf_counter(), 0, []
+        if "Stribeck" in condition:
+            names += ["stribeck.excess", "stribeck.speed"]
+        hits, drawn, errors = [], [], []
+        for seed in range(repeats):
+            case, record = spoiled(seed, condition)
+            if "Stribeck" in condition and not case.actual["stribeck"]:
+                continue
+            axis = believed(case).replace(mass=1.1 * case.actual["mass"])
+            found = fit(axis, record, names, starts=1)
+            true = np.array([values(case)[name] for name in names])
+            ends, again = (np.array([e[n] for n in names]) for e in
+                           (found.interval(), found.bootstrap()))  # fmt: skip
+            hits.append((ends[:, 0] <= true) & (true <= ends[:, 1]))
+            drawn.append((again[:, 0] <= true) & (true <= again[:, 1]))
+            errors.append(np.abs([found.parameters[n] for n in names] / true - 1.0))
+            scale.append(0.5 * (ends[:, 1] - ends[:, 0]) / true)
+            said += any(m.startswith("the model does not fit") for m in found.messages)
+        print(f"{condition} ({len(hits)} records, {time.perf_counter() - start:.0f} s; "
+              f"does not fit: {said})")  # fmt: skip
+        rows = (np.mean(hits, axis=0), np.mean(drawn, axis=0), np.median(errors, axis=0),
+                np.median(scale, axis=0))  # fmt: skip
+        for name, hit, redrawn, error, half in zip(names, *(100 * r for r in rows), strict=True):
+            print(f"  {name:16s} {hit:5.1f} %, bootstrap {redrawn:5.1f} %; error {error:.3f} %, "
+                  f"half {half:.3f} %")  # fmt: skip
+
+
+def believed(case: truth.Case) -> dfc.FrictionAxis:
+    """The bench's axis without what is hidden in it."""
+    a = case.actual
+    stribeck = dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None
+    return dfc.FrictionAxis(
+        mass=a["mass"], viscous=a["viscous"], coulomb=a["coulomb"], stribeck=stribeck,
+        stick_speed=a["stick_speed"], travel=a["travel"],
+    )  # fmt: skip
+
+
+def values(case: truth.Case) -> dict[str, float]:
+    """True parameters by their names in a fit."""
+    a = case.actual
+    peak = {f"stribeck.{n}": v for n, v in (a["stribeck"] or {}).items()}
+    return {n: a[n] for n in ("mass", "viscous", "coulomb")} | peak
+
+
+def coverage_map(repeats: int) -> None:
+    """The same of a Coulomb map from a crawl."""
+    hits = []
+    for seed in range(repeats):
         record, level = crawl(seed)
         levels = identify_coulomb(record, degree=2, axis=BENCH)
         for place in (0.05, 0.15, 0.25):
             for s in (1, -1):
                 low, high = levels.band([place], s)
-                hit = bool(low[0] <= level(place, s) <= high[0])
-                rows.setdefault("Coulomb map, six places", []).append(hit)
-    print(f"90 % intervals over {repeats} repeats ({time.perf_counter() - start:.0f} s)")
-    for name, hits in rows.items():
-        print(f"  {name:32s} {100 * np.mean(hits):5.1f} %")
+                hits.append(bool(low[0] <= level(place, s) <= high[0]))
+    print(f"90 % intervals of a Coulomb map at six places, {repeats} crawls: "
+          f"{100 * np.mean(hits):.1f} %")  # fmt: skip
 
 
 def coverage_stribeck(repeats: int) -> None:
@@ -81,27 +155,16 @@ def coverage_stribeck(repeats: int) -> None:
             continue
         rng = np.random.default_rng(seed)
         noisy = case.x + 80e-6 * rng.standard_normal(case.x.size)
-        axis = dfc.FrictionAxis(
-            mass=1.1 * a["mass"],
-            viscous=a["viscous"],
-            coulomb=a["coulomb"],
-            stribeck=dfc.Stribeck(**a["stribeck"]),
-            stick_speed=a["stick_speed"],
-            travel=a["travel"],
-        )
+        axis = believed(case).replace(mass=1.1 * a["mass"])
         ends = fit(axis, Record(case.t, case.u, noisy, quantum=0.0), names, starts=1).interval()
-        true = {
-            "stribeck.excess": a["stribeck"]["excess"],
-            "stribeck.speed": a["stribeck"]["speed"],
-        }
         for name in names:
             low, high = ends[name]
-            hits[name].append(bool(low <= true.get(name, a.get(name)) <= high))
+            hits[name].append(bool(low <= values(case)[name] <= high))
     count = len(hits["mass"])
     print(f"90 % intervals, Stribeck peak free, {count} axes of {repeats} seeds have one "
           f"({time.perf_counter() - start:.0f} s)")  # fmt: skip
-    for name, values in hits.items():
-        print(f"  {name:32s} {100 * np.mean(values):5.1f} %")
+    for name, found in hits.items():
+        print(f"  {name:32s} {100 * np.mean(found):5.1f} %")
 
 
 def bench() -> None:
@@ -280,7 +343,8 @@ def bam() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", nargs="*", default=["emps", "bam", "bench", "coverage"])
+    parser.add_argument("what", nargs="*", default=["emps", "bam", "bench", "coverage", "map"])
+    parser.add_argument("--condition", choices=CONDITIONS, action="append")
     parser.add_argument("--repeats", type=int, default=200)
     options = parser.parse_args()
     warnings.simplefilter("ignore", FitWarning)  # they are in the summaries
@@ -289,7 +353,8 @@ def main() -> None:
             "emps": emps,
             "bam": bam,
             "bench": bench,
-            "coverage": lambda: coverage(options.repeats),
+            "coverage": lambda: coverage(options.repeats, options.condition or list(CONDITIONS)),
+            "map": lambda: coverage_map(options.repeats),
             "stribeck": lambda: coverage_stribeck(2 * options.repeats),
         }[what]()
 

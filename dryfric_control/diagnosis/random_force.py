@@ -47,8 +47,6 @@ _TOGETHER, _LIKELY = 2, 6
 # Actions whose effects are tried there from guesses of their own, as the filter follows
 # their inner states only roughly, and how many of them start from there.
 _HARD, _LED = ("contact", "transmission"), 3
-#: Median score of moving windows up to which free runs reach the readings' noise, 0.22.
-REACHED = 0.35
 # Windows of each record that are replayed.
 _REPLAYED = 40
 # A base parameter off by less than this is what anybody would call right.
@@ -68,8 +66,7 @@ _BEYOND = 4.0
 
 def reached(race: Race, one: Any) -> bool:
     """Whether free runs of a fit err by no more than the readings' noise, by the median."""
-    seen = (race.fit | race.judge) & race.bench.moving
-    return bool(np.any(seen) and np.median(one.scores[seen]) < REACHED)
+    return race.bench.reached(one.scores, race.fit | race.judge)
 
 
 @dataclass(eq=False)

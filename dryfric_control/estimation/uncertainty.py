@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from dryfric_control.estimation.windows import Windows
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
@@ -21,6 +22,11 @@ _FEWEST = 20
 _UNSEEN = 1e-6
 # A block that alone shows a direction cannot be left out of it entirely.
 _LEFT_OUT = 1.0 - 1e-6
+
+
+def block_length(records: Sequence[Record]) -> float:
+    """Length of the blocks by default: 1 s, less if that gave under 20 blocks [s]."""
+    return min(_BLOCK, sum(r.duration for r in records) / _FEWEST)
 
 
 def block_labels(windows: Sequence[Windows], seconds: float | None = None) -> NDArray[np.int64]:
@@ -37,8 +43,7 @@ def block_labels(windows: Sequence[Windows], seconds: float | None = None) -> ND
     -------
     ndarray of int64, shape (nwindows,)
     """
-    total = sum(w.record.duration for w in windows)
-    length = min(_BLOCK, total / _FEWEST) if seconds is None else seconds
+    length = block_length([w.record for w in windows]) if seconds is None else seconds
     labels: list[NDArray[np.int64]] = []
     first = 0
     for w in windows:

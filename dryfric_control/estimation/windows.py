@@ -27,6 +27,8 @@ from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+#: Median score of the moving windows up to which free runs reach the readings' noise, 0.22.
+REACHED = 0.35
 #: A window pulls in full up to this multiple of the scale of its errors: the few with a
 #: mistimed break-away count less, but no whole direction is given up
 #: (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
@@ -209,6 +211,21 @@ class Windows:
     def scores(self, costs: FloatArray) -> FloatArray:
         """log(1 + cost/(n c^2)) of every window: 0.22 at the noise floor."""
         return np.asarray(np.log1p(costs / (self.samples * ROBUST**2)))
+
+    def reached(self, scores: FloatArray, seen: BoolArray | bool = True) -> bool:
+        """Whether free runs err by no more than the readings' noise, by the median.
+
+        Then no random force is at work, and free runs are the sharpest judge.
+
+        Parameters
+        ----------
+        scores : ndarray, shape (nwindows,)
+            `scores` at the noise of the readings.
+        seen : ndarray of bool, shape (nwindows,), optional
+            Windows that count, of those that move.
+        """
+        seen = seen & self.moving
+        return bool(np.any(seen) and np.median(scores[seen]) < REACHED)
 
     def weights(self, costs: FloatArray) -> FloatArray:
         """Pull of every window on the parameters, the slope of its part of the loss."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from tqdm import tqdm
 
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.estimation.both_noises import Evidence, by_free_runs, by_likelihood
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.parameters import (
     Parameter,
@@ -25,7 +27,6 @@ from dryfric_control.estimation.parameters import (
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.uncertainty import (
-    block_labels,
     bootstrap,
     degrees_of_freedom,
     expanded,
@@ -38,7 +39,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.saved import load_object, save_object
-from dryfric_control.text import Result, plain_data
+from dryfric_control.text import Result, length_text, plain_data
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
 
@@ -47,6 +48,9 @@ FloatArray = NDArray[np.float64]
 _SAME = {"inertia": "mass"}
 # Starts by default where a parameter acts at breakaway: the cost has several valleys.
 _STARTS = 6
+# Power of what is left at low frequency over that of white noise, from which the model
+# does not fit (`benchmarks/identification.py coverage`).
+_LASTING = 1.5
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -88,13 +92,17 @@ class Fit(Result):
         Fitted values.
     standard_errors : dict of str to float
         Standard errors, from leaving out blocks of the record; infinite for
-        what the record does not determine.
+        what the record does not determine.  See Notes of `fit`.
     correlation : ndarray, shape (nparameters, nparameters)
         Correlation of the estimates, in the order of `parameters`.
     units : dict of str to str
         Units of the parameters.
     messages : tuple of str
         What the record does not determine, and why.
+    random_force, reading_noise : tuple of float
+        Noises of each record, standard deviations: of a force that changes from sample
+        to sample beside the model, 0 where free runs err by no more than the noise of
+        the readings and NaN where it was not estimated, and of the readings.
     training : tuple of Replay
         Windowed free runs over the records of the fit, one for each, from the
         smoothed state at the start of each window.
@@ -118,6 +126,8 @@ class Fit(Result):
     correlation: FloatArray
     units: dict[str, str]
     messages: tuple[str, ...]
+    random_force: tuple[float, ...]
+    reading_noise: tuple[float, ...]
     training: tuple[Replay, ...]
     _terms: tuple[Any, ...] = field(repr=False)
 
@@ -201,7 +211,7 @@ class Fit(Result):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self, path, "fit", 1, _SAVED)
+        save_object(self, path, "fit", 2, _SAVED)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
@@ -212,8 +222,17 @@ class Fit(Result):
             error = f"{self.standard_errors[name]:.2g}"
             rows.append((name, number, error, f"{low:.6g} to {high:.6g}"))
         yield rows
-        for run in self.training:
+        length, force = self.axis.units
+        for run, pushed, noise in zip(
+            self.training, self.random_force, self.reading_noise, strict=True
+        ):
             yield from run._shown()
+            yield (
+                f"noise of the readings: {length_text(noise, length)} RMS; random force beside "
+                "the model: "
+                + ("not estimated" if math.isnan(pushed) else
+                   f"{pushed:.3g} {force} RMS" if pushed else "none")
+            )  # fmt: skip
         yield from (f"warning: {message}" for message in self.messages)
 
     def to_dict(self) -> dict[str, Any]:
@@ -225,6 +244,8 @@ class Fit(Result):
             "intervals_90": plain_data(self.interval(0.9)),
             "correlation": self.correlation.tolist(),
             "messages": list(self.messages),
+            "random_force": plain_data(list(self.random_force)),
+            "reading_noise": list(self.reading_noise),
             "training": [run.to_dict() for run in self.training],
         }
 
@@ -299,7 +320,7 @@ def load_fit(path: str | os.PathLike[str]) -> Fit:
     >>> again.parameters == found.parameters, again.interval() == found.interval()
     (True, True)
     """
-    found: Fit = load_object(path, "fit", 1, _SAVED)
+    found: Fit = load_object(path, "fit", 2, _SAVED)
     return found
 
 
@@ -367,7 +388,9 @@ def fit(
     Warns
     -----
     FitWarning
-        When the record does not determine a parameter, or does not separate two.
+        When the record does not determine a parameter or does not separate two, a
+        parameter ends at a bound, or the model does not fit: the random force that is
+        left is correlated in time.
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -381,8 +404,20 @@ def fit(
     Windows are weighted by the loss log(1 + (RMS/c)^2), c twice the median
     RMS, against single mistimed breakaways.
 
-    Where the axis lacks something that the record has, parameters take on
-    what they can of it, and depend on `window`: compare two lengths.
+    Where free runs err by no more than the noise of the readings, estimates and
+    standard errors are theirs.  Elsewhere a random force acts beside the model:
+    noise of the recorded input, or what the axis lacks.  From the end of the free
+    runs the search then goes on by the likelihood of a hybrid filter, as in
+    `diagnose`, with the random force and the noise of the readings estimated
+    beside the parameters.  Samples within 10 ms of a start or stop, and slower
+    than 2 % of the fast speeds, do not count there unless a parameter acts by
+    breakaway: a noisy input releases the model but not the machine.
+
+    Standard errors come from leaving out blocks of the record, so that they hold
+    where what is left is correlated in time for less than a block.  They do not
+    hold for an error that all blocks share, such as that of an input which the
+    recorder has averaged.  Where the axis lacks something, parameters take on
+    what they can of it: heed the warning.
 
     Examples
     --------
@@ -418,7 +453,9 @@ def fit(
     for r in records:
         check_units(axis, r)
         warn_if_implausible(axis, r)
-    return fit_windows(axis, parts, free, starts, block, seed, jobs, progress, window, tolerance)
+    return fit_windows(
+        axis, parts, free, starts, block, seed, jobs, progress, window, tolerance, noises=True
+    )
 
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
@@ -451,9 +488,14 @@ def fit_windows(
     window: float = 0.25,
     tolerance: Mapping[str, float] | None = None,
     least: float = 0.0,
+    noises: bool = False,
 ) -> Fit:
-    """The fit itself, on records that are already cut; see `fit` and `minimise`."""
+    """The fit itself, on records that are already cut; see `fit` and `minimise`.
+
+    `noises`: whether the likelihood decides where free runs miss the readings' noise.
+    """
     records = [w.record for w in parts]
+    nominal = axis
     axis, parameters = choose(axis, free, typical(records))
     problem = Problem(axis, parameters, parts, tolerance=tolerance)
     first = problem.start
@@ -479,7 +521,11 @@ def fit_windows(
     problem.scales = np.min([scales for _, scales in found], axis=0).tolist()
     losses = [problem.loss(z, problem.evaluate(z)) for z, _ in found]
     z = found[ranked(losses, SQUARES)[0]][0]
-    return _result(problem, z, first, block, window)
+    evidence, reached = by_free_runs(problem, z, block)
+    if noises and not reached:
+        likely = by_likelihood(problem, z, nominal, tolerance or {}, block)
+        evidence = evidence if likely is None else likely
+    return _result(problem, first, evidence, window)
 
 
 def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) -> Fit:
@@ -488,7 +534,7 @@ def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) ->
     problem = Problem(axis, parameters, parts)
     z = problem.start
     problem.narrow(z)
-    return _result(problem, z, z, None, 0.25)
+    return _result(problem, z, by_free_runs(problem, z, None)[0], 0.25)
 
 
 def _check_level(level: float) -> None:
@@ -551,17 +597,22 @@ def _limits(problem: Problem, z: FloatArray) -> list[str]:
     return found
 
 
-def _result(
-    problem: Problem,
-    z: FloatArray,
-    first: FloatArray,
-    block: float | None,
-    window: float,
-) -> Fit:
-    at = problem.evaluate(z)
-    problem.refine(problem.terms(z, at)[1].sum(axis=0))
-    gradients, normals, _ = problem.terms(z, at)
-    labels = block_labels(problem.windows, block)
+def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
+    """Words for a random force that is correlated in time."""
+    if evidence.lasting < _LASTING:
+        return []
+    force = max(evidence.force)
+    level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
+    share = f" ({100.0 * force / level:.2g} % of the Coulomb level)" if level > 0.0 else ""
+    return [
+        f"the model does not fit: what it leaves out is like a random force of {force:.3g} "
+        f"{axis.units[1]} RMS{share} but is correlated in time; diagnose(axis, record) names what "
+        "is missing"
+    ]
+
+
+def _result(problem: Problem, first: FloatArray, evidence: Evidence, window: float) -> Fit:
+    z, gradients, normals, labels = evidence[:4]
     prior = _prior(problem.parameters) + problem.prior(z)[2]
     covariance, away = jackknife(gradients, normals, labels, prior)
     if away.size:
@@ -585,7 +636,7 @@ def _result(
     messages = cannot_tell(
         model.axis, records, problem.parameters, values, errors, correlation, away, slopes
     )
-    messages = (*messages, *_limits(problem, z))
+    messages = (*messages, *_limits(problem, z), *_misfit(model.axis, evidence))
     for message in messages:
         warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
     return Fit(
@@ -595,6 +646,8 @@ def _result(
         correlation,
         {p.name: p.unit for p in problem.parameters},
         messages,
+        evidence.force,
+        evidence.reading,
         tuple(
             replay(model.axis, w.record, window, w.hold, shift=model.shift) for w in problem.windows
         ),

@@ -205,3 +205,20 @@ def test_the_structure_that_acts_is_the_likelier_one():
     assert bias.values()["bias_force.force"] == pytest.approx(1.5, rel=0.02)
     assert bias.random_force() < 0.5 * base.random_force()
     assert base.axis.mass == pytest.approx(2.0, rel=0.2)  # no muting under the wrong structure
+
+
+def test_curvature_is_that_of_the_cost(sliding):
+    """Standard errors rest on how the cost bends, which differences of it show."""
+    u, y = sliding
+    record = dfc.Record(DT * np.arange(u.size), u, y, quantum=0.0)
+    problem = Likelihood(LINEAR, ("viscous", "coulomb"), [prepare(record)])
+    problem.beliefs.clear()
+    found = maximise(problem, problem.start(0.03))
+    h = found.curvature() * found.information.sum(axis=0)
+    for j in range(2):
+        step = np.zeros(problem.size)
+        step[j] = 2.0 / math.sqrt(h[j, j])
+        ends = [problem.at(found.z + s * step).cost for s in (-1.0, 1.0)]
+        bent = (sum(ends) - 2.0 * found.cost) / step[j] ** 2
+        # The factor is two thirds here; slopes by differences leave some per cent.
+        assert h[j, j] == pytest.approx(bent, rel=0.1)

@@ -113,6 +113,61 @@ def test_standard_errors_are_of_the_size_of_the_errors():
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 2.0
 
 
+def cogged(seed, share):
+    """A record of 6 s with a cogging of a share of the Coulomb level, and what is true."""
+    shape = {"amplitude": 0.0, "pitch": 1.0, "phase": 0.5}
+    a = truth.make_case({"cogging": shape}, seed, "short").actual
+    pitch = 0.06 * (a["travel"][1] - a["travel"][0])
+    shape |= {"amplitude": share * a["coulomb"], "pitch": pitch}
+    return truth.make_case({"cogging": shape}, seed, "short")
+
+
+def off(case, found):
+    """Errors of mass, viscous and Coulomb, in standard errors."""
+    names = ("mass", "viscous", "coulomb")
+    return [(found.parameters[n] - case.actual[n]) / found.standard_errors[n] for n in names]
+
+
+def test_noise_of_the_input_is_found_and_is_no_misfit():
+    case = truth.make_null(3, "short")
+    noise = 0.03 * case.actual["coulomb"]
+    u = case.u + noise * np.random.default_rng(3).standard_normal(case.u.size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FitWarning)
+        found = fit(axis_of(case, mass=1.1), Record(case.t, u, case.x, quantum=case.quantum))
+    assert found.random_force[0] == pytest.approx(noise, rel=0.25)
+    assert found.reading_noise[0] < case.quantum
+    # Student's t with few degrees of freedom: five is passed once in a thousand.
+    assert np.max(np.abs(off(case, found))) < 5.0
+    assert "random force beside the model: 0." in found.summary()
+
+
+def test_a_cogging_that_the_axis_lacks_is_said():
+    case = cogged(4, 0.05)
+    with pytest.warns(FitWarning, match=r"does not fit.*correlated in time; diagnose\(axis, rec"):
+        found = fit(axis_of(case, mass=1.1), record_of(case), starts=1)
+    assert np.max(np.abs(off(case, found))) < 4.0
+
+
+def test_records_at_the_noise_of_the_readings_are_left_to_free_runs():
+    case = truth.make_null(2, "short")
+    found = fit(axis_of(case), record_of(case), starts=1)
+    assert found.random_force == (0.0,)
+    assert found.reading_noise[0] == pytest.approx(case.quantum / np.sqrt(12.0), rel=0.5)
+    assert "random force beside the model: none" in found.summary()
+
+
+def test_a_late_input_is_found_beside_a_random_force():
+    case = truth.make_null(1, "short")
+    u = case.u + 0.03 * case.actual["coulomb"] * np.random.default_rng(1).standard_normal(6000)
+    record = Record(case.t, shifted(u, -2.0), case.x, quantum=case.quantum)
+    found = fit(axis_of(case), record, ("mass", "viscous", "coulomb", "input_shift"), starts=1)
+    error = found.standard_errors["input_shift"]
+    assert found.random_force[0] > 0.0
+    assert abs(found.parameters["input_shift"] - 2e-3) < 5.0 * error
+    assert error < 1e-4
+
+
 def noisy(case):
     """Record with noise that hides where in the peak a free run starts."""
     noise = 80e-6 * np.random.default_rng(case.seed).standard_normal(case.x.size)

@@ -91,7 +91,7 @@ def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
     for content in ({"is": "Fit", "fields": {}}, {"is": "os.system"}, {"no": 1}, [1], 3, "x",
                     {"is": "axis", "of": {"mass": -1}}, {"is": "array", "dtype": "O", "shape": [1],
                                                           "values": [None]}):  # fmt: skip
-        write_document(tmp_path / "fit.json", "fit", 1, {"content": content})
+        write_document(tmp_path / "fit.json", "fit", 2, {"content": content})
         with pytest.raises(ValueError, match="is damaged"):
             dfc.load_fit(tmp_path / "fit.json")
 

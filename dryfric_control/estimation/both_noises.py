@@ -1,0 +1,170 @@
+"""Parameters, their blocks' evidence and both noises, where a random force acts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.estimation.likelihood import Likelihood, Run, Solution, maximise, prepare
+from dryfric_control.estimation.parameters import typical, values_of, with_values
+from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.uncertainty import block_labels, block_length
+from dryfric_control.model.axis import FrictionAxis
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Time about the start and end of motion, and part of the fast speeds (their 95 % quantile),
+# that do not count for parameters of sliding (`benchmarks/identification.py coverage`).
+_ABOUT, _SLOW, _FAST = 0.01, 0.02, 0.95
+# Part of the sliding samples that must be left when those are taken away.
+_LEFT = 0.3
+# Random force at which the search of the noises starts, over the drive.
+_FORCE = 0.03
+# Iterations of the noises alone, and of all.
+_ALONE, _ITERATIONS = 6, 8
+# Longest time over which the innovations are looked at for what lasts [s], and size in
+# deviations beyond which one counts no more.
+_LASTING, _LARGEST = 0.025, 4.0
+
+
+class Evidence(NamedTuple):
+    """What the blocks of the records say of parameters, in search coordinates.
+
+    Attributes
+    ----------
+    z : ndarray, shape (nparameters,)
+        The estimate.
+    gradients : ndarray, shape (nblocks, nparameters)
+    normals : ndarray, shape (nblocks, nparameters, nparameters)
+    labels : ndarray of int64, shape (nblocks,)
+    force, reading : tuple of float
+        Noises of each record, standard deviations: random force within one sample, 0
+        where free runs reach the noise of the readings and NaN where it is not
+        estimated, and readings.
+    lasting : float
+        Power of the innovations below some 40 Hz over that of white ones.
+    """
+
+    z: FloatArray
+    gradients: FloatArray
+    normals: FloatArray
+    labels: NDArray[np.int64]
+    force: tuple[float, ...]
+    reading: tuple[float, ...]
+    lasting: float = 1.0
+
+
+def by_free_runs(problem: Problem, z: FloatArray, block: float | None) -> tuple[Evidence, bool]:
+    """Evidence of free runs, and whether they reach the noise of the readings."""
+    at = problem.evaluate(z)
+    problem.refine(problem.terms(z, at)[1].sum(axis=0))
+    gradients, normals, _ = problem.terms(z, at)
+    labels = block_labels(problem.windows, block)
+    reached = True
+    for w, one in zip(problem.windows, at, strict=True):
+        scores = w.scores(w.samples * w.mean_squares(one.errors) / w.floor**2)
+        reached &= w.reached(scores) or not w.moving.any()
+    force = (0.0 if reached else math.nan,) * len(problem.windows)
+    reading = tuple(w.floor for w in problem.windows)
+    return Evidence(z, gradients, normals, labels, force, reading), reached
+
+
+def by_likelihood(
+    problem: Problem,
+    z: FloatArray,
+    nominal: FrictionAxis,
+    tolerance: Mapping[str, float],
+    block: float | None,
+) -> Evidence | None:
+    """Evidence of the likelihood of both noises, from the end of free runs.
+
+    None where the filter cannot run the axis, or does not find an end.
+    """
+    windows = problem.windows
+    records, hold = [w.record for w in windows], windows[0].hold
+    model = problem.model_at(z)
+    held = [n for n in tolerance if n in problem.names]
+    believed = with_values(model.axis, held, values_of(nominal, held))
+    length = block_length(records) if block is None else block
+    runs = [prepare(r, block=length) for r in records]
+    n = len(problem.names)
+    try:
+        alone = Likelihood(model.axis, (), runs, hold=hold)
+        still = maximise(alone, alone.start(_FORCE), _ALONE)
+        if not problem.breaks_away.any():
+            runs = [away_from_rest(r, s) for r, s in zip(runs, still.point.states, strict=True)]
+        full = Likelihood(
+            model.axis, problem.names, runs, believed=believed, tolerance=tolerance, hold=hold,
+            scales=typical(records),
+        )  # fmt: skip
+        values = list(problem.values(z).values())
+        start = [p.search(v) for p, v in zip(full.parameters, values, strict=True)]
+        found = maximise(full, np.concatenate((start, still.z)), _ITERATIONS)
+    except ValueError:  # a contact far too stiff for the sampling time
+        return None
+    if not math.isfinite(found.cost) or found.gradients.size == 0:
+        return None
+    count = range(len(runs))
+    values = [p.value(c) for p, c in zip(full.parameters, found.z, strict=False)]
+    end = np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
+    # A coordinate is scaled by the value that its axis starts from.
+    rows = zip(problem.parameters, full.parameters, values, strict=True)
+    unit = np.array([p.slope(v) / q.slope(v) for p, q, v in rows])
+    return Evidence(
+        end,
+        unit * found.gradients[:, :n],
+        unit * unit[:, None] * (found.curvature() * found.information[:, :n, :n]),
+        np.arange(len(found.gradients)),
+        tuple(found.random_force(i) for i in count),
+        tuple(found.reading_noise(i) for i in count),
+        lasting(found),
+    )
+
+
+def away_from_rest(run: Run, states: FloatArray) -> Run:
+    """The run without the samples next to rest, where those that are left are enough.
+
+    There the noise of a recorded input acts to one side, since it releases the model
+    but not the machine, and an axis that creeps stands where an unknown force holds it.
+    """
+    sliding = states[2] != 0.0
+    speed = np.abs(states[1])
+    if not sliding.any():
+        return run
+    clear = ~sliding | (speed > _SLOW * np.quantile(speed[sliding], _FAST))
+    reach = max(1, round(_ABOUT / run.record.dt))
+    for k in np.flatnonzero(np.diff(states[2]) != 0.0):
+        clear[max(0, k - reach + 1) : k + reach + 1] = False
+    if np.sum(clear & sliding) < _LEFT * np.sum(sliding):
+        return run
+    return replace(run, active=run.active & clear)
+
+
+def lasting(found: Solution) -> float:
+    """Power of the innovations at low frequency over that of white ones, while sliding."""
+    worst = 0.0
+    for run, out, states in zip(
+        found.problem.runs, found.point.out, found.point.states, strict=True
+    ):
+        seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
+        if not seen.any():
+            continue
+        e = np.zeros(seen.size)
+        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_LARGEST, _LARGEST)
+        longest = max(2, round(_LASTING / run.record.dt))
+        size = 2 * (e.size + longest)
+        products, pairs = (
+            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: longest + 1]
+            for one in (e, seen.astype(float))
+        )
+        correlation = products / np.maximum(pairs, 1.0)
+        weights = 1.0 - np.arange(longest + 1) / (longest + 1)
+        total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
+        worst = max(worst, total / max(correlation[0], 1e-300))
+    return worst

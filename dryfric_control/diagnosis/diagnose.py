@@ -8,7 +8,6 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from dryfric_control.estimation.parameters import checked_knowledge, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.records.record import Record
+from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.ties import ranked, samples
 from dryfric_control.units import check_units
@@ -242,8 +241,6 @@ def _likely(
     """The diagnosis that the likelihood makes."""
     experiment = None
     extended = found.final.axis
-    left = found.unexplained
-    left = replace(left, fraction=found.gain.left if left.significant else 0.0)
     doubtful = next((c for c in found.causes if found.rivals.get(c.effect)), None)
     if doubtful is not None and unhurried:
         rivals = found.rivals[doubtful.effect]
@@ -258,9 +255,9 @@ def _likely(
         causes=tuple(found.causes),
         extended=extended,
         gain=found.gain,
-        unexplained=left,
+        unexplained=found.unexplained,
         next_experiment=experiment,
-        messages=tuple(found.messages),
+        messages=(*found.messages, *_left_out(records)),
         scores=found.scores,
         window=window,
         hold=hold,
@@ -270,6 +267,17 @@ def _likely(
         varies=found.varies,
         others=tuple(records[1:]),
     )
+
+
+def _left_out(records: Sequence[Record]) -> list[str]:
+    """What is said of readings that were not used."""
+    found = []
+    for i, record in enumerate(records):
+        bad = {kind: count for kind, count in record.bad.items() if kind != "clipped"}
+        if any(bad.values()):
+            which = f" of record {i + 1}" if len(records) > 1 else ""
+            found.append(f"readings{which} left out: {told(bad)} (d.masked lists them)")
+    return found
 
 
 def diagnose_batch(
@@ -408,6 +416,7 @@ def _diagnosis(
     messages = hardly_determined(causes)
     if selector.late:
         messages.append(LATE)
+    messages += _left_out([record])
     if doubtful is not None and not selector.late:
         selector.tell("next experiment")
         rest = selector.without(final.axis, doubtful)

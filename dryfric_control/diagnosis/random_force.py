@@ -217,7 +217,7 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
     # A few windows may err beyond their replays, but not by orders of magnitude.
     if not state.causes and not kept and motion.after > _BEYOND * motion.floor:
         structured = True
-        left = replace(left, fraction=1.0, significant=True)
+        left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
     causes += _wrong_base(search, state, final, kept)
     messages += _warnings(search, final, causes)
@@ -372,7 +372,7 @@ def _motion(
     Last, whether by their median they are larger than those of the nominal axis.
     """
     squares: list[list[FloatArray]] = [[], [], []]
-    structured, places, left, there = False, list[str](), [], []
+    structured, places = False, list[str]()
     for i, w in enumerate(windows):
         axis = final.problem.axis_at(final.z, i)
         active = np.zeros(len(w), bool)
@@ -391,8 +391,6 @@ def _motion(
             row.append(w.mean_squares(one.errors)[active])
         squares[2].append(floor.squares[:, active].mean(axis=0))
         scores = w.scores(at.costs)
-        left.append(np.maximum(scores - floor.expected, 0.0)[active])
-        there.append(np.maximum(w.scores(before.costs) - floor.expected, 0.0)[active])
         if not _as_replayed(floor, scores, active):
             structured = True
             here = where(
@@ -409,9 +407,7 @@ def _motion(
     gain = Gain(
         before_rms, after_rms, floor_rms, (float(low), float(high)), search.believed.units[0]
     )
-    rest, whole = (float(np.concatenate(v).mean()) if v else 0.0 for v in (left, there))
-    fraction = min(rest / whole, 1.0) if whole > 0.0 else 0.0
-    left_over = Unexplained(fraction if structured else 0.0, structured, tuple(places[:3]))
+    left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     return gain, left_over, bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
 
 

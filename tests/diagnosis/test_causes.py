@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import dryfric_control as dfc
@@ -42,3 +43,19 @@ def test_what_a_record_leaves_open_is_said(error):
 
 def test_what_a_record_determines_is_not():
     assert not [m for m in hardly_determined([cause(0.14)]) if "amplitude" in m]
+
+
+def test_readings_that_were_left_out_are_listed_and_told():
+    t = 1e-3 * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * AXIS.simulate(u, dt=1e-3).y[0])
+    x[[700, 2900]] += 0.01
+    with pytest.warns(dfc.RecordWarning, match="masked"):
+        record = dfc.Record(t, u, x)
+    d = dfc.diagnose(AXIS, record)
+    (masked,) = d.masked
+    assert masked.indices.tolist() == [700, 2900]
+    assert masked.reasons == ("jump", "jump")
+    assert d.verdict == "nothing to find"
+    assert "left out: 2 jump" in d.summary()
+    assert d.to_dict()["masked"] == [{"indices": [700, 2900], "reasons": ["jump", "jump"]}]

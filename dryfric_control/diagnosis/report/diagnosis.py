@@ -115,6 +115,10 @@ class Diagnosis(Result, Findings):
             "remaining": self.remaining.to_dict(),
             "references": dict(self.references),
             "varies": {k: dict(v) for k, v in self.varies.items()},
+            "masked": [
+                {"indices": one.indices.tolist(), "reasons": list(one.reasons)}
+                for one in self.masked
+            ],
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),
             "messages": list(self.messages),
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},

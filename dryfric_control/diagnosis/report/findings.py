@@ -14,6 +14,7 @@ from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
+from dryfric_control.records.bad_readings import Masked
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of
 
@@ -185,6 +186,25 @@ class Findings:
     references: dict[str, float] = field(default_factory=dict)
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     others: tuple[Record, ...] = ()
+
+    @property
+    def masked(self) -> tuple[Masked, ...]:
+        """Readings that were left out: indices and reasons, one entry a record.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> t = 1e-3 * np.arange(6000)
+        >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+        >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
+        >>> good = np.arange(6000) != 700
+        >>> d = dfc.diagnose(axis, dfc.Record(t, u, x, good=good))
+        >>> d.verdict, d.masked[0].indices.tolist(), d.masked[0].reasons
+        ('nothing to find', [700], ('given',))
+        """
+        return tuple(record.masked for record in (self.record, *self.others))
 
     @property
     def small_corrections(self) -> tuple[Cause, ...]:

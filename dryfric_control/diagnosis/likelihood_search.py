@@ -66,6 +66,8 @@ _SHARE, _SLACK = 0.4, 8.0
 _ITERATIONS, _LAST = 15, 30
 # Base values whose logarithm is off by more may be bent by what is missing.
 _BENT = 0.1
+# Relative change of a base parameter by less than this is none.
+_MOVED = 0.01
 # Errors of a parameter within which its neutral value means that nothing is there.
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
@@ -497,9 +499,23 @@ class Search:
         found = [
             (self.worth(now.cost - s.cost, len(c.free)), c, s)
             for c, s in zip(chosen, fits, strict=True)
-            if self.sound(s, c.slug, c.free) and confirmed(*held_out_gain(now, s))
+            if self.sound(s, c.slug, c.free)
+            and (self.simpler(s, now) or confirmed(*held_out_gain(now, s)))
         ]
         return sorted(found, key=lambda one: -one[0])
+
+    def off(self, fit: Solution) -> list[str]:
+        """Base parameters that a fit surely moves."""
+        values, errors = fit.values(), fit.standard_errors()
+        return [
+            n for n, nominal in self.nominal.items()
+            if n in values
+            and abs(values[n] - nominal) > max(CLEAR * errors[n], _MOVED * nominal)
+        ]  # fmt: skip
+
+    def simpler(self, fit: Solution, less: Solution) -> bool:
+        """Whether one cause stands for several base parameters, wrong all at once without it."""
+        return len(self.off(less)) > len(self.off(fit)) + 1
 
     def sound(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
         """Whether a cause is determined, and where the machine has been."""

@@ -129,8 +129,11 @@ class Gate:
         runners = [r for r in self.race.among(base, (), hard) if r.scores.size]
         if alone and any(reached(self.race, r) for r in runners):
             return True
-        candidates += search.candidates_at({r.slug: r.axis for r in runners[:_LED]})
-        candidates.sort(key=lambda c: c.cost)
+        led = search.candidates_at({r.slug: r.axis for r in runners[:_LED]})
+        best: dict[str, Candidate] = {}
+        for c in sorted([*candidates, *led], key=lambda c: c.cost):
+            best.setdefault(c.slug, c)
+        candidates[:] = best.values()
         return False
 
 
@@ -279,13 +282,13 @@ def _held_out(
     tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
     less = min(tries, key=lambda s: s.cost)
     all_gain, error = held_out_gain(less, with_all)
-    others = ""
-    if less.cost - with_all.cost < EQUAL:
-        others = _moved(search, final, less)
-    gain = all_gain
-    if others:
+    gain, others, equal = all_gain, "", less.cost - with_all.cost < EQUAL
+    if equal or (search.simpler(final, less) and not confirmed(all_gain, error)):
         alone = search.fit(rest, names, None, 15, base=kept, **few)
-        gain, error = held_out_gain(alone, with_all)
+        by_itself = held_out_gain(alone, with_all)
+        if equal or confirmed(*by_itself):
+            gain, error = by_itself
+            others = _moved(search, final, less)
     return gain, error, all_gain, others
 
 

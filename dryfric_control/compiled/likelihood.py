@@ -195,7 +195,6 @@ def innovations(
     m = step.pointer(memory)
     events = np.empty(step.ROOM)
     count = step.tally(events, step.FEW_SWITCHES)
-    switches, counted = step.pointer(events), step.pointer(count)
     n = y.shape[0]
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
@@ -253,7 +252,10 @@ def innovations(
                     )  # fmt: skip
                 else:
                     count[0] = 0
-                    step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
+                    # Addresses are taken here: an array that is not used again is freed.
+                    step.sample(
+                        plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
+                    )
                     x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
                 if mode1 != 0.0:
                     resting = 0.0
@@ -296,7 +298,9 @@ def innovations(
                 memory[step.MODE], memory[step.REST] = float(mode), 0.0
             else:
                 count[0] = 0
-                step.sample(plant, t, dt, u[k - 1], end, m, switches, counted)
+                step.sample(
+                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
+                )
             if not sliding and memory[step.MODE] != 0.0:
                 variance = force
             if not sliding:

@@ -46,7 +46,7 @@ _GATE_FIT, _GATE_JUDGE = 8, 4
 _TOGETHER, _LIKELY = 2, 6
 # Actions whose effects are tried there from guesses of their own, as the filter follows
 # their inner states only roughly, and how many of them start from there.
-_HARD, _LED = ("contact", "transmission"), 3
+_HARD, _LED = ("transmission",), 3
 # Windows of each record that are replayed.
 _REPLAYED = 40
 # A base parameter off by less than this is what anybody would call right.

@@ -190,7 +190,7 @@ def diagnose(
         gate = Gate(windows, axis, race.fit, race.judge, settings)
         alone, found = len(records) == 1, None
         if not (alone and (_nothing(selector) or gate.at(axis, ()))):
-            found = answer(search, cuts, gate)
+            found = answer(search, cuts, gate if alone else None)
         if found is None or (alone and found.free and gate.at(found.final.axis, found.free)):
             by_runs = _diagnosis(selector, search, windows.record, window, part)
             if by_runs.verdict != "unexplained" or search.late:

@@ -19,7 +19,6 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     guesses,
     holds,
-    own_names,
     with_effect,
 )
 from dryfric_control.estimation.force_residual import View
@@ -50,8 +49,7 @@ _REFINED, _AHEAD, _FITTED = 2, 10, 5
 _TURNS = 4
 # Fall of the logarithm of the random force's variance that is tried at a first guess.
 _QUIETER = 1.0
-# Candidates beside the nominal base that are fitted with all free, and turns of that fit,
-# as of the first one from where free runs have led.
+# Candidates beside the nominal base that are fitted with all free, and turns of that fit.
 _LED, _LED_TURNS = 3, 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
@@ -282,19 +280,6 @@ class Search:
         now = self.alone()
         self.tell("first cause")
         return now, self.screen(now)
-
-    def candidates_at(self, axes: Mapping[str, FrictionAxis]) -> list[Candidate]:
-        """Candidates that start from axes which hold them, quickly fitted."""
-
-        now = self.first[0]
-        noises = now.z[len(now.problem.names) :]
-
-        def one(slug: str, axis: FrictionAxis) -> Candidate:
-            free = tuple(n for n in own_names(slug) if n not in self.known)
-            found = self.fit(axis, (*self.also, *free), noises, _LED_TURNS)
-            return Candidate(slug, free, found.axis, found.cost)
-
-        return self._parallel([(one, item) for item in axes.items()])
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
         if self.jobs == 1 or len(tasks) < 2:

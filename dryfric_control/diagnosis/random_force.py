@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -45,8 +44,8 @@ _GATE_FIT, _GATE_JUDGE = 8, 4
 # Causes that are tried together there, and how many of the likeliest candidates.
 _TOGETHER, _LIKELY = 2, 6
 # Actions whose effects are tried there from guesses of their own, as the filter follows
-# their inner states only roughly, and how many of them start from there.
-_HARD, _LED = ("transmission",), 3
+# their inner states only roughly.
+_HARD = ("contact", "transmission")
 # Windows of each record that are replayed.
 _REPLAYED = 40
 # A base parameter off by less than this is what anybody would call right.
@@ -109,32 +108,18 @@ class Gate:
         """Whether an axis with its base and further parameters free reaches it."""
         return reached(self.race, self.race.alone(axis, free))
 
-    def opens(self, search: Search, state: State, candidates: list[Candidate]) -> bool:
-        """Whether the axis with its causes and one candidate more reaches it.
-
-        If not, candidates whose inner states the filter follows only roughly start
-        once more from where free runs have brought them.
-        """
-        alone = len(search.records) == 1
-        if search.late:
+    def opens(self, state: State, candidates: Sequence[Candidate]) -> bool:
+        """Whether the axis with its causes and one candidate more reaches it."""
+        if len(state.causes) >= _TOGETHER:
             return False
-        if alone and len(state.causes) < _TOGETHER:
-            for c in candidates[:_LIKELY]:
-                if self.at(c.axis, (*state.names, *c.free)):
-                    return True
+        names = state.names
+        if any(self.at(c.axis, (*names, *c.free)) for c in candidates[:_LIKELY]):
+            return True
         if state.causes:
             return False
         hard = [c.slug for c in candidates if effect_class(c.slug).action in _HARD]
         base = self.race.alone(self.axis, ())
-        runners = [r for r in self.race.among(base, (), hard) if r.scores.size]
-        if alone and any(reached(self.race, r) for r in runners):
-            return True
-        led = search.candidates_at({r.slug: r.axis for r in runners[:_LED]})
-        best: dict[str, Candidate] = {}
-        for c in sorted([*candidates, *led], key=lambda c: c.cost):
-            best.setdefault(c.slug, c)
-        candidates[:] = best.values()
-        return False
+        return any(reached(self.race, r) for r in self.race.among(base, (), hard) if r.scores.size)
 
 
 @dataclass(eq=False)
@@ -175,8 +160,7 @@ class Answer:
 
 def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None) -> Answer | None:
     """Search for causes, and everything that is said about them; None where the gate opens."""
-    end = None if gate is None else functools.partial(gate.opens, search)
-    state = forward(search, end=end)
+    state = forward(search, end=None if gate is None else gate.opens)
     if state is None:
         return None
     messages: list[str] = []

@@ -191,13 +191,18 @@ def diagnose(
         alone, found = len(records) == 1, None
         if not (alone and (_nothing(selector) or gate.at(axis, ()))):
             found = answer(search, cuts, gate if alone else None)
-        if found is None or (alone and found.free and gate.at(found.final.axis, found.free)):
+        clean = ("nothing to find", "explained")
+        if (
+            found is None
+            or (alone and found.free and gate.at(found.final.axis, found.free))
+            or (alone and found.verdict not in clean and not search.late and gate.opens_wide())
+        ):
             by_runs = _diagnosis(selector, search, windows.record, window, part)
             if by_runs.verdict != "unexplained" or search.late:
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
             found = found or answer(search, cuts)
-            if found is None or found.verdict not in ("nothing to find", "explained"):
+            if found is None or found.verdict not in clean:
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")

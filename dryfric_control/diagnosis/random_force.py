@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Race
-from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
+from dryfric_control.diagnosis.candidates import SLUGS, catalogue, effect_class, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.likelihood_search import (
@@ -43,6 +43,8 @@ BoolArray = NDArray[np.bool_]
 _GATE_FIT, _GATE_JUDGE = 8, 4
 # Causes that are tried together there, and how many of the likeliest candidates.
 _TOGETHER, _LIKELY = 2, 6
+# Part of the score that the first of two causes must leave at most.
+_HELPS = 0.95
 # Actions whose effects are tried there from guesses of their own, as the filter follows
 # their inner states only roughly.
 _HARD = ("contact", "transmission")
@@ -120,6 +122,23 @@ class Gate:
         hard = [c.slug for c in candidates if effect_class(c.slug).action in _HARD]
         base = self.race.alone(self.axis, ())
         return any(reached(self.race, r) for r in self.race.among(base, (), hard) if r.scores.size)
+
+    def opens_wide(self) -> bool:
+        """Whether one or two of all effects reach it, where the likelihood has left something."""
+        base, seen = self.race.alone(self.axis, ()), self.race.fit | self.race.judge
+        for _ in range(_TOGETHER):
+            free = [n for n in base.hypothesis.names if n not in BASE]
+            found = list(dict.fromkeys(n.partition(".")[0] for n in free))
+            tried = self.race.among(base, free, catalogue(base.axis, found))
+            runners = [r for r in tried if r.scores.size]
+            if any(reached(self.race, r) for r in runners):
+                return True
+            best = min(runners, key=lambda r: r.scores[seen].mean(), default=base)
+            # One of several causes helps a good deal; against a random force nothing does.
+            if best.scores[seen].mean() > _HELPS * base.scores[seen].mean():
+                return False
+            base = best
+        return False
 
 
 @dataclass(eq=False)

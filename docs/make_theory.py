@@ -13,6 +13,7 @@ import numpy as np
 from make_effects import IMAGES, save
 
 import dryfric_control as dfc
+from dryfric_control.observer.figures import draw_block_diagram
 
 AXIS = dfc.FrictionAxis(
     mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.02),
@@ -101,30 +102,7 @@ def dot(ax: Any, x: float, y: float) -> None:
 
 def closed_loop() -> plt.Figure:
     """Reference filter, controller, axis, encoder and observer."""
-    figure, ax = canvas(7.6, 2.9)
-    y = 2.1
-    box(ax, 1.15, y, "reference\nfilter")
-    box(ax, 2.95, y, "position\ncontroller")
-    box(ax, 4.75, y, "axis with dry\nfriction", 1.3, 0.8, "0.93")
-    box(ax, 6.45, y, "encoder", 0.9)
-    box(ax, 5.0, 0.55, "switched\nPI observer", 1.5, 0.75)
-    line(ax, (0.1, y), (0.55, y), text="$r$")
-    line(ax, (1.75, y), (2.35, y), text="$x_{ref}$")
-    line(ax, (3.55, y), (4.1, y), text="$u$")
-    line(ax, (5.4, y), (6.0, y), text="$x$")
-    line(ax, (6.9, y), (7.5, y), text="$y$")
-    dot(ax, 7.15, y)
-    line(ax, (7.15, y), (7.15, 1.35), (2.95, 1.35), (2.95, y - 0.3))
-    dot(ax, 7.15, 1.35)
-    line(ax, (7.15, 1.35), (7.15, 0.4), (5.75, 0.4), text="$y$", at=1)
-    dot(ax, 3.8, y)
-    line(ax, (3.8, y), (3.8, 0.72), (4.25, 0.72), text="$u$", at=1)
-    line(ax, (4.25, 0.36), (3.3, 0.36))
-    ax.text(3.22, 0.36, r"$\hat x,\ \hat v,\ \hat F,\ \hat w$, mode", ha="right", va="center",
-            fontsize=9)  # fmt: skip
-    line(ax, (4.75, 2.85), (4.75, y + 0.4))
-    ax.text(4.85, 2.72, "disturbance force", fontsize=8.5, va="center")
-    return figure
+    return draw_block_diagram(title="").figure
 
 
 def observer() -> plt.Figure:

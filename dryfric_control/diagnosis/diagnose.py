@@ -32,6 +32,7 @@ from dryfric_control.estimation.parameters import checked_knowledge, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.ties import ranked, samples
@@ -278,10 +279,10 @@ def _left_out(records: Sequence[Record]) -> list[str]:
     """What is said of readings that were not used."""
     found = []
     for i, record in enumerate(records):
-        bad = {kind: count for kind, count in record.bad.items() if kind != "clipped"}
-        if any(bad.values()):
+        if record.masked.reasons:
             which = f" of record {i + 1}" if len(records) > 1 else ""
-            found.append(f"readings{which} left out: {told(bad)} (d.masked lists them)")
+            kinds = told({kind: record.bad[kind] for kind in REASONS})
+            found.append(f"readings{which} left out: {kinds} (d.masked lists them)")
     return found
 
 

@@ -15,7 +15,7 @@ from scipy.stats import hypergeom
 from dryfric_control.estimation.force_residual import View, at_the_mass
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.records.motion import directions
+from dryfric_control.records.motion import directions, latest, reversals
 from dryfric_control.records.record import Record
 from dryfric_control.ties import ranked
 
@@ -171,10 +171,11 @@ def evidence(
     """
     axis = axis.effective()
     windows = cut(record, window, hold)
-    seen = View(*at_the_mass(axis, record, hold))
+    behind = at_the_mass(axis, record, hold)
+    seen = View(*behind)
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
-    hidden = blind(axis, record) if hide is None else hide
+    hidden = blind(*behind) if hide is None else hide
     # What is hidden reaches as far as the smoothing does.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
     index, residual = index[shown], seen.residual[shown]
@@ -241,7 +242,7 @@ def blind(axis: FrictionAxis, record: Record) -> BoolArray:
             motor = (1.0 - share) * axis.mass * record.derivatives().a
             turns |= np.diff(np.sign(record.u - motor), prepend=0.0) != 0.0
         turns[0] = True
-        last = np.maximum.accumulate(np.where(turns, index, 0))
+        last = latest(turns, 0)
         hidden |= np.abs(record.x - record.x[last]) < way
         hidden |= (index - last) * record.dt < time
     return hidden
@@ -270,20 +271,8 @@ def since_reversal(record: Record) -> FloatArray:
     >>> bool(np.isnan(since[100])), round(float(since[1500]), 1)
     (True, 1.0)
     """
-    turns = _reversals(record)
-    index = np.arange(len(record))
-    last = np.maximum.accumulate(np.where(turns, index, -1))
-    return np.where(last < 0, np.nan, (index - last) * record.dt)
-
-
-def _reversals(record: Record) -> BoolArray:
-    """Samples at which motion sets in the other way than before."""
-    moving = directions(record).astype(int)
-    index = np.arange(moving.size)
-    last = np.maximum.accumulate(np.where(moving != 0, index, 0))
-    way = moving[last]
-    before = np.concatenate((way[:1], way[:-1]))
-    return np.asarray(way * before < 0)
+    last = latest(reversals(record), -1)
+    return np.where(last < 0, np.nan, (np.arange(len(record)) - last) * record.dt)
 
 
 def _modes(windows: Windows, positions: FloatArray) -> NDArray[np.int8]:
@@ -519,7 +508,7 @@ def _places(windows: Windows, unit: str) -> Iterator[_Place]:
     times = record.t[starts]
     for a, b, words, width in _ranges(np.append(times, record.t[-1] + record.dt), "t", "s"):
         yield _Place("time", words, (times >= a) & (times < b), width)
-    turns = _reversals(record)
+    turns = reversals(record)
     yield _Place("reversal", "where the motion reverses", part(turns) > 0.0)
     free = np.concatenate(([False], sliding[1:] & ~sliding[:-1])) & ~turns
     yield _Place("break-away", "where the axis breaks away", part(free) > 0.0)

@@ -53,6 +53,8 @@ _QUIETER = 1.0
 _LED, _LED_TURNS = 3, 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
+#: Relative change of a parameter by less than this is none.
+MOVED = 0.01
 #: Standard errors by which a gain on held-out blocks must exceed zero.
 CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
@@ -64,8 +66,6 @@ _SHARE, _SLACK = 0.4, 8.0
 _ITERATIONS, _LAST = 15, 30
 # Base values whose logarithm is off by more may be bent by what is missing.
 _BENT = 0.1
-# Relative change of a base parameter by less than this is none.
-_MOVED = 0.01
 # Errors of a parameter within which its neutral value means that nothing is there.
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
@@ -153,6 +153,10 @@ class State:
         for table in (self.free, self.alternatives, self.rivals):
             table.pop(slug)
         self.fit = less
+
+
+#: What may end a search: asked with the state and the candidates of every round.
+Ends = Callable[[State, Sequence[Candidate]], bool]
 
 
 @dataclass(eq=False)
@@ -495,7 +499,7 @@ class Search:
         return [
             n for n, nominal in self.nominal.items()
             if n in values
-            and abs(values[n] - nominal) > max(CLEAR * errors[n], _MOVED * nominal)
+            and abs(values[n] - nominal) > max(CLEAR * errors[n], MOVED * nominal)
         ]  # fmt: skip
 
     def simpler(self, fit: Solution, less: Solution) -> bool:
@@ -523,7 +527,7 @@ class Search:
         return all(amounts)
 
 
-def forward(search: Search, most: int = 4, report=None, end=None) -> State | None:  # type: ignore[no-untyped-def]
+def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | None:
     """Causes one after the other, or two at once, as long as they pay.
 
     None where `end`, which is asked about every round's candidates, says that the
@@ -542,8 +546,6 @@ def forward(search: Search, most: int = 4, report=None, end=None) -> State | Non
         if end is not None and end(state, candidates):
             return None
         ranked = search.extend(now, candidates)
-        if report is not None:
-            report(state, now, now, candidates, ranked)
         if (not ranked or ranked[0][0] < 0.0) and not search.late:
             pair = _pair(search, now, candidates)
             if pair is None:

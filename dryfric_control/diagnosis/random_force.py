@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidate_fits import Race
+from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue, effect_class, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
@@ -18,6 +18,7 @@ from dryfric_control.diagnosis.likelihood_search import (
     CLEAR,
     EQUAL,
     LEAST,
+    MOVED,
     Candidate,
     Search,
     State,
@@ -54,8 +55,6 @@ _REPLAYED = 40
 _RIGHT = 0.004
 # Part of the random force that a wrong base parameter must make to be named.
 _NOTABLE = 0.25
-# Relative change of a parameter that counts as taking part in an equivalence.
-_PART = 0.01
 # Errors of free runs, over those of the nominal axis, with which no cause is shown.
 _WORSE = 1.1
 # Part of the windows that may err more than all their replays, and mean score above the
@@ -63,11 +62,6 @@ _WORSE = 1.1
 _STRAY, _EXCESS = 0.1, 0.2
 # RMS error of free runs over that of the replays beyond which there is something to find.
 _BEYOND = 4.0
-
-
-def reached(race: Race, one: Any) -> bool:
-    """Whether free runs of a fit err by no more than the readings' noise, by the median."""
-    return race.bench.reached(one.scores, race.fit | race.judge)
 
 
 @dataclass(eq=False)
@@ -97,6 +91,7 @@ class Gate:
             self.windows, self.axis, self._some(self.fit, _GATE_FIT),
             self._some(self.judge, _GATE_JUDGE), typical([self.windows.record]), **self.settings,
         )  # fmt: skip
+        self.seen = self.race.fit | self.race.judge
 
     def _some(self, mask: BoolArray, most: int) -> BoolArray:
         index = np.flatnonzero(mask & self.windows.moving)
@@ -108,7 +103,18 @@ class Gate:
 
     def at(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
         """Whether an axis with its base and further parameters free reaches it."""
-        return reached(self.race, self.race.alone(axis, free))
+        return self._reached(self.race.alone(axis, free))
+
+    def _reached(self, one: Fitted) -> bool:
+        return self.windows.reached(one.scores, self.seen)
+
+    def _beside(self, base: Fitted, effects: Sequence[str] | None = None) -> list[Fitted]:
+        """A fit with each of some effects, or of all, added."""
+        free = [n for n in base.hypothesis.names if n not in BASE]
+        if effects is None:
+            found = dict.fromkeys(n.partition(".")[0] for n in free)
+            effects = catalogue(base.axis, list(found))
+        return [r for r in self.race.among(base, free, effects) if r.scores.size]
 
     def opens(self, state: State, candidates: Sequence[Candidate]) -> bool:
         """Whether the axis with its causes and one candidate more reaches it."""
@@ -120,22 +126,18 @@ class Gate:
         if state.causes:
             return False
         hard = [c.slug for c in candidates if effect_class(c.slug).action in _HARD]
-        base = self.race.alone(self.axis, ())
-        return any(reached(self.race, r) for r in self.race.among(base, (), hard) if r.scores.size)
+        return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), hard)))
 
     def opens_wide(self) -> bool:
         """Whether one or two of all effects reach it, where the likelihood has left something."""
-        base, seen = self.race.alone(self.axis, ()), self.race.fit | self.race.judge
+        base = self.race.alone(self.axis, ())
         for _ in range(_TOGETHER):
-            free = [n for n in base.hypothesis.names if n not in BASE]
-            found = list(dict.fromkeys(n.partition(".")[0] for n in free))
-            tried = self.race.among(base, free, catalogue(base.axis, found))
-            runners = [r for r in tried if r.scores.size]
-            if any(reached(self.race, r) for r in runners):
+            runners = self._beside(base)
+            if any(map(self._reached, runners)):
                 return True
-            best = min(runners, key=lambda r: r.scores[seen].mean(), default=base)
+            best = min(runners, key=lambda r: r.scores[self.seen].mean(), default=base)
             # One of several causes helps a good deal; against a random force nothing does.
-            if best.scores[seen].mean() > _HELPS * base.scores[seen].mean():
+            if best.scores[self.seen].mean() > _HELPS * base.scores[self.seen].mean():
                 return False
             base = best
         return False
@@ -302,7 +304,7 @@ def _moved(search: Search, final: Solution, less: Solution) -> str:
     for name, value in after.items():
         now = before.get(name, search.nominal.get(name, 0.0))
         size = max(abs(now), abs(value))
-        if size > 0.0 and abs(value - now) > _PART * size:
+        if size > 0.0 and abs(value - now) > MOVED * size:
             slugs.append(SLUGS.get(name, name.partition(".")[0]))
     return "+".join(dict.fromkeys(slugs))
 

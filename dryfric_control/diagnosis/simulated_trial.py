@@ -16,6 +16,7 @@ from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, positions
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.records.motion import latest
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
 
@@ -127,9 +128,7 @@ def simulate(
     length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
     count = x.size // length
     starts = length * np.arange(count)
-    n = np.arange(x.size)
-    moved = np.maximum.accumulate(np.where(mode != 0.0, n, -1))
-    rest = (dt * (n - moved - 1))[starts] * (mode[starts] == 0.0)
+    rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
     runs = Runs.of(u, dt, length, x[starts], v[starts], rest, np.ones(count, bool))
     return Trial(x, v, u, runs, x[: count * length].reshape(count, length))
 

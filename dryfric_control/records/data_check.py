@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS
-from dryfric_control.records.motion import directions
+from dryfric_control.records.motion import directions, reversals
 from dryfric_control.text import Result, length_text, plain_data
 
 if TYPE_CHECKING:
@@ -174,7 +174,6 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
 def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
     """Look a record over; `units` are those of position and drive, empty if not known."""
     moving = directions(record)
-    ways = moving[moving != 0]
     edges = np.flatnonzero(np.diff(moving == 0, prepend=False, append=False))
     rests = edges[1::2] - edges[::2]
     speeds = np.abs(record.derivatives().v[moving != 0])
@@ -185,7 +184,7 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         dt=record.dt,
         duration=record.duration,
         travel=record.range,
-        reversals=int(np.count_nonzero(np.diff(ways))),
+        reversals=int(np.count_nonzero(reversals(record))),
         at_rest=float(np.mean(moving == 0)),
         forwards=float(np.mean(moving > 0)),
         backwards=float(np.mean(moving < 0)),

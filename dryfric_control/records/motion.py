@@ -86,6 +86,24 @@ def rest_times(record: Record) -> NDArray[np.float64]:
     ndarray, shape (n,)
         0 while sliding.
     """
-    index = np.arange(len(record))
-    last = np.maximum.accumulate(np.where(directions(record) != 0, index, 0))
-    return np.asarray((index - last) * record.dt)
+    last = latest(directions(record) != 0, 0)
+    return np.asarray((np.arange(len(record)) - last) * record.dt)
+
+
+def latest(there: NDArray[np.bool_], none: int) -> NDArray[np.int64]:
+    """Index of the last sample so far at which something is there, `none` before the first.
+
+    Examples
+    --------
+    >>> latest(np.array([False, True, False, True]), -1).tolist()
+    [-1, 1, 1, 3]
+    """
+    index = np.where(there, np.arange(there.size), none)
+    return np.asarray(np.maximum.accumulate(index), dtype=np.int64)
+
+
+def reversals(record: Record) -> NDArray[np.bool_]:
+    """Samples at which motion sets in the other way than before."""
+    moving = directions(record).astype(int)
+    way = moving[latest(moving != 0, 0)]
+    return np.asarray(way * np.concatenate((way[:1], way[:-1])) < 0)

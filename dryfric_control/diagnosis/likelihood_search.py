@@ -47,8 +47,6 @@ _SOME = 8000
 _REFINED, _AHEAD, _FITTED = 2, 10, 5
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
-# Fall of the logarithm of the random force's variance that is tried at a first guess.
-_QUIETER = 1.0
 # Candidates beside the nominal base that are fitted with all free, and turns of that fit.
 _LED, _LED_TURNS = 3, 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
@@ -403,7 +401,7 @@ class Search:
         old = len(now.problem.names)
         own = list(range(old, count))
         place = [*range(old), *range(count, problem.size)]  # where old coordinates are now
-        z, point = self._quieter(problem, z)
+        point = problem.at(z)
         damping, fall = 1e-3, 0.0
         for turn in range(turns):
             if self.late:
@@ -450,19 +448,6 @@ class Search:
                 break
         free_names = tuple(problem.names[j] for j in own)
         return Candidate(slug, free_names, problem.axis_at(z), point.cost), problem, z
-
-    @staticmethod
-    def _quieter(problem: Likelihood, z: FloatArray) -> tuple[FloatArray, Point]:
-        """Search coordinates with less random force, as long as that is likelier."""
-        forces = len(problem.names) + 2 * np.arange(len(problem.runs))
-        point = problem.at(z)
-        while True:
-            less = z.copy()
-            less[forces] = np.maximum(less[forces] - _QUIETER, problem.low[forces])
-            tried = problem.at(less)
-            if not tried.cost < point.cost:
-                return z, point
-            z, point = less, tried
 
     def worth(self, gain: float, count: int, causes: int = 1) -> float:
         """Gain of log-likelihood less what so many parameters and causes must bring."""

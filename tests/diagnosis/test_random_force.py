@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import truth
+from diagnosis_cases import believed, record
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.likelihood_search import Search, forward
 from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
 
 DT = 1e-3
@@ -48,6 +51,26 @@ def test_reads_back_as_it_was(biased, tmp_path):
     again = dfc.load_diagnosis(tmp_path / "d.json")
     assert again.remaining == biased.remaining
     assert again.references == biased.references
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "slug"),
+    [
+        (dfc.effects.InputGain(1.15), "input_gain"),
+        (dfc.effects.LoadDependence(0.15), "load_dependence"),
+    ],
+)
+def test_one_cause_is_found_before_three_wrong_base_parameters(effect, slug):
+    search = Search(AXIS, [noisy(AXIS.replace(effects=(effect,)), 3)])
+    assert forward(search, most=1).causes == [slug]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", ["load_dependence", "input_gain"])
+def test_the_same_on_records_of_the_bench(slug):
+    case = truth.make_case(slug, 0, "noisy")
+    assert forward(Search(believed(case), [record(case)]), most=1).causes == [slug]
 
 
 @pytest.mark.slow

@@ -164,7 +164,9 @@ def diagnose(
         parts.append(roles(cuts[-1]))
         _check_motion(cuts[-1], parts[-1], name)
     if progress is None:
-        progress = sys.stderr.isatty() or "ipykernel" in sys.modules
+        # Other libraries import IPython too: only a running shell shows a bar.
+        shell = sys.modules.get("IPython")
+        progress = sys.stderr.isatty() or (shell is not None and shell.get_ipython() is not None)
     bar = tqdm(desc="diagnose", unit="step", disable=not progress)
 
     def tell(what: str) -> None:

@@ -7,6 +7,7 @@ the proof that it would catch a diagnosis that cheats.
 
 import importlib
 import json
+import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, make_dataclass, replace
 from functools import cache
@@ -448,13 +449,17 @@ def test_two_calls_agree_and_so_do_one_and_two_jobs():
 
 
 @pytest.mark.slow
-def test_it_keeps_silent_unless_asked(capfd):
+@pytest.mark.parametrize(
+    ("shell", "progress", "shown"),
+    [(None, None, False), ("imported", None, False), ("running", None, True), (None, True, True)],
+)
+def test_it_keeps_silent_unless_asked_or_in_a_notebook(capfd, monkeypatch, shell, progress, shown):
+    module = SimpleNamespace(get_ipython=lambda: shell if shell == "running" else None)
+    monkeypatch.setitem(sys.modules, "IPython", module if shell else None)
     case = case_of((), 0, "exact")
-    diagnose(believed(case), record(case), jobs=1)
-    quiet = capfd.readouterr()
-    diagnose(believed(case), record(case), jobs=1, progress=True)
-    assert quiet.out == quiet.err == ""
-    assert "diagnose" in capfd.readouterr().err
+    diagnose(believed(case), record(case), jobs=1, progress=progress)
+    told = capfd.readouterr()
+    assert told.out == "" and bool(told.err) == ("diagnose" in told.err) == shown
 
 
 # -- bad input ---------------------------------------------------------------------

@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, wilcoxon
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
@@ -44,16 +45,21 @@ FloatArray = NDArray[np.float64]
 _SOME = 8000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
-_REFINED, _AHEAD, _FITTED = 2, 10, 5
+_REFINED, _AHEAD, _FITTED = 2, 10, 8
+#: Actions whose effects have inner states that move with every reading: slopes tell
+#: little far from the best values.  Every guess is fitted for some turns, the best ones,
+#: of those that may be of use, for more.
+HARD = ("contact", "transmission")
+_HARD_TURNS, _HARD_REFINED = (3, 10), 2
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Candidates beside the nominal base that are fitted with all free, and turns of that fit.
-_LED, _LED_TURNS = 3, 8
+_LED, _LED_TURNS = 8, 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
 #: Relative change of a parameter by less than this is none.
 MOVED = 0.01
-#: Standard errors by which a gain on held-out blocks must exceed zero.
+#: Standard errors by which what is sure must differ from zero.
 CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
 EQUAL = 4.0
@@ -86,6 +92,39 @@ class Candidate:
     free: tuple[str, ...]
     axis: FrictionAxis
     cost: float
+
+
+class HeldOut(NamedTuple):
+    """Gain of a fit over another on data that neither was fitted to.
+
+    Attributes
+    ----------
+    gain, error : float
+        Log-likelihood of all blocks, and its standard error from their differences.
+    order : float
+        Standard score of the signed ranks of the blocks' gains (Wilcoxon 1945): high
+        where most blocks gain, however unequally.
+    """
+
+    gain: float
+    error: float
+    order: float
+
+    @classmethod
+    def of(cls, less: FloatArray, more: FloatArray) -> HeldOut:
+        """From the costs of each block without and with a cause."""
+        fall = less - more
+        fall = fall[np.isfinite(fall) & (fall != 0.0)]
+        if fall.size == 0:
+            return cls(0.0, 0.0, 0.0)
+        chance = wilcoxon(fall, alternative="greater").pvalue
+        error = float(np.std(fall) * math.sqrt(fall.size))
+        return cls(float(fall.sum()), error, float(norm.isf(chance)))
+
+    @property
+    def sure(self) -> bool:
+        """Whether unseen data speak for the cause."""
+        return self.gain > LEAST and (self.gain > CLEAR * self.error or self.order > CLEAR)
 
 
 class Corrections(View):
@@ -199,7 +238,9 @@ class Search:
         whole = sum(len(r) for r in self.records)
         self.few = [some_of(r, max(_SOME * len(r.record) // whole, 500)) for r in self.runs]
         self.samples = sum(int(r.active.sum()) for r in self.few)
+        self.whole = whole
         self.part = self.samples / whole
+        self._costs: dict[Solution, FloatArray] = {}
         self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
@@ -316,7 +357,13 @@ class Search:
             ]
             starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
             begun = [one for one in starts if one]
+            hard = [one for one in begun if effect_class(one[0][3]).action in HARD]
+            begun = [one[:_REFINED] for one in begun if one not in hard]
             begun.sort(key=lambda one: one[0][0])
+            if beside is besides[-1]:
+                hard = self._parallel([(self._patiently, (one, now.cost)) for one in hard])
+            else:
+                hard = []
             runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
             runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
             ahead = self._parallel(
@@ -327,7 +374,7 @@ class Search:
                 # What the base has bent for is worth a fit with all free.
                 ahead.sort(key=lambda r: r[0].cost)
                 ahead = self._parallel([(self._on, r) for r in ahead[:_LED]]) + ahead[_LED:]
-            for c, _, _ in [*ahead, *runs[_AHEAD:]]:
+            for c, _, _ in [*ahead, *runs[_AHEAD:], *(r for r in hard if r)]:
                 if c.slug not in best or c.cost < best[c.slug].cost:
                     best[c.slug] = c
         return sorted(best.values(), key=lambda c: c.cost)
@@ -345,7 +392,7 @@ class Search:
         )
 
     def _guess(self, now: Solution, effect: str, views: Sequence[View]):  # type: ignore[no-untyped-def]
-        """The best guesses of one effect: cost, problem, search coordinates."""
+        """The guesses of one effect, best first: cost, problem, search coordinates."""
         tried: list[Any] = []
         seen: list[Any] = []
         if self.late:
@@ -371,7 +418,7 @@ class Search:
                     continue
                 tried.append((cost, problem, np.clip(z, problem.low, problem.high), effect))
         tried.sort(key=lambda one: one[0])
-        return tried[:_REFINED]
+        return tried
 
     def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
         """The best of some guesses after a quick refinement."""
@@ -381,6 +428,21 @@ class Search:
             if best is None or found[0].cost < best[0].cost:
                 best = found
         return best
+
+    def _patiently(self, guessed, cost: float):  # type: ignore[no-untyped-def]
+        """The best of an effect's guesses, each fitted with everything free; None for none.
+
+        Those that promise to come below a cost are fitted to the end.
+        """
+        few, more = _HARD_TURNS
+        fits = [maximise(p, z, few, self.until) for _, p, z, _ in guessed if not self.late]
+        fits = sorted((f for f in fits if f.cost - f.promised < cost), key=lambda f: f.cost)
+        fits = [maximise(f.problem, f.z, more, self.until) for f in fits[:_HARD_REFINED]]
+        if not fits:
+            return None
+        best, slug = min(fits, key=lambda f: f.cost), guessed[0][3]
+        free = tuple(n for n in best.problem.names if n.startswith(f"{slug}."))
+        return Candidate(slug, free, best.axis, best.cost), best.problem, best.z
 
     def _on(self, candidate: Candidate, problem: Likelihood, z):  # type: ignore[no-untyped-def]
         """A candidate fitted with everything free, from where its quick refinement ended."""
@@ -474,9 +536,16 @@ class Search:
             (self.worth(now.cost - s.cost, len(c.free)), c, s)
             for c, s in zip(chosen, fits, strict=True)
             if self.sound(s, c.slug, c.free)
-            and (self.simpler(s, now) or confirmed(*held_out_gain(now, s)))
+            and (self.simpler(s, now) or self.held_out(now, s).sure)
         ]
         return sorted(found, key=lambda one: -one[0])
+
+    def held_out(self, less: Solution, fit: Solution) -> HeldOut:
+        """Gain of a fit over another on all samples of the records."""
+        for one in (less, fit):
+            if one not in self._costs:
+                self._costs[one] = one.held_out(None if self.part == 1.0 else self.runs)
+        return HeldOut.of(self._costs[less], self._costs[fit])
 
     def off(self, fit: Solution) -> list[str]:
         """Base parameters that a fit surely moves."""
@@ -556,18 +625,6 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
             _backward(search, state)
     state.late = search.late
     return state
-
-
-def held_out_gain(less: Solution, fit: Solution) -> tuple[float, float]:
-    """Held-out gain of a fit over another, and its standard error by blocks."""
-    fall = less.held_out() - fit.held_out()
-    fall = fall[np.isfinite(fall)]
-    return float(fall.sum()), float(np.std(fall) * math.sqrt(max(fall.size, 1)))
-
-
-def confirmed(gain: float, error: float) -> bool:
-    """Whether data that the parameters were not fitted to speak for a cause."""
-    return gain > LEAST and gain > CLEAR * error
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]

@@ -17,14 +17,14 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.likelihood_search import (
     CLEAR,
     EQUAL,
+    HARD,
     LEAST,
     MOVED,
     Candidate,
+    HeldOut,
     Search,
     State,
-    confirmed,
     forward,
-    held_out_gain,
     names_without,
     without,
 )
@@ -46,9 +46,6 @@ _GATE_FIT, _GATE_JUDGE = 8, 4
 _TOGETHER, _LIKELY = 2, 6
 # Part of the score that the first of two causes must leave at most.
 _HELPS = 0.95
-# Actions whose effects are tried there from guesses of their own, as the filter follows
-# their inner states only roughly.
-_HARD = ("contact", "transmission")
 # Windows of each record that are replayed.
 _REPLAYED = 40
 # A base parameter off by less than this is what anybody would call right.
@@ -125,7 +122,7 @@ class Gate:
             return True
         if state.causes:
             return False
-        hard = [c.slug for c in candidates if effect_class(c.slug).action in _HARD]
+        hard = [c.slug for c in candidates if effect_class(c.slug).action in HARD]
         return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), hard)))
 
     def opens_wide(self) -> bool:
@@ -189,7 +186,7 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
     if state.late:
         messages.append(LATE)
     references = search.references()
-    judged: dict[str, tuple[float, float, float, str]] = {}
+    judged: dict[str, tuple[HeldOut, str]] = {}
     while True:
         search.tell("base parameters needed")
         final, kept = _base(search, state)
@@ -197,16 +194,14 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
         for slug in state.causes:
             search.tell(f"{slug} confirmed")
             if search.late:
-                judged[slug] = (0.0, 0.0, 0.0, "")
+                judged[slug] = (HeldOut(0.0, 0.0, 0.0), "")
                 continue
-            gain, error, all_gain, others = _held_out(search, state, final, slug)
-            if followed(slug, state.causes) and not holds(search.believed, slug):
-                judged[slug] = (gain, error, all_gain, others)
-                continue  # a second of its kind is none without it
-            if not confirmed(all_gain, error) and not others:
+            sure, held_out, others = _held_out(search, state, final, slug)
+            judged[slug] = held_out, others
+            # A second of its kind is none without the first.
+            if not sure and not (followed(slug, state.causes) and not holds(search.believed, slug)):
                 fallen = slug
                 break
-            judged[slug] = (gain, error, all_gain, others)
         if fallen is None:
             break
         state.drop(fallen, without(search, state, fallen))
@@ -274,8 +269,8 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
 
 def _held_out(
     search: Search, state: State, final: Solution, slug: str
-) -> tuple[float, float, float, str]:
-    """What one cause gains, its error, the gain over all other parameters, equivalents."""
+) -> tuple[bool, HeldOut, str]:
+    """Whether unseen data confirm one cause, what it gains there, equivalents."""
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]
@@ -286,15 +281,15 @@ def _held_out(
     starts = [rest, with_values(rest, list(search.base), [search.nominal[n] for n in search.base])]
     tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
     less = min(tries, key=lambda s: s.cost)
-    all_gain, error = held_out_gain(less, with_all)
-    gain, others, equal = all_gain, "", less.cost - with_all.cost < EQUAL
-    if equal or (search.simpler(final, less) and not confirmed(all_gain, error)):
+    found = search.held_out(less, with_all)
+    equal = less.cost - with_all.cost < EQUAL
+    if equal or (search.simpler(final, less) and not found.sure):
         alone = search.fit(rest, names, None, 15, base=kept, **few)
-        by_itself = held_out_gain(alone, with_all)
-        if equal or confirmed(*by_itself):
-            gain, error = by_itself
+        by_itself = search.held_out(alone, with_all)
+        if equal or by_itself.sure:
             others = _moved(search, final, less)
-    return gain, error, all_gain, others
+            return found.sure or bool(others), by_itself, others
+    return found.sure, found, ""
 
 
 def _moved(search: Search, final: Solution, less: Solution) -> str:
@@ -314,16 +309,16 @@ def _cause(
     state: State,
     final: Solution,
     slug: str,
-    judged: tuple[float, float, float, str],
+    judged: tuple[HeldOut, str],
 ) -> Cause:
     units = {p.name: p.unit for p in final.problem.parameters}
     own = {n.partition(".")[2]: n for n in state.free[slug]}
-    gain, error, _, others = judged
-    size = 2.0 / search.samples
+    found, others = judged
+    size = 2.0 / search.whole
     alike = state.alternatives.get(slug, ())
     return cause_of(
         search.believed, slug, own, final.values(), final.standard_errors(), units,
-        (size * gain, size * error), (*alike, others) if others else alike,
+        (size * found.gain, size * found.error), (*alike, others) if others else alike,
     )  # fmt: skip
 
 
@@ -343,7 +338,7 @@ def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[st
             continue
         gain = 0.5 * ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
         error = math.sqrt(2.0 * gain)
-        size, own = 2.0 / search.samples, {name: name}
+        size, own = 2.0 / search.whole, {name: name}
         cause = cause_of(
             search.believed, SLUGS[name], own, values, errors, units, (size * gain, size * error)
         )

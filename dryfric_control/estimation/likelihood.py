@@ -8,6 +8,7 @@ so does one that mutes the drive.
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -228,6 +229,12 @@ class Likelihood:
             self.high[b] = 2.0 * math.log(max(run.record.range, 1e-12))
         self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
         self.passes = 0
+
+    def on(self, runs: Sequence[Run]) -> Likelihood:
+        """The same of other samples of the same records."""
+        other = copy.copy(self)
+        other.runs, other.steps = tuple(runs), self.steps.copy()
+        return other
 
     def start(self, force: float = 0.1) -> FloatArray:
         """Search coordinates of the axis itself, the random force a part of the drive."""
@@ -468,14 +475,18 @@ class Solution:
         own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
         return sandwich * np.outer(scale / own, scale / own)
 
-    def held_out(self) -> FloatArray:
-        """Cost of each block under parameters to which it did not contribute.
+    def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
+        """Cost of each block of some runs under parameters to which it did not contribute.
 
         Blocks go in turn to one of two halves; the parameters of the other half follow
-        from those of all by one Newton step.
+        by one Newton step.  `runs`: the fitted ones by default, or more of the same records.
         """
-        problem = self.problem
-        h = self.information.sum(axis=0) + np.diag(problem.prior_terms(self.z)[2])
+        problem, gradients, information = self.problem, self.gradients, self.information
+        if runs is not None:
+            problem = problem.on(runs)
+            gradients, information = problem.terms(self.z, problem.at(self.z))
+        _, slope, curvature = problem.prior_terms(self.z)
+        g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
         costs = np.zeros(half.size)
         reach = np.concatenate(
@@ -483,8 +494,8 @@ class Solution:
         )
         for k in (0, 1):
             mine = half == k
-            rest = h - self.information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
-            step = np.linalg.lstsq(rest, self.gradients[mine].sum(axis=0), rcond=1e-12)[0]
+            rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
+            step = np.linalg.lstsq(rest, gradients[mine].sum(axis=0) - g, rcond=1e-12)[0]
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / reach)), 1e-300))
             point = problem.at(np.clip(self.z + step, problem.low, problem.high))
             if not math.isfinite(point.cost):

@@ -30,6 +30,10 @@ DOUBTED = 9.0
 # Squared innovation over its variance from which a reading counts as strange, and
 # how many of them in a row, all on one side, mean that the axis has moved otherwise.
 _STRANGE, _IN_A_ROW = 25.0, 3
+# Cells per sample from which on the place within a cell says something: nearer to rest the
+# same cell is read again and again, wherever in it the axis stands.  Then a prediction
+# inside the cell is no evidence, and within this part of it none is corrected.
+_PACE, _INSIDE = 0.15, 0.5
 # What a resting axis may creep in a sample, as a part of the reading's variance.
 _CREEP = 0.01
 # Deviations of the velocity within which its sign is not sure, and the velocities, forces
@@ -42,6 +46,10 @@ _SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
 _FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
 _MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
 _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
+# A drive that exceeds the breakaway level by fewer deviations of the random force than the
+# first may have been recorded so without the axis having felt it: the mean stays at rest.
+# Beyond the second it moves.
+_MAY_HOLD = (1.5, 3.0)
 # Margins of break-away beyond this many force deviations are safe.
 _SAFE = 7.0
 # Error that a smooth step may have, over the velocity scale and over what the random
@@ -161,9 +169,22 @@ def _random_force(plant, t, dt, memory, u, deviation):
     return min(total, deviation * deviation)
 
 
+@step.internal
+def _doubted(plant, held, t, x, v, rest, deviation):
+    """Force that a resting axis may not have felt: by how much the drive breaks it away."""
+    w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
+    s = 1.0 if w > 0.0 else -1.0
+    beyond = s * w - step.breakaway_level(plant, t, x, w, s, rest)
+    sure, certain = _MAY_HOLD
+    doubt = (certain * deviation - beyond) / ((certain - sure) * deviation)
+    if beyond <= 0.0 or doubt <= 0.0:
+        return 0.0
+    return s * beyond * min(doubt, 1.0) * (1.0 + 1e-9)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
-    numbers, integers, size, u, y, good, t0, dt, first, force, reading, span, state, out
+    numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out
 ):
     """Innovations and their variances over a whole record.
 
@@ -182,6 +203,8 @@ def innovations(
         Variance of the random force, held over a sample [N^2].
     reading : float
         Variance of a reading [m^2].
+    cell : float
+        Increment of the readings [m], 0 for none.
     span : float
         Travel of the record [m], the scale of differences along the way.
     state : ndarray, shape (4, n)
@@ -242,29 +265,35 @@ def innovations(
             # The mode at the end is not sure: velocities and random forces, each with its own.
             x_mean, v_mean, resting = 0.0, 0.0, 1.0
             slope = g * p / total if total > 0.0 else 0.0
-            drive = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end))
+            drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
+            doubt = 0.0
+            if not sliding:
+                doubt = _doubted(plant, step.held_force(drive), t, x, v, rest, deviation)
+            if not plain:
+                # Moves the drive on, too.
+                count[0] = 0
+                # Addresses are taken here: an array that is not used again is freed.
+                step.sample(
+                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
+                )
             for i in range(5):
                 c = _SPEEDS[i] * width
-                if i < 4 or plain:
+                if i < 4 or plain or doubt != 0.0:
+                    felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
                     x1, v1, mode1 = _coarse(
-                        plant, step.held_force(drive + _FORCES[i] * deviation), t, dt,
-                        x + slope * c, v + c, memory[step.REST],
+                        plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
+                        x + slope * c, v + c, rest,
                     )  # fmt: skip
                 else:
-                    count[0] = 0
-                    # Addresses are taken here: an array that is not used again is freed.
-                    step.sample(
-                        plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
-                    )
                     x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
                 if mode1 != 0.0:
                     resting = 0.0
                 x_mean += _MEANS[i] * x1
                 v_mean += _MEANS[i] * v1
                 points[0, i], points[1, i] = x1, v1
-            if plain:
+            if plain or doubt != 0.0:
                 at_rest = mode == 0 and mode1 == 0.0
-                memory[step.REST] = memory[step.REST] + dt if at_rest else 0.0
+                memory[step.REST] = rest + dt if at_rest else 0.0
                 memory[step.MODE] = mode1
             memory[step.X], memory[step.V] = x_mean, v_mean
             # What the position is off by for a given velocity stays.
@@ -348,7 +377,16 @@ def innovations(
         if good[k]:
             e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
-            out[0, k], out[1, k] = e, s
+            within, counts, outside = 0.0, 1.0, e
+            if cell > 0.0:
+                paces = v * dt / (_PACE * cell)
+                still = 1.0 / (1.0 + paces * paces)
+                within = 0.5 * cell * still
+                outside = e - min(max(e, -within), within)
+                counts = 1.0 - still * reading / (reading + outside * outside)
+            out[0, k], out[1, k] = outside, reading + counts * p
+            within *= _INSIDE
+            e -= min(max(e, -within), within)
             ratio = e * e / s
             noise = reading
             if ratio > _STRANGE:

@@ -63,9 +63,9 @@ MOVED = 0.01
 CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
 EQUAL = 4.0
-# Part of the best quick gain below which a candidate is not fitted in full, and what
-# a full fit may add to a quick one.
-_SHARE, _SLACK = 0.4, 8.0
+# Part of the best quick gain below which a candidate is not fitted in full, the same for
+# those of HARD, which have been, and what a full fit may add to a quick one.
+_SHARE, _HARD_SHARE, _SLACK = 0.4, 0.8, 8.0
 # Iterations of a fit while candidates are compared, and of a fit that ends.
 _ITERATIONS, _LAST = 15, 30
 # Base values whose logarithm is off by more may be bent by what is missing.
@@ -520,10 +520,9 @@ class Search:
         if not candidates:
             return []
         best = now.cost - candidates[0].cost
-        least = max(_SHARE * best, 0.0)
         chosen = [
             c for c in candidates[:_FITTED]
-            if now.cost - c.cost > least
+            if now.cost - c.cost > max(self._share(c.slug) * best, 0.0)
             and self.worth(now.cost - c.cost, len(c.free)) > -_SLACK
         ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
@@ -539,6 +538,9 @@ class Search:
             and (self.simpler(s, now) or self.held_out(now, s).sure)
         ]
         return sorted(found, key=lambda one: -one[0])
+
+    def _share(self, slug: str) -> float:
+        return _HARD_SHARE if effect_class(slug).action in HARD else _SHARE
 
     def held_out(self, less: Solution, fit: Solution) -> HeldOut:
         """Gain of a fit over another on all samples of the records."""

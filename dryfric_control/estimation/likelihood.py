@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.axis_step import CONTACT_STIFFNESS, INVERSE_MASS, STIFFNESS
+from dryfric_control.compiled.axis_step import CONTACT_STIFFNESS, DAMPING, INVERSE_MASS, STIFFNESS
 from dryfric_control.estimation.parameters import (
     SHIFT,
     Parameter,
@@ -56,10 +56,13 @@ _ITERATIONS = 40
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
 _WIDER = 4.0
-# Stiffness over mass, per squared sampling time, beyond which a spring is rigid.
-_STIFF = 10.0
+# Stiffness over mass, per squared sampling time, beyond which a contact and a transmission
+# are rigid: a resonance well above what the samples show, and steps by the dozen.
+_STIFF_CONTACT, _STIFF = 10.0, 1.0
 # Longest step of a search coordinate of order 1, and of a noise's logarithm.
 _REACH, _NOISE_REACH = 0.7, 3.0
+# Parts of the random force that are tried where a search ends.
+_QUIETER = (0.5, 0.2, 0.07)
 # Step of a noise's logarithm for its slopes.
 _NOISE_STEP = 0.05
 # Student's t with 4 degrees of freedom, fitted to normal innovations, finds this part of
@@ -269,9 +272,13 @@ class Likelihood:
         axis = self.axis_at(z, i)
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
-        stiffness = max(arrays.numbers[CONTACT_STIFFNESS], arrays.numbers[STIFFNESS])
-        if stiffness * arrays.numbers[INVERSE_MASS] * record.dt**2 > _STIFF:
-            raise ValueError("an elastic contact far too stiff to be seen at this sampling time")
+        numbers = arrays.numbers
+        pace = numbers[INVERSE_MASS] * record.dt
+        if (
+            numbers[CONTACT_STIFFNESS] * pace * record.dt > _STIFF_CONTACT
+            or max(numbers[STIFFNESS] * record.dt, numbers[DAMPING]) * pace > _STIFF
+        ):
+            raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         force, reading = self.noises(z, i)
         u = shifted(run.u, self._values(z, i).get(SHIFT, 0.0) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
@@ -281,7 +288,7 @@ class Likelihood:
             compiled.innovations(
                 arrays.numbers, arrays.integers, arrays.memory, u[here], record.x[here],
                 run.good[here], float(record.t[start]), record.dt, self.first, force, reading,
-                record.range, states, mine,
+                record.quantum or 0.0, record.range, states, mine,
             )  # fmt: skip
             out[:, here], state[:, here] = mine, states
         self.passes += 1
@@ -524,6 +531,23 @@ class Solution:
         return math.sqrt(self.problem.noises(self.z, i)[1] / _NORMAL)
 
 
+def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
+    """The better of a point and those with less random force: its cost may have two minima.
+
+    Where much of it is assumed the filter follows readings that a model, were it
+    trusted, would foresee.
+    """
+    n = len(problem.names)
+    for part in _QUIETER:
+        new = z.copy()
+        new[n::2] += 2.0 * math.log(part)
+        new = np.clip(new, problem.low, problem.high)
+        tried = problem.at(new)
+        if tried.cost < point.cost:
+            z, point = new, tried
+    return z, point
+
+
 def maximise(
     problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
 ) -> Solution:
@@ -535,7 +559,7 @@ def maximise(
     n = len(problem.names)
     reach = np.concatenate((np.full(n, _REACH), np.full(problem.size - n, _NOISE_REACH)))
     point = problem.at(z)
-    damping, promised, turn, wider = 1e-3, math.inf, 0, 1.0
+    damping, promised, turn, wider, quiet = 1e-3, math.inf, 0, 1.0, False
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
         gradients, information = problem.terms(z, point)
@@ -554,8 +578,16 @@ def maximise(
             (g[free] / size) @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), g[free] / size,
                                                rcond=None)[0]
         )  # fmt: skip
-        if promised < _PROMISED or time.monotonic() > until:
+        if time.monotonic() > until:
             break
+        if promised < _PROMISED:
+            before = point
+            if not quiet:
+                z, point = _quieter(problem, z, point)
+            if point is before:
+                break
+            quiet = True
+            continue
         moved = False
         while damping < 1e7:
             damped = unit + damping * np.eye(free.size)
@@ -576,7 +608,9 @@ def maximise(
             # Where the cost is rough, slopes over more of it may still descend.
             if wider > 1.0:
                 break
-            damping, wider = 1e-3, _WIDER
+            if not quiet:
+                z, point = _quieter(problem, z, point)
+            damping, wider, quiet = 1e-3, _WIDER, True
             problem.refine(h, wider)
     bound = tuple(
         name

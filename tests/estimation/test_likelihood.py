@@ -23,7 +23,7 @@ def innovations(axis, u, y, force, reading, good=None):
     good = np.ones(y.size, bool) if good is None else good
     compiled.innovations(
         arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, DT, False, force, reading,
-        max(float(np.ptp(y)), 1e-6), state, out,
+        0.0, max(float(np.ptp(y)), 1e-6), state, out,
     )  # fmt: skip
     return out, state
 

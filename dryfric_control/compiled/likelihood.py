@@ -243,6 +243,7 @@ def innovations(
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side = 0, 0.0
+    still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -375,15 +376,17 @@ def innovations(
         v_free = v
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
+            if abs(y[k] - y[still]) > alike:
+                still = k
             e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
             within, counts, outside = 0.0, 1.0, e
             if cell > 0.0:
                 paces = v * dt / (_PACE * cell)
-                still = 1.0 / (1.0 + paces * paces)
-                within = 0.5 * cell * still
+                slow = 1.0 / (1.0 + paces * paces)
+                within = 0.5 * cell * slow
                 outside = e - min(max(e, -within), within)
-                counts = 1.0 - still * reading / (reading + outside * outside)
+                counts = 1.0 - slow * reading / (reading + outside * outside)
             out[0, k], out[1, k] = outside, reading + counts * p
             within *= _INSIDE
             e -= min(max(e, -within), within)
@@ -394,7 +397,13 @@ def innovations(
                 side = 1.0 if e > 0.0 else -1.0
             else:
                 row = 0
-            if row == _IN_A_ROW:
+            if row == _IN_A_ROW and structure == 0 and k - still > 2 * _IN_A_ROW:
+                # It has not moved at all, however the drive was recorded.
+                row, noise = 0, 0.0
+                v, p, g = 0.0, reading, 0.0
+                d = reading / ((k - still) * dt) ** 2
+                memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
+            elif row == _IN_A_ROW:
                 # The axis has moved otherwise: believe the readings.
                 row = 0
                 p, g = e * e, 1.0 / (_IN_A_ROW * dt)

@@ -46,11 +46,9 @@ _SOME = 8000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
 _REFINED, _AHEAD, _FITTED = 2, 10, 8
-#: Actions whose effects have inner states that move with every reading: slopes tell
-#: little far from the best values.  Every guess is fitted for some turns, the best ones,
-#: of those that may be of use, for more.
-HARD = ("contact", "transmission")
-_HARD_TURNS, _HARD_REFINED = (3, 10), 2
+# Guesses of an effect with inner states that are fitted for some turns, how many, and
+# those that may be of use which are fitted for more.
+_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = 12, (3, 10), 2
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Candidates beside the nominal base that are fitted with all free, and turns of that fit.
@@ -64,7 +62,7 @@ CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
 EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, the same for
-# those of HARD, which have been, and what a full fit may add to a quick one.
+# hard ones, which have been, and what a full fit may add to a quick one.
 _SHARE, _HARD_SHARE, _SLACK = 0.4, 0.8, 8.0
 # Iterations of a fit while candidates are compared, and of a fit that ends.
 _ITERATIONS, _LAST = 15, 30
@@ -92,6 +90,15 @@ class Candidate:
     free: tuple[str, ...]
     axis: FrictionAxis
     cost: float
+
+
+def hard(slug: str) -> bool:
+    """Whether an effect has states that move with every reading, or a memory of the mode.
+
+    Then slopes tell little far from the best values.
+    """
+    effect = effect_class(slug)
+    return effect.remembers and effect.action not in ("delay", "lag")
 
 
 class HeldOut(NamedTuple):
@@ -357,13 +364,10 @@ class Search:
             ]
             starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
             begun = [one for one in starts if one]
-            hard = [one for one in begun if effect_class(one[0][3]).action in HARD]
-            begun = [one[:_REFINED] for one in begun if one not in hard]
+            stiff = [one for one in begun if hard(one[0][3])] if beside is besides[-1] else []
+            begun = [one[:_REFINED] for one in begun if not hard(one[0][3])]
             begun.sort(key=lambda one: one[0][0])
-            if beside is besides[-1]:
-                hard = self._parallel([(self._patiently, (one, now.cost)) for one in hard])
-            else:
-                hard = []
+            stiff = self._parallel([(self._patiently, (one, now.cost)) for one in stiff])
             runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
             runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
             ahead = self._parallel(
@@ -374,7 +378,7 @@ class Search:
                 # What the base has bent for is worth a fit with all free.
                 ahead.sort(key=lambda r: r[0].cost)
                 ahead = self._parallel([(self._on, r) for r in ahead[:_LED]]) + ahead[_LED:]
-            for c, _, _ in [*ahead, *runs[_AHEAD:], *(r for r in hard if r)]:
+            for c, _, _ in [*ahead, *runs[_AHEAD:], *(r for r in stiff if r)]:
                 if c.slug not in best or c.cost < best[c.slug].cost:
                     best[c.slug] = c
         return sorted(best.values(), key=lambda c: c.cost)
@@ -435,7 +439,8 @@ class Search:
         Those that promise to come below a cost are fitted to the end.
         """
         few, more = _HARD_TURNS
-        fits = [maximise(p, z, few, self.until) for _, p, z, _ in guessed if not self.late]
+        tried = [] if self.late else guessed[:_HARD_TRIED]
+        fits = [maximise(p, z, few, self.until) for _, p, z, _ in tried]
         fits = sorted((f for f in fits if f.cost - f.promised < cost), key=lambda f: f.cost)
         fits = [maximise(f.problem, f.z, more, self.until) for f in fits[:_HARD_REFINED]]
         if not fits:
@@ -540,7 +545,7 @@ class Search:
         return sorted(found, key=lambda one: -one[0])
 
     def _share(self, slug: str) -> float:
-        return _HARD_SHARE if effect_class(slug).action in HARD else _SHARE
+        return _HARD_SHARE if hard(slug) else _SHARE
 
     def held_out(self, less: Solution, fit: Solution) -> HeldOut:
         """Gain of a fit over another on all samples of the records."""

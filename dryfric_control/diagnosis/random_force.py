@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import SLUGS, catalogue, effect_class, holds
+from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.likelihood_search import (
     CLEAR,
     EQUAL,
-    HARD,
     LEAST,
     MOVED,
     Candidate,
@@ -25,6 +24,7 @@ from dryfric_control.diagnosis.likelihood_search import (
     Search,
     State,
     forward,
+    hard,
     names_without,
     without,
 )
@@ -122,8 +122,8 @@ class Gate:
             return True
         if state.causes:
             return False
-        hard = [c.slug for c in candidates if effect_class(c.slug).action in HARD]
-        return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), hard)))
+        slow = [c.slug for c in candidates if hard(c.slug)]
+        return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), slow)))
 
     def opens_wide(self) -> bool:
         """Whether one or two of all effects reach it, where the likelihood has left something."""

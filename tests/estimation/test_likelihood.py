@@ -16,14 +16,14 @@ DT = 1e-3
 LINEAR = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, stick_speed=1e-6)
 
 
-def innovations(axis, u, y, force, reading, good=None):
+def innovations(axis, u, y, force, reading, good=None, cell=0.0):
     """Innovations and variances of a record, shape (2, n)."""
     arrays = axis.arrays(DT)
     out, state = np.zeros((2, y.size)), np.zeros((4, y.size))
     good = np.ones(y.size, bool) if good is None else good
     compiled.innovations(
         arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, DT, False, force, reading,
-        0.0, max(float(np.ptp(y)), 1e-6), state, out,
+        cell, max(float(np.ptp(y)), 1e-6), state, out,
     )  # fmt: skip
     return out, state
 
@@ -164,6 +164,62 @@ def test_a_wrong_model_finds_its_way_back():
     off = np.abs(state[0] - record.x)
     assert np.median(off) < 1e-5
     assert off.max() < 1e-2 * record.range
+
+
+def test_a_prediction_inside_the_cell_of_a_resting_axis_is_no_evidence():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    q, n = 1e-5, 400
+    y = np.zeros(n)
+    y[50:] = q  # one cell on, once, and there for good
+    out, state = innovations(axis, np.zeros(n), y, 1e-6, q * q / 12.0, cell=q)
+    # Only the half of a cell by which it lay outside counts, and it ends inside, not in the middle.
+    assert out[0, 50] == pytest.approx(0.5 * q, rel=0.01)
+    assert np.all(out[0, 70:] == 0.0) and np.allclose(out[1, 70:], q * q / 12.0)
+    assert 0.5 * q < state[0, -1] < 0.8 * q
+
+
+def test_a_moving_axis_is_read_as_without_cells(sliding):
+    u, y = sliding
+    v = np.abs(np.diff(y)).min() / DT
+    q = 1e-3 * v * DT
+    fine, _ = innovations(LINEAR, u, y, 0.25, 4e-12)
+    cells, _ = innovations(LINEAR, u, y, 0.25, 4e-12, cell=q)
+    np.testing.assert_allclose(cells, fine, rtol=1e-4, atol=1e-4 * q)
+
+
+@pytest.mark.parametrize("dwell", (0.0, 3.0))
+def test_noise_of_the_recorded_drive_moves_no_resting_axis(dwell):
+    """Just below breakaway the drive as recorded exceeds the level again and again."""
+    effects = (dfc.effects.DwellTime(dwell, 0.01),) if dwell else ()
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=effects)
+    rng = np.random.default_rng(5)
+    u = 7.95 + dwell + 0.24 * rng.standard_normal(3000)
+    u[:300] -= dwell
+    _, state = innovations(axis, u, np.zeros(u.size), 0.24**2, 1e-14, cell=3e-7)
+    assert np.mean(state[2] != 0.0) < 0.25
+    assert np.abs(state[0]).max() < (1e-5 if dwell else 3e-7)
+
+
+def test_a_drive_beyond_doubt_moves_it():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    u = np.full(60, 8.0 + 4.0 * 0.24)
+    u[:20] = 0.0
+    y = axis.simulate(u, dt=DT).y[0]
+    out, state = innovations(axis, u, y, 0.24**2, 1e-14)
+    assert np.all(state[2, 21:] == 1.0)
+    assert np.abs(out[0]).max() < 0.05e-7  # of the deviation of a reading
+
+
+def test_a_reading_that_never_changed_brings_the_axis_back_to_rest():
+    """A drive that broke away an axis that holds the longer the longer it rests."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+                            effects=(dfc.effects.DwellTime(3.0, 0.01),))  # fmt: skip
+    u = np.full(400, 10.5)
+    u[:50] = 0.0
+    u[200] = 14.0  # as recorded: 12 deviations beyond the level
+    out, state = innovations(axis, u, np.zeros(400), 0.24**2, 1e-14, cell=3e-7)
+    assert np.mean(state[2, 202:210] != 0.0) > 0.0  # it was believed at first
+    assert np.all(state[2, 215:] == 0.0) and np.all(out[0, 215:] == 0.0)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -48,7 +48,7 @@ _SOME = 8000
 _REFINED, _AHEAD, _FITTED = 2, 10, 8
 # Guesses of an effect with inner states that are fitted for some turns, how many, and
 # those that may be of use which are fitted for more.
-_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = 12, (3, 10), 2
+_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = 6, (3, 10), 2
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Candidates beside the nominal base that are fitted with all free, and turns of that fit.
@@ -72,6 +72,8 @@ _BENT = 0.1
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
+# Least share of two parts: less is one part alone, of which another effect speaks.
+_SPLIT = 0.01
 # Part of the whole gain that a further cause must bring: where a model leaves something
 # out, that is not white, and likelihood counts what follows it as evidence.
 _FURTHER = 0.02
@@ -581,6 +583,8 @@ class Search:
             if value is None:
                 continue
             if kind == "place" and not low - room <= value <= high + room:
+                return False
+            if kind == "share" and not _SPLIT <= value <= 1.0 - _SPLIT:
                 return False
             if kind == "amount":
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]

@@ -18,7 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.axis_step import CONTACT_STIFFNESS, DAMPING, INVERSE_MASS, STIFFNESS
+from dryfric_control.compiled.axis_step import (
+    CONTACT_STIFFNESS,
+    DAMPING,
+    INVERSE_MASS,
+    INVERSE_MOTOR,
+    N_NUMBERS,
+    STIFFNESS,
+)
 from dryfric_control.estimation.parameters import (
     SHIFT,
     Parameter,
@@ -56,9 +63,9 @@ _ITERATIONS = 40
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
 _WIDER = 4.0
-# Stiffness over mass, per squared sampling time, beyond which a contact and a transmission
-# are rigid: a resonance well above what the samples show, and steps by the dozen.
-_STIFF_CONTACT, _STIFF = 10.0, 1.0
+# Radians that a contact turns in one sample, and a transmission with its damping, beyond
+# which they are rigid: more than the samples show, and steps by the dozen.
+_STIFF_CONTACT, _STIFF = 3.0, 4.0
 # Longest step of a search coordinate of order 1, and of a noise's logarithm.
 _REACH, _NOISE_REACH = 0.7, 3.0
 # Parts of the random force that are tried where a search ends.
@@ -273,11 +280,12 @@ class Likelihood:
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
         numbers = arrays.numbers
-        pace = numbers[INVERSE_MASS] * record.dt
-        if (
-            numbers[CONTACT_STIFFNESS] * pace * record.dt > _STIFF_CONTACT
-            or max(numbers[STIFFNESS] * record.dt, numbers[DAMPING]) * pace > _STIFF
-        ):
+        # Of two masses the numbers are there twice, the load's after those of the whole.
+        load = arrays.integers[N_NUMBERS] if numbers[STIFFNESS] > 0.0 else 0
+        inverse = numbers[INVERSE_MOTOR] + numbers[load + INVERSE_MASS]
+        turn = math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
+        contact = math.sqrt(numbers[CONTACT_STIFFNESS] * numbers[INVERSE_MASS])
+        if contact * record.dt > _STIFF_CONTACT or turn * record.dt > _STIFF:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         force, reading = self.noises(z, i)
         u = shifted(run.u, self._values(z, i).get(SHIFT, 0.0) / record.dt)

@@ -51,8 +51,8 @@ _REFINED, _AHEAD, _FITTED = 2, 10, 8
 _HARD_TRIED, _HARD_TURNS, _HARD_REFINED = 6, (3, 10), 2
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
-# Candidates beside the nominal base that are fitted with all free, and turns of that fit.
-_LED, _LED_TURNS = 8, 8
+# Turns of a fit beside the nominal base.
+_LED_TURNS = 8
 #: Gain of log-likelihood beyond that of its parameters which a cause must bring.
 LEAST = 6.0
 #: Relative change of a parameter by less than this is none.
@@ -72,6 +72,8 @@ _BENT = 0.1
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
+# Part of the best worth within which causes are compared on all samples.
+_CLOSE = 0.25
 # Least share of two parts: less is one part alone, of which another effect speaks.
 _SPLIT = 0.01
 # Part of the whole gain that a further cause must bring: where a model leaves something
@@ -367,21 +369,17 @@ class Search:
             starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
             begun = [one for one in starts if one]
             stiff = [one for one in begun if hard(one[0][3])] if beside is besides[-1] else []
-            begun = [one[:_REFINED] for one in begun if not hard(one[0][3])]
-            begun.sort(key=lambda one: one[0][0])
-            stiff = self._parallel([(self._patiently, (one, now.cost)) for one in stiff])
-            runs = self._parallel([(self._refine, (beside, terms, one, 1)) for one in begun])
-            runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
-            ahead = self._parallel(
-                [(self._refine, (beside, terms, [(c.cost, p, z, c.slug)], _TURNS))
-                 for c, p, z in runs[:_AHEAD]]
-            )  # fmt: skip
-            if beside is not now:
-                # What the base has bent for is worth a fit with all free.
-                ahead.sort(key=lambda r: r[0].cost)
-                ahead = self._parallel([(self._on, r) for r in ahead[:_LED]]) + ahead[_LED:]
-            for c, _, _ in [*ahead, *runs[_AHEAD:], *(r for r in stiff if r)]:
-                if c.slug not in best or c.cost < best[c.slug].cost:
+            plain = [one for one in begun if not hard(one[0][3])]
+            if beside is now:
+                found = self._quickly(now, terms, plain)
+            else:
+                # What the base has bent for shows where all is free.
+                found = self._parallel(
+                    [(self._fitted, (now, [one[0]], _LED_TURNS)) for one in plain]
+                )
+            found += self._parallel([(self._patiently, (now, one)) for one in stiff])
+            for c in found:
+                if c and (c.slug not in best or c.cost < best[c.slug].cost):
                     best[c.slug] = c
         return sorted(best.values(), key=lambda c: c.cost)
 
@@ -435,26 +433,40 @@ class Search:
                 best = found
         return best
 
-    def _patiently(self, guessed, cost: float):  # type: ignore[no-untyped-def]
-        """The best of an effect's guesses, each fitted with everything free; None for none.
+    def _quickly(self, now: Solution, terms, begun):  # type: ignore[no-untyped-def]
+        """Candidates after a quick refinement of their best guesses, the best ones longer."""
+        begun = sorted((one[:_REFINED] for one in begun), key=lambda one: one[0][0])
+        runs = self._parallel([(self._refine, (now, terms, one, 1)) for one in begun])
+        runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
+        ahead = self._parallel(
+            [(self._refine, (now, terms, [(c.cost, p, z, c.slug)], _TURNS))
+             for c, p, z in runs[:_AHEAD]]
+        )  # fmt: skip
+        return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
 
-        Those that promise to come below a cost are fitted to the end.
-        """
-        few, more = _HARD_TURNS
+    def _patiently(self, now: Solution, guessed) -> Candidate | None:  # type: ignore[no-untyped-def]
+        """A candidate from many guesses; to the end those that promise to be of use."""
         tried = [] if self.late else guessed[:_HARD_TRIED]
-        fits = [maximise(p, z, few, self.until) for _, p, z, _ in tried]
-        fits = sorted((f for f in fits if f.cost - f.promised < cost), key=lambda f: f.cost)
-        fits = [maximise(f.problem, f.z, more, self.until) for f in fits[:_HARD_REFINED]]
+        return self._fitted(now, tried, _HARD_TURNS[0], now.cost)
+
+    def _fitted(  # type: ignore[no-untyped-def]
+        self, now: Solution, guessed, turns: int, below: float | None = None
+    ) -> Candidate | None:
+        """The best of an effect's guesses, fitted with everything free for some turns.
+
+        Those that promise to come `below` a cost are fitted for more.
+        """
+        fits = [maximise(p, z, turns, self.until) for _, p, z, _ in guessed]
+        if below is not None:
+            fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
+            fits = [
+                maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
+            ]
         if not fits:
             return None
         best, slug = min(fits, key=lambda f: f.cost), guessed[0][3]
-        free = tuple(n for n in best.problem.names if n.startswith(f"{slug}."))
-        return Candidate(slug, free, best.axis, best.cost), best.problem, best.z
-
-    def _on(self, candidate: Candidate, problem: Likelihood, z):  # type: ignore[no-untyped-def]
-        """A candidate fitted with everything free, from where its quick refinement ended."""
-        found = maximise(problem, z, _LED_TURNS, self.until)
-        return replace(candidate, axis=found.axis, cost=found.cost), problem, found.z
+        free = tuple(n for n in best.problem.names if n not in now.problem.names)
+        return Candidate(slug, free, best.axis, best.cost)
 
     def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
         """An axis with an effect as it is in the nominal one, or not at all."""
@@ -529,7 +541,7 @@ class Search:
         best = now.cost - candidates[0].cost
         chosen = [
             c for c in candidates[:_FITTED]
-            if now.cost - c.cost > max(self._share(c.slug) * best, 0.0)
+            if now.cost - c.cost > max(self._share(c.slug) * best - _SLACK, 0.0)
             and self.worth(now.cost - c.cost, len(c.free)) > -_SLACK
         ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
@@ -544,7 +556,27 @@ class Search:
             if self.sound(s, c.slug, c.free)
             and (self.simpler(s, now) or self.held_out(now, s).sure)
         ]
-        return sorted(found, key=lambda one: -one[0])
+        return self._ranked(sorted(found, key=lambda one: -one[0]))
+
+    def _ranked(self, found):  # type: ignore[no-untyped-def]
+        """Fits with a cause, those that are close to the best by all samples of the records."""
+        if not found or self.part == 1.0:
+            return found
+        best = found[0][0]
+        close = [one for one in found if one[0] > best - max(_CLOSE * best, EQUAL)]
+        if len(close) < 2:
+            return found
+
+        def whole(c: Candidate, s: Solution) -> float:
+            noises = s.z[len(s.problem.names) :]
+            fit = self.fit(s.axis, self.free_of(s), noises, _ITERATIONS, runs=self.runs)
+            return -fit.cost - self.penalty(len(c.free))
+
+        gains = self._parallel([(whole, (c, s)) for _, c, s in close])
+        close = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, close, strict=True)]
+        close.sort(key=lambda one: -one[0])
+        last = close[-1][0]
+        return close + [(min(w, last), c, s) for w, c, s in found[len(close) :]]
 
     def _share(self, slug: str) -> float:
         return _HARD_SHARE if hard(slug) else _SHARE

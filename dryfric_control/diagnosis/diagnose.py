@@ -201,16 +201,21 @@ def diagnose(
             or (alone and found.verdict not in clean and not search.late and gate.opens_wide())
         ):
             by_runs = _diagnosis(selector, search, windows.record, window, part)
-            if by_runs.verdict != "unexplained" or search.late:
+            if by_runs.verdict in clean or search.late:
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
             found = found or answer(search, cuts)
-            if found is None or found.verdict not in clean:
+            if found is None or found.verdict not in clean or not _agree(by_runs, found):
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
             found.varies = varying(search, found.final)
         return _likely(axis, records, found, window, hold, part, limit == math.inf)
+
+
+def _agree(by_runs: Diagnosis, found: Answer) -> bool:
+    """Whether free runs name no other causes than the likelihood does."""
+    return {c.effect for c in by_runs.causes} <= {c.effect for c in found.causes}
 
 
 def _cut(axis: FrictionAxis, record: Record, window: float, hold: str, name: str) -> Windows:

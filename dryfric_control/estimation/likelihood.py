@@ -57,8 +57,9 @@ _WONDER, _SPREAD = 2.0, 0.02
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
 # Fall of the cost that a step must promise to be worth trying, and the promise
-# beyond which a search that ends has not converged.
-_PROMISED, _FAR = 0.05, 1.0
+# beyond which a search that ends has not converged: where no step keeps it, as the cost
+# is rough, and where it ran out of turns.
+_PROMISED, _ROUGH, _FAR = 0.05, 10.0, 1.0
 _ITERATIONS = 40
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
@@ -423,7 +424,7 @@ class Solution:
     gradients, information : ndarray
         `Likelihood.terms` at z.
     converged : bool
-        Whether no step promises more than half a unit of log-likelihood.
+        Whether no step promises more than a unit of log-likelihood, or none keeps what it does.
     promised : float
         Fall of the cost that a full Newton step promises.
     at_bound : tuple of str
@@ -567,7 +568,8 @@ def maximise(
     n = len(problem.names)
     reach = np.concatenate((np.full(n, _REACH), np.full(problem.size - n, _NOISE_REACH)))
     point = problem.at(z)
-    damping, promised, turn, wider, quiet = 1e-3, math.inf, 0, 1.0, False
+    damping, promised, turn, wider = 1e-3, math.inf, 0, 1.0
+    quiet = stalled = False
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
         gradients, information = problem.terms(z, point)
@@ -615,6 +617,7 @@ def maximise(
         if not moved:
             # Where the cost is rough, slopes over more of it may still descend.
             if wider > 1.0:
+                stalled = True
                 break
             if not quiet:
                 z, point = _quieter(problem, z, point)
@@ -626,5 +629,6 @@ def maximise(
         if c <= low or c >= high
     )
     return Solution(
-        problem, z, point, gradients, information, promised < _FAR, promised, turn, bound
-    )
+        problem, z, point, gradients, information,
+        promised < (_ROUGH if stalled else _FAR), promised, turn, bound,
+    )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,8 @@ _REPLAYED = 40
 _RIGHT = 0.004
 # Part of the random force that a wrong base parameter must make to be named.
 _NOTABLE = 0.25
+# What a cause must take off the random force, as a factor, where structure is left.
+_LOUDER = 1.1
 # Errors of free runs, over those of the nominal axis, with which no cause is shown.
 _WORSE = 1.1
 # Part of the windows that may err more than all their replays, and mean score above the
@@ -186,27 +188,16 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
     if state.late:
         messages.append(LATE)
     references = search.references()
-    judged: dict[str, tuple[HeldOut, str]] = {}
     while True:
-        search.tell("base parameters needed")
-        final, kept = _base(search, state)
-        fallen = None
-        for slug in state.causes:
-            search.tell(f"{slug} confirmed")
-            if search.late:
-                judged[slug] = (HeldOut(0.0, 0.0, 0.0), "")
-                continue
-            sure, held_out, others = _held_out(search, state, final, slug)
-            judged[slug] = held_out, others
-            # A second of its kind is none without the first.
-            if not sure and not (followed(slug, state.causes) and not holds(search.believed, slug)):
-                fallen = slug
-                break
-        if fallen is None:
+        final, kept, judged = _confirmed(search, state)
+        search.tell("replays")
+        motion, left, worse = _motion(search, windows, final)
+        # Structure that is left may follow a cause that is not there.
+        quiet = [c for c in state.causes if left.significant and judged[c].louder < _LOUDER]
+        if not quiet or search.late:
             break
+        fallen = min(quiet, key=lambda c: judged[c].louder)
         state.drop(fallen, without(search, state, fallen))
-    search.tell("replays")
-    motion, left, worse = _motion(search, windows, final)
     better = [name for name, cost in references.items() if cost < final.cost]
     if worse:
         better.append("free runs of the nominal axis")
@@ -267,10 +258,49 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
     return search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample), kept
 
 
-def _held_out(
-    search: Search, state: State, final: Solution, slug: str
-) -> tuple[bool, HeldOut, str]:
-    """Whether unseen data confirm one cause, what it gains there, equivalents."""
+class Judged(NamedTuple):
+    """What the records say about one cause.
+
+    Attributes
+    ----------
+    sure : bool
+        Whether unseen data confirm it.
+    held_out : HeldOut
+        What it gains there.
+    others : str
+        Parameters that only together do the same, joined by "+".
+    louder : float
+        Random force without it over that with it.
+    """
+
+    sure: bool
+    held_out: HeldOut
+    others: str = ""
+    louder: float = math.inf
+
+
+def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[str, Judged]]:
+    """The fit with the causes that unseen data confirm, and what they say about each."""
+    while True:
+        search.tell("base parameters needed")
+        final, kept = _base(search, state)
+        judged: dict[str, Judged] = {}
+        for slug in state.causes:
+            search.tell(f"{slug} confirmed")
+            if search.late:
+                judged[slug] = Judged(True, HeldOut(0.0, 0.0, 0.0))
+                continue
+            judged[slug] = _judged(search, state, final, slug)
+            # A second of its kind is none without the first.
+            second = followed(slug, state.causes) and not holds(search.believed, slug)
+            if not judged[slug].sure and not second:
+                state.drop(slug, without(search, state, slug))
+                break
+        else:
+            return final, kept, judged
+
+
+def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]
@@ -288,8 +318,15 @@ def _held_out(
         by_itself = search.held_out(alone, with_all)
         if equal or by_itself.sure:
             others = _moved(search, final, less)
-            return found.sure or bool(others), by_itself, others
-    return found.sure, found, ""
+            louder = _louder(alone, with_all)
+            return Judged(found.sure or bool(others), by_itself, others, louder)
+    return Judged(found.sure, found, "", _louder(less, with_all))
+
+
+def _louder(less: Solution, fit: Solution) -> float:
+    """Random force of one fit over that of another, in the record where it differs most."""
+    count = range(len(fit.problem.runs))
+    return max(less.random_force(i) / fit.random_force(i) for i in count)
 
 
 def _moved(search: Search, final: Solution, less: Solution) -> str:
@@ -309,11 +346,11 @@ def _cause(
     state: State,
     final: Solution,
     slug: str,
-    judged: tuple[HeldOut, str],
+    judged: Judged,
 ) -> Cause:
     units = {p.name: p.unit for p in final.problem.parameters}
     own = {n.partition(".")[2]: n for n in state.free[slug]}
-    found, others = judged
+    found, others = judged.held_out, judged.others
     size = 2.0 / search.whole
     alike = state.alternatives.get(slug, ())
     return cause_of(

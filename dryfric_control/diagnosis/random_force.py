@@ -209,7 +209,7 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
         motion, left, _ = _motion(search, windows, final)
     structured = left.significant
     # A few windows may err beyond their replays, but not by orders of magnitude.
-    if not state.causes and not kept and motion.after > _BEYOND * motion.floor:
+    if motion.after > _BEYOND * motion.floor:
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -380,7 +380,8 @@ class Selector:
         for i, slug in enumerate(list(found.causes)):
             if self.followed(slug, found):
                 continue
-            runs = {slug: found.best}
+            # The fit may stem from one that another effect was added to, or taken from.
+            runs = {slug: replace(found.best, slug=slug)}
             names = {slug: found.free[slug]}
             rest = self.without(found.best.axis, slug)
             for other, rival in found.rivals.get(slug, {}).items():
@@ -404,7 +405,7 @@ class Selector:
             found.free[chosen] = names[chosen]
             rivals = {s: r.axis for s, r in runs.items() if r in level and s != chosen}
             found.alternatives[chosen], found.rivals[chosen] = tuple(rivals), rivals
-            if winner is not found.best:
+            if chosen != slug:
                 found.best = winner
                 floor = self.floor_of(winner)
         return floor

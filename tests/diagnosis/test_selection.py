@@ -413,6 +413,21 @@ def test_a_rival_that_fits_as_well_stays_an_alternative(sprung, both):
     }  # fmt: skip
 
 
+def test_every_fit_that_is_weighed_bears_the_name_of_its_cause(sprung, both, monkeypatch):
+    """The rank of its effect decides, also for a fit that another cause was taken from."""
+    weighed = []
+    rule = Selector._plainest
+
+    def watched(self, level, *rest):
+        weighed.extend(r.slug for r in level)
+        return rule(self, level, *rest)
+
+    monkeypatch.setattr(Selector, "_plainest", watched)
+    gravity = dfc.effects.Gravity(amplitude=0.1, phase=0.0)
+    exchanged(sprung, both, gravity, ("gravity.amplitude", "gravity.phase"))
+    assert set(weighed) == {"gravity", "spring"}
+
+
 def test_the_axis_without_a_cause_is_as_believed(sprung, both):
     spring = both.axis.effects[0]
     assert sprung.without(both.axis, "quadratic_drag").effects == (spring,)

@@ -301,6 +301,7 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
 
 
 def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
+    """One cause taken out, everything else free: what it gains over the best of that."""
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]

@@ -46,9 +46,9 @@ _SOME = 8000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
 _REFINED, _AHEAD, _FITTED = 2, 10, 8
-# Guesses of an effect with inner states that are fitted for some turns, how many, and
-# those that may be of use which are fitted for more.
-_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = 6, (3, 10), 2
+# Guesses of an effect with inner states that are fitted for some turns, of the first cause
+# and of further ones; how many turns, and those that may be of use which are fitted for more.
+_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Turns of a fit beside the nominal base.
@@ -377,7 +377,8 @@ class Search:
                 found = self._parallel(
                     [(self._fitted, (now, [one[0]], _LED_TURNS)) for one in plain]
                 )
-            found += self._parallel([(self._patiently, (now, one)) for one in stiff])
+            most = _HARD_TRIED[0 if first else 1]
+            found += self._parallel([(self._patiently, (now, one[:most])) for one in stiff])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):
                     best[c.slug] = c
@@ -446,8 +447,7 @@ class Search:
 
     def _patiently(self, now: Solution, guessed) -> Candidate | None:  # type: ignore[no-untyped-def]
         """A candidate from many guesses; to the end those that promise to be of use."""
-        tried = [] if self.late else guessed[:_HARD_TRIED]
-        return self._fitted(now, tried, _HARD_TURNS[0], now.cost)
+        return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
 
     def _fitted(  # type: ignore[no-untyped-def]
         self, now: Solution, guessed, turns: int, below: float | None = None

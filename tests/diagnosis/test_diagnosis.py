@@ -41,7 +41,6 @@ HIDDEN = [
     ("gravity", 0, "short"),
     ("cogging", 0, "off"),
     ("presliding", 0, "exact"),
-    ("compliance", 0, "coarse"),
     ("input_delay", 0, "coarse"),
     ("time_periodic", 0, "exact"),
 ]

@@ -196,7 +196,9 @@ def test_noise_of_the_recorded_drive_moves_no_resting_axis(dwell):
     u = 7.95 + dwell + 0.24 * rng.standard_normal(3000)
     u[:300] -= dwell
     _, state = innovations(axis, u, np.zeros(u.size), 0.24**2, 1e-14, cell=3e-7)
-    assert np.mean(state[2] != 0.0) < 0.25
+    # With a fall of friction the few peaks that are believed slide until three readings say no:
+    # 3 N over 2 kg for 3 ms are 7 um.  Left to itself, it slides for nine tenths of the record.
+    assert np.mean(state[2] != 0.0) < (0.25 if dwell else 0.1)
     assert np.abs(state[0]).max() < (1e-5 if dwell else 3e-7)
 
 

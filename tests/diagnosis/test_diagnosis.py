@@ -36,12 +36,16 @@ HIDDEN = [
     ("bias_force", 0, "short"),
     ("coulomb_asymmetry", 0, "short"),
     ("stribeck", 0, "exact"),
+    ("quadratic_drag", 0, "short"),
     ("position_dependence", 0, "short"),
     ("spring", 0, "coarse"),
     ("gravity", 0, "short"),
     ("cogging", 0, "off"),
+    ("drift", 1, "short"),
     ("presliding", 0, "exact"),
+    ("compliance", 2, "short"),
     ("input_delay", 0, "coarse"),
+    ("actuator_lag", 1, "short"),
     ("time_periodic", 0, "exact"),
 ]
 CLEAN = [(0, "exact"), (1, "coarse")]

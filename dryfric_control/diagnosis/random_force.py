@@ -124,7 +124,8 @@ class Gate:
             return True
         if state.causes:
             return False
-        slow = [c.slug for c in candidates if hard(c.slug)]
+        # Also those that the likelihood has given up.
+        slow = [slug for slug in catalogue(self.axis, ()) if hard(slug)]
         return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), slow)))
 
     def opens_wide(self) -> bool:

@@ -74,8 +74,8 @@ def pneumatic(**settings) -> None:  # type: ignore[no-untyped-def]
         rows = rows[np.concatenate(([True], np.diff(rows[:, 0]) > 0.0))]
         t = np.arange(rows[0, 0], rows[-1, 0], 10.0) * 1e-3
         u, x = (np.interp(1e3 * t, rows[:, 0], rows[:, i]) for i in (6, 4))
-        # The force holds pressure times area, which the median of both ways is.
-        records.append(dfc.Record(t - t[0], u - np.median(u), 1e-3 * x, quantum=4e-6))
+        # The force holds pressure times area, which its mean is but for friction.
+        records.append(dfc.Record(t - t[0], u - np.mean(u), 1e-3 * x, quantum=4e-6))
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     d = diagnosed("pneumatic, four pressures", axis, records, known=("mass",), **settings)
     for level, known in zip(d.varies.get("coulomb", {}).get("values", ()), (5.4, 7.3, 8.8, 10.7),

@@ -7,7 +7,8 @@ import math
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,12 @@ from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.estimation.parameters import checked_knowledge, typical
 from dryfric_control.estimation.plausibility import warn_if_implausible
-from dryfric_control.estimation.windows import Windows, cut
+from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
+from dryfric_control.text import length_text
 from dryfric_control.ties import ranked, samples
 from dryfric_control.units import check_units
 
@@ -157,12 +159,11 @@ def diagnose(
     records: list[Any] = list(record) if several else [record]  # type: ignore[arg-type]
     if not records:
         raise ValueError("record: the list of records is empty: give at least one")
-    cuts, parts = [], []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
-        cuts.append(_cut(axis, one, window, hold, name))
-        parts.append(roles(cuts[-1]))
-        _check_motion(cuts[-1], parts[-1], name)
+        windows = _cut(axis, one, window, hold, name, _LEAST_WINDOWS // len(records))
+        if len(records) == 1 or len(windows) >= _LEAST_WINDOWS:
+            _check_motion(windows, roles(windows), name)
     if progress is None:
         # Other libraries import IPython too: only a running shell shows a bar.
         shell = sys.modules.get("IPython")
@@ -174,11 +175,13 @@ def diagnose(
         bar.update()
 
     with bar:
-        windows, part = cuts[0], parts[0]
         settings: dict[str, Any] = {"jobs": jobs, "known": known, "tolerance": tolerance}
-        race = Race(windows, axis, part == FIT, part == JUDGE, typical(records[:1]), **settings)
         until = begun + _SEARCHING * limit
-        selector = Selector(race, axis, tell, until)
+
+        @functools.cache
+        def trial(shift: float) -> Trial:
+            return Trial.of(axis, _later(records, shift), window, hold, settings, tell, until)
+
         search = Search(
             axis,
             records,
@@ -190,27 +193,79 @@ def diagnose(
             end=begun + _ANSWERING * limit,
             tell=tell,
         )
-        gate = Gate(windows, axis, race.fit, race.judge, settings)
-        alone, found = len(records) == 1, None
-        if not (alone and (_nothing(selector) or gate.at(axis, ()))):
-            found = answer(search, cuts, gate if alone else None)
+        alone, found, now = len(records) == 1, None, trial(0.0)
+        if not (alone and (_nothing(now.selector) or now.gate.at(axis, ()))):
+            gate = (lambda shift: trial(shift).gate) if alone else None
+            found = answer(search, lambda shift: trial(shift).cuts, gate)
         clean = ("nothing to find", "explained")
+        now = trial(search.shift)
+        told = _clock(search.shift)
         if (
             found is None
-            or (alone and found.free and gate.at(found.final.axis, found.free))
-            or (alone and found.verdict not in clean and not search.late and gate.opens_wide())
+            or (alone and found.free and now.gate.at(found.final.axis, found.free))
+            or (alone and found.verdict not in clean and not search.late and now.gate.opens_wide())
         ):
-            by_runs = _diagnosis(selector, search, windows.record, window, part)
+            by_runs = _diagnosis(now, search, window)
+            by_runs = replace(by_runs, messages=(*told, *by_runs.messages))
             if by_runs.verdict in clean or search.late:
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
-            found = found or answer(search, cuts)
+            found = found or answer(search, lambda shift: trial(shift).cuts)
             if found is None or found.verdict not in clean or not _agree(by_runs, found):
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
             found.varies = varying(search, found.final)
-        return _likely(axis, records, found, window, hold, part, limit == math.inf)
+        found.messages[:0] = told
+        return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Records cut into windows, and what free runs of the first one decide by.
+
+    Attributes
+    ----------
+    records : list of Record
+    cuts : list of Windows
+    part : ndarray of int64, shape (nwindows,)
+        What each window of the first record is used for.
+    selector : Selector
+    gate : Gate
+    """
+
+    records: list[Record]
+    cuts: list[Windows]
+    part: NDArray[np.int64]
+    selector: Selector
+    gate: Gate
+
+    @classmethod
+    def of(
+        cls, axis: FrictionAxis, records: list[Record], window: float, hold: str,
+        settings: dict[str, Any], tell: Callable[[str], None], until: float,
+    ) -> Trial:  # fmt: skip
+        """All of it, of some records."""
+        cuts = [cut(one, window, hold) for one in records]
+        first, part = cuts[0], roles(cuts[0])
+        race = Race(first, axis, part == FIT, part == JUDGE, typical(records[:1]), **settings)
+        gate = Gate(first, axis, race.fit, race.judge, settings)
+        return cls(records, cuts, part, Selector(race, axis, tell, until), gate)
+
+
+def _later(records: Sequence[Record], shift: float) -> list[Record]:
+    """Records whose inputs act some time later, earlier where it is negative [s]."""
+    if shift == 0.0:
+        return list(records)
+    return [one.replace(u=shifted(one.u, shift / one.dt)) for one in records]
+
+
+def _clock(shift: float) -> list[str]:
+    """What is said of inputs that act before their time stamps."""
+    if shift == 0.0:
+        return []
+    early = length_text(-shift, "s")
+    return [f"the recorded input acts {early} before its time stamp: d.record has it shifted"]
 
 
 def _agree(by_runs: Diagnosis, found: Answer) -> bool:
@@ -218,15 +273,17 @@ def _agree(by_runs: Diagnosis, found: Answer) -> bool:
     return {c.effect for c in by_runs.causes} <= {c.effect for c in found.causes}
 
 
-def _cut(axis: FrictionAxis, record: Record, window: float, hold: str, name: str) -> Windows:
+def _cut(
+    axis: FrictionAxis, record: Record, window: float, hold: str, name: str, least: int
+) -> Windows:
     """Windows of a record that can be diagnosed; ValueError for any other."""
     windows = cut(record, window, hold)
     check_units(axis, record, name)
     warn_if_implausible(axis, record, 4)
-    if len(windows) < _LEAST_WINDOWS:
+    if len(windows) < least:
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "
-            f"{window:g} s: give at least {_LEAST_WINDOWS} windows, or a shorter window"
+            f"{window:g} s: give at least {least} windows, or a shorter window"
         )
     return windows
 
@@ -391,9 +448,9 @@ def _found(axis: FrictionAxis, window: float, hold: str, record: Record) -> dict
     return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()
 
 
-def _diagnosis(
-    selector: Selector, search: Search, record: Record, window: float, part: NDArray[np.int64]
-) -> Diagnosis:
+def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
+    """The diagnosis that free runs make."""
+    selector, part, record = trial.selector, trial.part, trial.records[0]
     axis, race, bench = selector.axis, selector.race, selector.bench
     before = race.judged(race.alone(axis, (), base=()))
     floor_before = selector.floor_of(before)

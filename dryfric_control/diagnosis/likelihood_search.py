@@ -23,17 +23,19 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
 )
 from dryfric_control.estimation.force_residual import View
+from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     BASE,
     Likelihood,
-    Point,
     Run,
     Solution,
     maximise,
     prepare,
+    reach,
     some_of,
+    within_reach,
 )
-from dryfric_control.estimation.parameters import typical, values_of, with_values
+from dryfric_control.estimation.parameters import SHIFT, typical, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered
 from dryfric_control.model.friction import CoulombMap
@@ -81,6 +83,11 @@ _SPLIT = 0.01
 _FURTHER = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
+_DELAY, _BIAS = "input_delay", "bias_force"
+# Actions of effects that show as a force in a motion that is imposed.
+_FORCES = ("force", "friction")
+# Samples by which the recorded input may be late, tried first.
+_EARLIER = (0.5, 1.0, 2.0, 4.0, 8.0)
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
 _PAIRED, _HOPE = 4, 3.0
@@ -257,6 +264,11 @@ class Search:
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
         # What is zero by belief, such as an axis without viscous friction, may be wrong too.
         self.base = tuple(n for n in BASE if n not in self.known)
+        # Time by which the recorded inputs act later than their time stamps say, and its
+        # name where it is free: before them only, as after them is a delay of the machine.
+        self.clock: tuple[str, ...] = ()
+        self.shift = 0.0
+        self.view: type[Likelihood] = Likelihood
 
     @property
     def late(self) -> bool:
@@ -280,11 +292,14 @@ class Search:
     ) -> Likelihood:  # fmt: skip
         """Likelihood of an axis with the base and further parameters free."""
         base = self.base if base is None else base
-        return Likelihood(
-            axis, (*base, *free), self.few if runs is None else runs, believed=self.believed,
-            tolerance=self.tolerance, own=self.own, hold=self.hold, scales=self.scales,
-            wonder=wonder,
+        problem = self.view(
+            axis, (*base, *self.clock, *free), self.few if runs is None else runs,
+            believed=self.believed, tolerance=self.tolerance, own=self.own, hold=self.hold,
+            scales=self.scales, wonder=wonder, shift=self.shift,
         )  # fmt: skip
+        if self.clock:
+            problem.high[problem.names.index(SHIFT)] = 0.0
+        return problem
 
     def fit(
         self, axis: FrictionAxis, free: Sequence[str], noises: FloatArray | None = None,
@@ -303,7 +318,7 @@ class Search:
         """An axis as it is, its noises fitted alone; `idle`: without its drive."""
         runs = self.runs if runs is None else runs
         runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in runs]
-        problem = Likelihood(axis, (), runs, hold=self.hold, scales=self.scales)
+        problem = self.view(axis, (), runs, hold=self.hold, scales=self.scales)
         return maximise(problem, problem.start(1.0), 12)
 
     def references(self) -> dict[str, float]:
@@ -312,14 +327,55 @@ class Search:
         The line has no drive and no friction: what a model that mutes the drive
         comes to.
         """
+        found = {"nominal axis": self.reference(self.believed).cost}
+        return found if self.imposed else found | {"straight line": self._line(self.runs)}
+
+    def _line(self, runs: Sequence[Run]) -> float:
+        """Cost of a straight line."""
         line = FrictionAxis(mass=self.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
-        return {
-            "nominal axis": self.reference(self.believed).cost,
-            "straight line": self.reference(line, idle=True).cost,
-        }
+        return self.reference(line, idle=True, runs=runs).cost
+
+    @property
+    def imposed(self) -> bool:
+        """Whether something other than the drive makes the motion."""
+        return self.view is ForceView
+
+    def _look_at_the_force(self) -> None:
+        """Go on with the force that the motion needs, as the motion itself says nothing."""
+        self.view = ForceView
+        self.runs = self.few = [prepare_force(r) for r in self.records]
+        self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
+        self.part = 1.0
 
     def alone(self) -> Solution:
-        """The believed structure, its base parameters free: best of several starts."""
+        """The believed structure, its base parameters free: best of several starts.
+
+        Where a straight line does better, of the force that the motion needs.
+        """
+        found = self._alone()
+        if not self.imposed and self._line(self.few) < found.cost:
+            self._look_at_the_force()
+            found = self._alone()
+        if self.imposed and len(self.records) > 1:
+            found = self._apart(found)
+        return found
+
+    def _apart(self, now: Solution) -> Solution:
+        """The same with levels and offsets of each record's own, where they differ."""
+        base, also, own = self.base, self.also, self.own
+        for names in ((f"{_BIAS}.force", "coulomb"), ("coulomb",)):
+            if "coulomb" not in base or not set(names).isdisjoint(self.known):
+                continue
+            self.base = tuple(n for n in base if n not in names)
+            self.also, self.own = (*also, *names), (*own, *names)
+            fit = self._alone()
+            more = len(names) * len(self.records) - 1
+            if self.worth(now.cost - fit.cost, more) > 0.0 and self.held_out(now, fit).sure:
+                return fit
+        self.base, self.also, self.own = base, also, own
+        return now
+
+    def _alone(self) -> Solution:
         starts = [self.believed]
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
         if other:
@@ -343,11 +399,46 @@ class Search:
 
     # -- one step ------------------------------------------------------------------
 
+    def earlier(self, now: Solution) -> Solution | None:
+        """A model beside inputs that act before their time stamps, where data ask for it."""
+        if self.imposed or self.clock or any(n.startswith(_DELAY) for n in now.problem.names):
+            return None
+        noises = now.z[len(now.problem.names) :]
+        self.clock = (SHIFT,)
+        costs = {}
+        for samples in _EARLIER:
+            self.shift = -samples * self.scales.step
+            problem = self.problem(now.axis, self.free_of(now))
+            z = problem.start()
+            z[len(problem.names) :] = noises
+            costs[self.shift] = problem.at(z).cost
+        # The model may have bent for want of it: no cost need be lower yet.
+        self.shift = min(costs, key=costs.__getitem__)
+        fit = self.fit(now.axis, self.free_of(now), noises, _ITERATIONS)
+        sure = fit.values()[SHIFT] < -CLEAR * fit.standard_errors()[SHIFT]
+        paid = self.worth(now.cost - fit.cost, 1) > 0.0
+        found = fit if sure and paid and self.held_out(now, fit).sure else None
+        self.clock, self.shift = (), 0.0
+        return found
+
+    def still_early(self, fit: Solution) -> bool:
+        """Whether unseen data still ask for inputs that act before their time stamps."""
+        noises = fit.z[len(fit.problem.names) :]
+        shift, self.clock = self.shift, ()
+        less = self.fit(fit.axis, self.free_of(fit), noises)
+        self.clock, self.shift = (SHIFT,), shift
+        return self.held_out(less, fit).sure
+
+    def shifted_by(self, fit: Solution | None) -> None:
+        """Go on with the inputs as early as in a fit, or as recorded."""
+        self.clock = () if fit is None else (SHIFT,)
+        self.shift = 0.0 if fit is None else fit.values()[SHIFT]
+
     def _at_nominal(self, now: Solution) -> Solution:
         """A fit with the base as believed."""
         names = [n for n in self.base if n in now.problem.names]
         axis = with_values(now.axis, names, [self.nominal[n] for n in names])
-        alone = Likelihood(axis, (), self.few, hold=self.hold, scales=self.scales)
+        alone = self.view(axis, (), self.few, hold=self.hold, scales=self.scales)
         noises = maximise(alone, alone.start(1.0), 6).z
         return self.fit(axis, self.free_of(now), noises, 0)
 
@@ -355,6 +446,11 @@ class Search:
         """Every effect of the catalogue beside a model, quickly refined, best first."""
         present = named(now.axis)
         effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
+        if self.imposed:
+            effects = tuple(e for e in effects if effect_class(e).action in _FORCES and not hard(e))
+        if self.clock:
+            # An input that may be early cannot tell a delay.
+            effects = tuple(e for e in effects if e != _DELAY)
         besides = [now]
         if first and self._bent(now):
             # The base may have bent only for want of the cause.
@@ -474,7 +570,8 @@ class Search:
 
     def free_of(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of a model beside the base."""
-        return tuple(dict.fromkeys(n for n in now.problem.names if n not in self.base))
+        others = (*self.base, SHIFT)
+        return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
 
     def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
         """A few joint steps along new slopes of the candidate and old ones of the rest."""
@@ -504,18 +601,14 @@ class Search:
             free = np.flatnonzero(~held)
             size = np.sqrt(np.diag(h)[free])
             unit = h[np.ix_(free, free)] / np.outer(size, size)
+            far = reach(problem, free, size)
             moved = False
             for _ in range(3):
                 step = np.zeros(problem.size)
-                step[free] = (
-                    -np.linalg.solve(unit + damping * np.eye(free.size), g[free] / size) / size
-                )
-                step *= min(1.0, 0.7 / max(np.max(np.abs(step[:count])), 1e-300))
+                damped = unit + damping * np.eye(free.size)
+                step[free] = within_reach(damped, g[free] / size, far) / size
                 new = np.clip(z + step, problem.low, problem.high)
-                try:
-                    tried = problem.at(new)
-                except ValueError:
-                    tried = Point(math.inf, [], [])
+                tried = problem.tried(new)
                 if tried.cost < point.cost:
                     fall = point.cost - tried.cost
                     z, point, moved = new, tried, True
@@ -634,15 +727,22 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
         now = state.fit
-        if state.causes:
+        if state.causes or search.clock:
             search.tell(f"cause {len(state.causes) + 1}")
-            candidates = search.screen(now, False)
+            candidates = search.screen(now, not state.causes)
         else:
             candidates = list(search.first[1])
             state.first = {c.slug: now.cost - c.cost for c in candidates}
         if end is not None and end(state, candidates):
             return None
         ranked = search.extend(now, candidates)
+        early = search.earlier(now)
+        if early is not None:
+            gain = search.worth(now.cost - early.cost, 1)
+            if not ranked or gain > ranked[0][0]:
+                search.shifted_by(early)
+                state.fit = early
+                continue
         if (not ranked or ranked[0][0] < 0.0) and not search.late:
             pair = _pair(search, now, candidates)
             if pair is None:
@@ -707,6 +807,7 @@ def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # ty
             search.worth(now.cost - fit.cost, len(names), 2) > 0.0
             and search.sound(fit, a.slug, a.free)
             and search.sound(fit, b.slug, b.free)
+            and (search.simpler(fit, now) or search.held_out(now, fit).sure)
         ):
             return (a, b), fit
     return None

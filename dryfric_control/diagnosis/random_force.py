@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -59,6 +60,17 @@ _WORSE = 1.1
 # Part of the windows that may err more than all their replays, and mean score above the
 # replays that is none.
 _STRAY, _EXCESS = 0.1, 0.2
+# Standard errors of what each record has of its own over those without one parameter more,
+# beyond which the two are not told apart.
+_BLURRED = 2.0
+# RMS of the force left over that of its changes from sample to sample beyond which it has
+# structure.
+_SMOOTH = 1.5
+# What is said where the force decides.
+IMPOSED = (
+    "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
+    "nothing of the forces, and the drive was held against the force that the motion needs"
+)
 # RMS error of free runs over that of the replays beyond which there is something to find.
 _BEYOND = 4.0
 
@@ -179,9 +191,17 @@ class Answer:
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
 
 
-def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None) -> Answer | None:
-    """Search for causes, and everything that is said about them; None where the gate opens."""
-    state = forward(search, end=None if gate is None else gate.opens)
+def answer(
+    search: Search,
+    cut: Callable[[float], Sequence[Windows]],
+    gate: Callable[[float], Gate] | None = None,
+) -> Answer | None:
+    """Search for causes, and everything that is said about them; None where the gate opens.
+
+    `cut` and `gate`: the windows and the gate of the records with their inputs acting
+    some seconds later than recorded.
+    """
+    state = forward(search, end=gate and (lambda *now: gate(search.shift).opens(*now)))
     if state is None:
         return None
     messages: list[str] = []
@@ -192,7 +212,8 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
     while True:
         final, kept, judged = _confirmed(search, state)
         search.tell("replays")
-        motion, left, worse = _motion(search, windows, final)
+        windows = cut(search.shift)
+        motion, left, worse = _judge(search)(search, windows, final)
         # Structure that is left may follow a cause that is not there.
         quiet = [c for c in state.causes if left.significant and judged[c].louder < _LOUDER]
         if not quiet or search.late:
@@ -207,15 +228,17 @@ def answer(search: Search, windows: Sequence[Windows], gate: Gate | None = None)
         state.causes.clear()
         state.free.clear()
         kept, final = [], search.reference(search.believed)
-        motion, left, _ = _motion(search, windows, final)
+        motion, left, _ = _judge(search)(search, windows, final)
     structured = left.significant
     # A few windows may err beyond their replays, but not by orders of magnitude.
-    if motion.after > _BEYOND * motion.floor:
+    if not search.imposed and motion.after > _BEYOND * motion.floor:
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
     causes += _wrong_base(search, state, final, kept)
     messages += _warnings(search, final, causes)
+    if search.imposed:
+        messages.append(IMPOSED)
     if causes:
         verdict = "partly explained" if structured else "explained"
     else:
@@ -284,7 +307,12 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
     """The fit with the causes that unseen data confirm, and what they say about each."""
     while True:
         search.tell("base parameters needed")
+        if search.clock and not search.late and not search.still_early(state.fit):
+            search.shifted_by(None)
+            state.fit = search.fit(state.fit.axis, search.free_of(state.fit))
         final, kept = _base(search, state)
+        if search.clock:
+            search.shifted_by(final)
         judged: dict[str, Judged] = {}
         for slug in state.causes:
             search.tell(f"{slug} confirmed")
@@ -310,13 +338,16 @@ def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
     few: dict[str, Any] = {"wonder": False}
     free = search.free_of(final)
     with_all = search.fit(final.axis, free, noises, 6, **few)
-    starts = [rest, with_values(rest, list(search.base), [search.nominal[n] for n in search.base])]
-    tries = [search.fit(a, names, None, 15, **few) for a in starts[: 1 if search.late else 2]]
+    nominal = with_values(rest, list(search.base), [search.nominal[n] for n in search.base])
+    tries = [search.fit(rest, names, noises, **few)]
+    problem = search.problem(nominal, names)
+    if not search.late and math.isfinite(problem.tried(problem.start(1.0)).cost):
+        tries.append(search.fit(nominal, names, None, **few))
     less = min(tries, key=lambda s: s.cost)
     found = search.held_out(less, with_all)
     equal = less.cost - with_all.cost < EQUAL
     if equal or (search.simpler(final, less) and not found.sure):
-        alone = search.fit(rest, names, None, 15, base=kept, **few)
+        alone = search.fit(rest, names, noises, base=kept, **few)
         by_itself = search.held_out(alone, with_all)
         if equal or by_itself.sure:
             others = _moved(search, final, less)
@@ -453,6 +484,42 @@ def _motion(
     return gain, left_over, bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
 
 
+def _needed(
+    search: Search, windows: Sequence[Windows], final: Solution
+) -> tuple[Gain, Unexplained, bool]:
+    """`_motion` where the motion is imposed: the force that it needs beside the drive.
+
+    The floor is what changes from one sample to the next.
+    """
+    nominal = search.reference(search.believed)
+    blocks: list[list[float]] = [[], [], []]
+    for run, before, after in zip(
+        final.problem.runs, nominal.point.out, final.point.out, strict=True
+    ):
+        noise = np.diff(after[0], prepend=after[0, :1]) / math.sqrt(2.0)
+        together = run.active & np.roll(run.active, 1)
+        for row, one, where_ in zip(
+            blocks, (before[0], after[0], noise), (run.active, run.active, together), strict=True
+        ):
+            for a, b in itertools.pairwise(run.edges):
+                if run.active[a:b].any():
+                    row.append(float(np.sum(one[a:b] ** 2 * where_[a:b]) / run.active[a:b].sum()))
+    rows = [np.array(row) for row in blocks]
+    rng = np.random.default_rng(0)
+    picks = rng.integers(0, rows[0].size, size=(1000, rows[0].size))
+    ratios = np.sqrt(rows[0][picks].sum(axis=1) / np.maximum(rows[1][picks].sum(axis=1), 1e-300))
+    low, high = np.quantile(ratios, [0.05, 0.95])
+    first, last, floor = (float(np.sqrt(row.mean())) for row in rows)
+    gain = Gain(first, last, floor, (float(low), float(high)), search.believed.units[1])
+    structured = gain.after > _SMOOTH * gain.floor
+    return gain, Unexplained(gain.left if structured else 0.0, structured, ()), False
+
+
+def _judge(search: Search) -> Callable[..., tuple[Gain, Unexplained, bool]]:
+    """What says how much a fit explains and how much it leaves."""
+    return _needed if search.imposed else _motion
+
+
 def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
     """Whether free runs err as much as those of replays with the random force."""
     out = floor.outliers(scores, active)
@@ -462,14 +529,20 @@ def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
     return bool(excess < max(_EXCESS, 4.0 * spread))
 
 
+def _apart(less: Solution, more: Solution) -> bool:
+    """Whether what each record has of its own is told as well beside one parameter more."""
+    before, after = less.standard_errors(), more.standard_errors()
+    return all(after[n] < _BLURRED * before[n] for n in before if "@" in n)
+
+
 def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]]:
     """Parameters that differ from record to record: values and standard errors."""
     if len(search.runs) < 2:
         return {}
     names, free = list(final.problem.names), search.free_of(final)
-    base = [n for n in BASE if n not in search.known]
+    base = [n for n in BASE if n not in search.known and n not in free]
     noises = final.z[len(names) :]
-    own: list[str] = []
+    own = list(search.own)
     now = final
     while not search.late:
         best = None
@@ -482,6 +555,8 @@ def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]
                 wonder=False, runs=search.runs,
             )  # fmt: skip
             gain = search.worth(now.cost - one.cost, len(search.runs) - 1)
+            if not _apart(now, one):
+                continue
             if best is None or gain > best[0]:
                 best = (gain, name, one)
         if best is None or best[0] < 0.0:

@@ -31,6 +31,9 @@ _NOISE, _LONGEST = 0.02, 81
 # Periods: points of the search grid within one width of the main lobe, most of them
 # in the record, and how many are followed.
 _FINE, _MOST_PERIODS, _STRONGEST = 4, 400, 2
+# Change of the drive over its deviation that shows how an axis answers to it, and the
+# least answer.
+_STEP, _ANSWERS = 1e-3, 1e-6
 
 
 class Sliding:
@@ -95,6 +98,15 @@ class Sliding:
     def force_residual(self, axis: FrictionAxis) -> FloatArray:
         """Drive that the axis would need less the drive it had, shape (n,)."""
         return np.asarray(axis.mass * (self.a - self.accelerations(axis)))
+
+    def answer_to_drive(self, axis: FrictionAxis) -> FloatArray:
+        """Force on an axis in these states over a small change of its drive, shape (n,)."""
+        step = _STEP * (float(np.std(self.u)) or 1.0)
+        ends = [
+            _accelerations(axis, self.t, self.x, self.v, self.u + side, self.direction)
+            for side in (-step, step)
+        ]
+        return np.maximum(axis.mass * (ends[1] - ends[0]) / (2.0 * step), _ANSWERS)
 
 
 class View(Sliding):

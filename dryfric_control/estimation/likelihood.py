@@ -41,6 +41,7 @@ from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]
 
 #: Base parameters, which have a prior unless they are known.
 BASE = ("mass", "viscous", "coulomb")
@@ -56,10 +57,10 @@ _OFFSET = 0.1
 _WONDER, _SPREAD = 2.0, 0.02
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
-# Fall of the cost that a step must promise to be worth trying, and the promise
-# beyond which a search that ends has not converged: where no step keeps it, as the cost
-# is rough, and where it ran out of turns.
-_PROMISED, _ROUGH, _FAR = 0.05, 10.0, 1.0
+# Fall of the cost that a step must promise to be worth trying, and the turns that may
+# bring less; the promise beyond which a search that ends has not converged: where no step
+# keeps it, as the cost is rough, and where it ran out of turns.
+_PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
 _ITERATIONS = 40
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
@@ -67,8 +68,17 @@ _WIDER = 4.0
 # Radians that a contact turns in one sample, and a transmission with its damping, beyond
 # which they are rigid: more than the samples show, and steps by the dozen.
 _STIFF_CONTACT, _STIFF = 3.0, 4.0
-# Longest step of a search coordinate of order 1, and of a noise's logarithm.
-_REACH, _NOISE_REACH = 0.7, 3.0
+# Longest step of a search coordinate of order 1, of one that is hardly known in standard
+# errors, and of a noise's logarithm.
+_REACH, _REACH_ERRORS, _NOISE_REACH = 0.7, 2.0, 3.0
+# Turns in which the noises alone are sought first, the change of their logarithms that
+# ends it, and the step of their slopes.
+_NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
+# Least part of the information about a noise that the cost may bend by.
+_NOISE_BENT = 0.15
+# Part of the foreseen fall from which a step is trusted more, and below which less; how
+# the damping follows.
+_TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
 # Parts of the random force that are tried where a search ends.
 _QUIETER = (0.5, 0.2, 0.07)
 # Step of a noise's logarithm for its slopes.
@@ -178,6 +188,10 @@ class Likelihood:
     own : sequence of str, optional
         Free parameters of which every record has its own value.
     hold : {"zero", "first"}, optional
+    scales : Scales, optional
+        Typical sizes; of the records by default.
+    shift : float, optional
+        First guess of the time by which the recorded inputs act later [s].
     """
 
     def __init__(
@@ -192,8 +206,9 @@ class Likelihood:
         own: Sequence[str] = (),
         hold: str = "zero",
         scales: Scales | None = None,
+        shift: float = 0.0,
     ) -> None:
-        self.runs = tuple(runs)
+        self.runs, self.shift = tuple(runs), shift
         records = [r.record for r in self.runs]
         found: tuple[Parameter, ...] = ()
         axis = axis.effective()
@@ -233,23 +248,32 @@ class Likelihood:
                 value, spread, _ = self.beliefs[j]
                 most = max(MOST, math.exp(min(4.0 * spread, 6.0)))
                 self.low[j], self.high[j] = (p.search(value * f) for f in (1.0 / most, most))
+        self._bound_noises()
+        self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
+        # How the cost bends with each coordinate, from its last slopes.
+        self.bends = np.full(self.size, np.nan)
+        self.passes = 0
+
+    def _bound_noises(self) -> None:
+        n = len(self.names)
         for i, run in enumerate(self.runs):
             a, b = n + 2 * i, n + 2 * i + 1
             self.low[a], self.high[a] = (2.0 * math.log(f * run.drive) for f in _FORCE)
             self.low[b] = math.log(run.floor)
             self.high[b] = 2.0 * math.log(max(run.record.range, 1e-12))
-        self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
-        self.passes = 0
 
     def on(self, runs: Sequence[Run]) -> Likelihood:
         """The same of other samples of the same records."""
         other = copy.copy(self)
-        other.runs, other.steps = tuple(runs), self.steps.copy()
+        other.runs, other.steps, other.bends = tuple(runs), self.steps.copy(), self.bends.copy()
         return other
 
     def start(self, force: float = 0.1) -> FloatArray:
         """Search coordinates of the axis itself, the random force a part of the drive."""
-        z = [p.search(float(values_of(self.axis, [p.name])[0])) for p in self.parameters]
+        z = [
+            p.search(self.shift if p.name == SHIFT else float(values_of(self.axis, [p.name])[0]))
+            for p in self.parameters
+        ]
         for run in self.runs:
             z += [
                 2.0 * math.log(force * run.drive),
@@ -312,6 +336,13 @@ class Likelihood:
         return Point(
             cost if math.isfinite(cost) else math.inf, [a for a, _ in pairs], [b for _, b in pairs]
         )
+
+    def tried(self, z: FloatArray) -> Point:
+        """The same, of infinite cost where there is no such axis."""
+        try:
+            return self.at(z)
+        except ValueError:
+            return Point(math.inf, [], [])
 
     def blocks(self, i: int, out: FloatArray) -> FloatArray:
         """Cost of each block of record i."""
@@ -400,10 +431,25 @@ class Likelihood:
             if np.isfinite(out).all():
                 ends[side], widths[side] = out, abs(moved[j] - z[j])
         wide = sum(widths)
+        self.bends[j] = np.nan
         if wide == 0.0:
             return np.zeros(self.runs[i].edges.size - 1)
         compiled.slopes(point.out[i], ends[0], ends[1], widths[0], widths[1], slope)
-        return (self.blocks(i, ends[1]) - self.blocks(i, ends[0])) / wide
+        below, above = (self.blocks(i, end) for end in ends)
+        if min(widths) > 0.0:
+            here = compiled.cost(point.out[i], self.runs[i].active)
+            self.bends[j] = (below.sum() + above.sum() - 2.0 * here) / (0.25 * wide**2)
+        return (above - below) / wide
+
+    def bent(self, h: FloatArray) -> FloatArray:
+        """Information with the noises' part as the cost bends: it is less than their sum of
+        squares where readings fall short of normal noise, quantised ones above all."""
+        n = len(self.names)
+        part = np.ones(self.size)
+        bends, whole = self.bends[n:], np.diag(h)[n:]
+        seen = np.isfinite(bends) & (whole > 0.0)
+        part[n:][seen] = np.clip(bends[seen] / whole[seen], _NOISE_BENT, 1.0)
+        return h * np.sqrt(np.outer(part, part))
 
     def refine(self, h: FloatArray, wider: float = 1.0) -> None:
         """Steps of the slopes, from how well the coordinates are known."""
@@ -505,15 +551,14 @@ class Solution:
         g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
         costs = np.zeros(half.size)
-        reach = np.concatenate(
-            (np.full(len(problem.names), _REACH), np.full(2 * len(problem.runs), _NOISE_REACH))
-        )
+        size = np.sqrt(np.maximum(np.diag(h), 1e-12))
+        far = reach(problem, np.arange(problem.size), size) / size
         for k in (0, 1):
             mine = half == k
             rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
             step = np.linalg.lstsq(rest, gradients[mine].sum(axis=0) - g, rcond=1e-12)[0]
-            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / reach)), 1e-300))
-            point = problem.at(np.clip(self.z + step, problem.low, problem.high))
+            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
+            point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
             if not math.isfinite(point.cost):
                 costs[mine] = math.inf
                 continue
@@ -557,6 +602,66 @@ def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArr
     return z, point
 
 
+def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
+    """The noises that go with parameters as they are: Newton's method on their own slopes.
+
+    From much too large a random force the readings say little of the parameters.
+    """
+    n = len(problem.names)
+    for _ in range(_NOISE_TURNS):
+        new = z.copy()
+        for j in range(n, problem.size):
+            if problem.low[j] == problem.high[j]:
+                continue
+            run = problem.runs[(j - n) // 2]
+            costs, widths = [], []
+            for sign in (-1.0, 1.0):
+                moved = z.copy()
+                moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
+                widths.append(abs(moved[j] - z[j]))
+                costs.append(compiled.cost(problem._filter(moved, (j - n) // 2)[0], run.active))
+            slope = (costs[1] - costs[0]) / sum(widths)
+            here = compiled.cost(point.out[(j - n) // 2], run.active)
+            bend = (sum(costs) - 2.0 * here) / _NOISE_WIDE**2 if min(widths) > 0.0 else 0.0
+            step = -slope / max(bend, abs(slope) / _NOISE_REACH, 1e-300)
+            new[j] = np.clip(z[j] + step, problem.low[j], problem.high[j])
+        tried = problem.at(new)
+        if not tried.cost < point.cost:
+            break
+        moved_by = float(np.max(np.abs(new - z)))
+        z, point = new, tried
+        if moved_by < _NOISE_ENOUGH:
+            break
+    return z, point
+
+
+def reach(problem: Likelihood, free: IndexArray, size: FloatArray) -> FloatArray:
+    """Longest step of some coordinates, in standard errors 1/size of each by itself."""
+    parameter = free < len(problem.names)
+    return np.maximum(
+        np.where(parameter, _REACH, _NOISE_REACH) * size, np.where(parameter, _REACH_ERRORS, 0.0)
+    )
+
+
+def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
+    """Newton step in coordinates of unit information, no coordinate beyond its reach.
+
+    One that would go farther stays at its reach and the others follow it: that it is
+    hardly known must not hold up the rest.
+    """
+    step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
+    while not fixed.all():
+        free = ~fixed
+        rest = -g[free] - unit[np.ix_(free, fixed)] @ step[fixed]
+        step[free] = np.linalg.solve(unit[np.ix_(free, free)], rest)
+        over = free & (np.abs(step) > reach)
+        if not over.any():
+            break
+        step[over] = np.clip(step[over], -reach[over], reach[over])
+        fixed |= over
+    return step
+
+
 def maximise(
     problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
 ) -> Solution:
@@ -565,10 +670,10 @@ def maximise(
     `until`: reading of `time.monotonic` at which it stops where it is.
     """
     z = np.clip(z, problem.low, problem.high)
-    n = len(problem.names)
-    reach = np.concatenate((np.full(n, _REACH), np.full(problem.size - n, _NOISE_REACH)))
     point = problem.at(z)
-    damping, promised, turn, wider = 1e-3, math.inf, 0, 1.0
+    if problem.names and iterations:
+        z, point = _noises(problem, z, point)
+    damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
     quiet = stalled = False
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
@@ -577,41 +682,44 @@ def maximise(
         problem.refine(h, wider)
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
-        h = h + np.diag(prior_h)
+        h = problem.bent(h) + np.diag(prior_h)
         held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
         held |= np.diag(h) <= 1e-12
         free = np.flatnonzero(~held)
         inner = h[np.ix_(free, free)]
         size = np.sqrt(np.diag(inner))
-        unit = inner / np.outer(size, size)
+        unit, slope = inner / np.outer(size, size), g[free] / size
         promised = 0.5 * float(
-            (g[free] / size) @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), g[free] / size,
-                                               rcond=None)[0]
-        )  # fmt: skip
+            slope @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), slope, rcond=None)[0]
+        )
         if time.monotonic() > until:
             break
-        if promised < _PROMISED:
+        if creeping >= _CREEPING:
+            promised = min(promised, _PROMISED)
+        if promised <= _PROMISED:
             before = point
             if not quiet:
                 z, point = _quieter(problem, z, point)
             if point is before:
                 break
-            quiet = True
+            quiet, creeping = True, 0
             continue
+        far = reach(problem, free, size)
         moved = False
         while damping < 1e7:
-            damped = unit + damping * np.eye(free.size)
             step = np.zeros(problem.size)
-            step[free] = -np.linalg.solve(damped, g[free] / size) / size
-            step *= min(1.0, 1.0 / max(np.max(np.abs(step) / reach), 1e-300))
+            step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
             new = np.clip(z + step, problem.low, problem.high)
-            try:
-                new_point = problem.at(new)
-            except ValueError:
-                new_point = Point(math.inf, [], [])
+            new_point = problem.tried(new)
             if new_point.cost < point.cost:
+                fall, by = point.cost - new_point.cost, (new - z)[free] * size
+                kept = fall / max(-float(slope @ by + 0.5 * by @ unit @ by), 1e-300)
+                if kept > _TRUSTED:
+                    damping = max(0.1 * damping, 1e-9)
+                elif kept < _MISTRUSTED:
+                    damping = 10.0 * max(damping, _DAMPED)
+                creeping = creeping + 1 if fall < _PROMISED else 0
                 z, point, moved = new, new_point, True
-                damping = max(0.1 * damping, 1e-9)
                 break
             damping *= 10.0 if damping > 1e-3 else 100.0
         if not moved:

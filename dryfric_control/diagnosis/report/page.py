@@ -85,6 +85,7 @@ def _found(d: Findings) -> dict[str, Any]:
         "causes": [_cause(d, cause) for cause in d.main_causes],
         "corrections": [_cause(d, cause) for cause in d.small_corrections],
         "small": f"{100.0 * SMALL:g}",
+        "gain_title": wording.gain_title(d).capitalize(),
         "gain": wording.gain_text(d),
         "unexplained": wording.places_text(d) if d.unexplained.significant else "",
         "further": wording.further_lines(d),

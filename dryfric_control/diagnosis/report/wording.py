@@ -163,6 +163,13 @@ def acts_on_level(cause: Cause) -> bool:
     )
 
 
+def gain_title(d: Findings) -> str:
+    """What the gain is of."""
+    if d.gain.unit == d.axis.units[1]:
+        return "force that the motion needs beside the drive"
+    return "error of free runs on unseen data, each from its most likely start"
+
+
 def gain_text(d: Findings) -> str:
     """Error of free runs before and after, and how much of it is left, in one line."""
     g = d.gain
@@ -235,9 +242,7 @@ def summary_lines(d: Findings) -> list[str]:
         lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")
     for cause in small:
         lines.append(f"    {cause_text(cause, d.axis)}")
-    lines.append(
-        f"error of free runs on unseen data, each from its most likely start: {gain_text(d)}"
-    )
+    lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.unexplained.significant:
         lines.append("unexplained: " + places_text(d))
     lines += further_lines(d)

@@ -1,0 +1,84 @@
+"""Fit of an axis to the drive of sliding samples: where the motion is imposed.
+
+A tight position loop, or a bench that moves the axis, leaves nothing of the force in the
+motion: a straight line foresees the readings better than any model does.  The drive then
+*is* the force that the motion asks for (theory: friction as the input of a slow walk), and
+what a model gets wrong of it is the innovation.  It is taken as white although it is
+correlated: a force that may walk would take every slow cause for its own.  What it
+overstates, blocks of the record put right, in standard errors and on unseen data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled.likelihood import FIRST
+from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
+from dryfric_control.records.record import Record
+
+FloatArray = NDArray[np.float64]
+
+# Length of the blocks over which scores are summed, longer than what is left is likely to
+# be correlated [s].
+_BLOCK = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRun(Run):
+    """One record as the force view reads it.
+
+    Attributes
+    ----------
+    sliding : Sliding
+        Its sliding samples, with their smoothed motion.
+    index : ndarray of int64, shape (nsliding,)
+        Where they are in the record.
+    """
+
+    sliding: Sliding
+    index: NDArray[np.int64]
+
+
+def prepare_force(record: Record) -> ForceRun:
+    """A record ready for the force view: its sliding samples are active."""
+    run, sliding = prepare(record, block=_BLOCK), Sliding(record)
+    index = np.searchsorted(record.t, sliding.t)
+    active = np.zeros(len(record), bool)
+    active[index] = True
+    active[: FIRST + 1] = False
+    given: dict[str, Any] = {f.name: getattr(run, f.name) for f in fields(Run)}
+    return ForceRun(**given | {"active": active}, sliding=sliding, index=index)
+
+
+class ForceView(Likelihood):
+    """Parameters of an axis, and size of the force that it leaves.
+
+    The same as `Likelihood` but for what a sample tells: its innovation is the drive that
+    the model would need for the measured motion less the drive it had: a model that
+    answers less to its drive would need more of it.  Readings have no noise of their own.
+    """
+
+    runs: tuple[ForceRun, ...]
+
+    def _bound_noises(self) -> None:
+        super()._bound_noises()
+        n = len(self.names)
+        self.low[n + 1 :: 2] = self.high[n + 1 :: 2] = 0.0
+
+    def _filter(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+        """Innovations of record i, and its motion in place of filtered states."""
+        run = self.runs[i]
+        axis, n = self.axis_at(z, i), len(run.record)
+        left = run.sliding.force_residual(axis) / run.sliding.answer_to_drive(axis)
+        out, state = np.zeros((2, n)), np.zeros((4, n))
+        out[0, run.index], out[1, run.index] = left, self.noises(z, i)[0]
+        state[0], state[1, run.index] = run.record.x, run.sliding.v
+        state[2, run.index] = run.sliding.direction
+        state[3, run.index] = left * run.record.dt / axis.mass
+        self.passes += 1
+        return out, state

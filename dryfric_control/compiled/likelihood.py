@@ -136,6 +136,12 @@ def _coarse(plant, held, t, h, x, v, rest):
     return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
 
 
+# Travels of the record within which a state stays, and by how much it may be faster than any
+# reading, or change by as many cells.  An axis that drives itself, as with negative friction,
+# would be followed through every period of what depends on its place.
+_LOST, _FASTER = 10.0, 100.0
+
+
 @njit(cache=True, error_model="numpy")
 def _escape(margin, deviation):
     """Mean square by which a random force beyond a margin differs from its mean course.
@@ -228,6 +234,7 @@ def innovations(
     points = np.empty((2, 5))
     deviation = math.sqrt(force)
     dx = 1e-6 * span
+    farthest = _FASTER * max(np.abs(np.diff(y)).max(), _FASTER * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
     memory[step.X], memory[step.V] = y[0], v0
@@ -417,7 +424,7 @@ def innovations(
             memory[step.X], memory[step.V] = x, v
             if contact and memory[step.MODE] == 0.0:
                 memory[step.DEFLECTION] += gain * e
-        if not (abs(x) < 1e150 and abs(v) < 1e150):
+        if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             for i in range(k, n):
                 out[0, i], out[1, i] = np.inf, 1.0
             return

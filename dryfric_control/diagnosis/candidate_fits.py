@@ -278,7 +278,7 @@ class Race:
         record = self.bench.record
         known = base.hypothesis.values(base.z)
         views = [(View(base.axis, record, self.believed), known)]
-        if any(abs(known[n] / v - 1.0) > 0.005 for n, v in self.believed.items() if n in known):
+        if any(abs(known[n] - v) > 0.005 * v for n, v in self.believed.items() if n in known):
             # The base may have bent only for want of the cause.
             straight = known | {n: v for n, v in self.believed.items() if n in known}
             names = [n for n in self.believed if n in known]

@@ -194,16 +194,18 @@ def diagnose(
             tell=tell,
         )
         alone, found, now = len(records) == 1, None, trial(0.0)
+        judged = alone
         if not (alone and (_nothing(now.selector) or now.gate.at(axis, ()))):
             gate = (lambda shift: trial(shift).gate) if alone else None
             found = answer(search, lambda shift: trial(shift).cuts, gate)
+            judged = alone and not search.imposed
         clean = ("nothing to find", "explained")
         now = trial(search.shift)
         told = _clock(search.shift)
         if (
             found is None
-            or (alone and found.free and now.gate.at(found.final.axis, found.free))
-            or (alone and found.verdict not in clean and not search.late and now.gate.opens_wide())
+            or (judged and found.free and now.gate.at(found.final.axis, found.free))
+            or (judged and found.verdict not in clean and not search.late and now.gate.opens_wide())
         ):
             by_runs = _diagnosis(now, search, window)
             by_runs = replace(by_runs, messages=(*told, *by_runs.messages))

@@ -68,8 +68,9 @@ EQUAL = 4.0
 _SHARE, _HARD_SHARE, _SLACK = 0.4, 0.8, 8.0
 # Iterations of a fit while candidates are compared, and of a fit that ends.
 _ITERATIONS, _LAST = 15, 30
-# Base values whose logarithm is off by more may be bent by what is missing.
-_BENT = 0.1
+# Base values whose logarithm is off by more may be bent by what is missing, beside none and
+# beside some causes.
+_BENT, _BOLD = 0.1, math.log(2.0)
 # Errors of a parameter within which its neutral value means that nothing is there.
 _SURE = 2.0
 # Part of the travel of the record beyond its ends where a place is still in it.
@@ -84,6 +85,8 @@ _FURTHER = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _DELAY, _BIAS = "input_delay", "bias_force"
+# Part of the drive that may be left unexplained where the motion is imposed.
+_IMPOSED = 0.5
 # Actions of effects that show as a force in a motion that is imposed.
 _FORCES = ("force", "friction")
 # Samples by which the recorded input may be late, tried first.
@@ -343,7 +346,7 @@ class Search:
     def _look_at_the_force(self) -> None:
         """Go on with the force that the motion needs, as the motion itself says nothing."""
         self.view = ForceView
-        self.runs = self.few = [prepare_force(r) for r in self.records]
+        self.runs = self.few = [prepare_force(r, self.hold) for r in self.records]
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
 
@@ -353,11 +356,18 @@ class Search:
         Where a straight line does better, of the force that the motion needs.
         """
         found = self._alone()
-        if not self.imposed and self._line(self.few) < found.cost:
-            self._look_at_the_force()
-            found = self._alone()
-        if self.imposed and len(self.records) > 1:
-            found = self._apart(found)
+        if self.imposed or self._line(self.few) > found.cost:
+            return found
+        before = dict(self.__dict__)
+        self._look_at_the_force()
+        by_force = self._alone()
+        if len(self.records) > 1:
+            by_force = self._apart(by_force)
+        runs = by_force.problem.runs
+        if max(by_force.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED:
+            return by_force
+        # The drive does not follow the motion either: a cause is what is missing.
+        self.__dict__.update(before)
         return found
 
     def _apart(self, now: Solution) -> Solution:
@@ -452,7 +462,7 @@ class Search:
             # An input that may be early cannot tell a delay.
             effects = tuple(e for e in effects if e != _DELAY)
         besides = [now]
-        if first and self._bent(now):
+        if self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
         best: dict[str, Candidate] = {}
@@ -474,7 +484,7 @@ class Search:
                     [(self._fitted, (now, [one[0]], _LED_TURNS)) for one in plain]
                 )
             most = _HARD_TRIED[0 if first else 1]
-            found += self._parallel([(self._patiently, (now, one[:most])) for one in stiff])
+            found += self._parallel([(self._patiently, (now, one[:most], first)) for one in stiff])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):
                     best[c.slug] = c
@@ -483,11 +493,10 @@ class Search:
     def _is_free(self, now: Solution, name: str) -> bool:
         return any(n.startswith(f"{name}.") for n in now.problem.names)
 
-    def _bent(self, now: Solution) -> bool:
+    def _bent(self, now: Solution, most: float) -> bool:
         values = now.values()
         return any(
-            self.nominal[n] > 0.0
-            and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > _BENT
+            self.nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > most
             for n in self.base
             if n in values
         )
@@ -541,9 +550,24 @@ class Search:
         )  # fmt: skip
         return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
 
-    def _patiently(self, now: Solution, guessed) -> Candidate | None:  # type: ignore[no-untyped-def]
-        """A candidate from many guesses; to the end those that promise to be of use."""
+    def _patiently(self, now: Solution, guessed, first: bool) -> Candidate | None:  # type: ignore[no-untyped-def]
+        """A candidate from many guesses; to the end those that promise to be of use.
+
+        Beside a cause the model is nearly right: what does not help it as it is hardly
+        helps it changed.
+        """
+        if not first:
+            guessed = [one for one in guessed if not self.late and self._helps(now, *one[1:3])]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
+
+    def _helps(self, now: Solution, problem: Likelihood, z: FloatArray) -> bool:
+        """Whether an effect, fitted by itself, promises to lower the cost of a model as it is."""
+        own = [n for n in problem.names if n not in now.problem.names]
+        alone = self.problem(problem.axis_at(z), own, base=())
+        start = alone.start()
+        start[len(alone.names) :] = z[len(problem.names) :]
+        fit = maximise(alone, start, _HARD_TURNS[0], self.until)
+        return fit.cost - fit.promised < now.cost - now.problem.prior(now.z)
 
     def _fitted(  # type: ignore[no-untyped-def]
         self, now: Solution, guessed, turns: int, below: float | None = None
@@ -639,8 +663,16 @@ class Search:
         ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
 
+        names = [n for n in self.base if n in now.problem.names]
+        bent = list(map(now.values().__getitem__, names))
+
         def one(c: Candidate) -> Solution:
-            return self.fit(c.axis, (*self.free_of(now), *c.free), noises, _ITERATIONS)
+            # Beside the nominal base too, and beside the one that bent for want of it: where
+            # a parameter starts far from its value, what is believed of it may hold it.
+            starts = [c.axis, with_values(c.axis, names, bent)]
+            free = (*self.free_of(now), *c.free)
+            fits = [self.fit(axis, free, noises, _ITERATIONS) for axis in starts]
+            return min(fits, key=lambda s: s.cost)
 
         fits = self._parallel([(one, (c,)) for c in chosen])
         found = [

@@ -201,7 +201,13 @@ def answer(
     `cut` and `gate`: the windows and the gate of the records with their inputs acting
     some seconds later than recorded.
     """
-    state = forward(search, end=gate and (lambda *now: gate(search.shift).opens(*now)))
+
+    def ends(state: State, candidates: Sequence[Candidate]) -> bool:
+        # Free runs say nothing of a motion that something else makes.
+        judged = gate is not None and not search.imposed
+        return judged and gate(search.shift).opens(state, candidates)  # type: ignore[misc]
+
+    state = forward(search, end=ends)
     if state is None:
         return None
     messages: list[str] = []

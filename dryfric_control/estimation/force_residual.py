@@ -263,10 +263,13 @@ class View(Sliding):
         """Base parameters that a regression found, within reason."""
         axis = self.axis
         level = 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
+        fastest = 3.0 * level / max(float(np.sqrt(np.mean(self.v**2))), 1e-300)
         # residual = -(column) for what resists: m a + f v + Fc s is taken from the drive.
         return {
             "mass": float(np.clip(axis.mass + change[0], 0.3 * axis.mass, 3.0 * axis.mass)),
-            "viscous": float(max(axis.viscous - change[1], 0.2 * axis.viscous)),
+            "viscous": float(
+                np.clip(axis.viscous - change[1], 0.2 * axis.viscous, 3.0 * axis.viscous + fastest)
+            ),
             "coulomb": float(
                 np.clip(level * (1.0 - change[2] / self.level), 0.3 * level, 3.0 * level)
             ),

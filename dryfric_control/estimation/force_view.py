@@ -44,10 +44,12 @@ class ForceRun(Run):
     index: NDArray[np.int64]
 
 
-def prepare_force(record: Record) -> ForceRun:
+def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
     """A record ready for the force view: its sliding samples are active."""
     run, sliding = prepare(record, block=_BLOCK), Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
+    if hold == "first":
+        sliding.u = record.u[index]  # the drive of that moment, not of a sample around it
     active = np.zeros(len(record), bool)
     active[index] = True
     active[: FIRST + 1] = False

@@ -553,10 +553,13 @@ class Solution:
         costs = np.zeros(half.size)
         size = np.sqrt(np.maximum(np.diag(h), 1e-12))
         far = reach(problem, np.arange(problem.size), size) / size
+        # What ended at a bound stays: clipped afterwards it would leave its partners astray.
+        free = np.flatnonzero((self.z > problem.low) & (self.z < problem.high))
         for k in (0, 1):
             mine = half == k
             rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
-            step = np.linalg.lstsq(rest, gradients[mine].sum(axis=0) - g, rcond=1e-12)[0]
+            pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
+            step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], pull[free], rcond=1e-12)[0]
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
             point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
             if not math.isfinite(point.cost):
@@ -654,11 +657,12 @@ def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArr
         free = ~fixed
         rest = -g[free] - unit[np.ix_(free, fixed)] @ step[fixed]
         step[free] = np.linalg.solve(unit[np.ix_(free, free)], rest)
-        over = free & (np.abs(step) > reach)
-        if not over.any():
+        over = np.where(free, np.abs(step) / reach, 0.0)
+        worst = int(np.argmax(over))
+        if over[worst] <= 1.0:
             break
-        step[over] = np.clip(step[over], -reach[over], reach[over])
-        fixed |= over
+        step[worst] = math.copysign(reach[worst], step[worst])
+        fixed[worst] = True
     return step
 
 

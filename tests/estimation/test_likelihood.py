@@ -9,7 +9,8 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
+from dryfric_control.estimation.force_view import ForceView, prepare_force
+from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare, within_reach
 
 DT = 1e-3
 #: Slides one way for ever: linear in position and velocity.
@@ -280,3 +281,25 @@ def test_curvature_is_that_of_the_cost(sliding):
         bent = (sum(ends) - 2.0 * found.cost) / step[j] ** 2
         # The factor is two thirds here; slopes by differences leave some per cent.
         assert h[j, j] == pytest.approx(bent, rel=0.1)
+
+
+def test_coordinate_beyond_its_reach_does_not_hold_up_the_others():
+    unit = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    slope, far = np.array([-1.0, 50.0, 0.4]), np.array([9.0, 2.0, 9.0])
+    step = within_reach(unit, slope, far)
+    # The second stays at its reach; the others are best beside it.
+    assert step == pytest.approx([1.6, -2.0, -0.4])
+
+
+def test_held_out_cost_leaves_alone_what_ended_at_a_bound():
+    # At one speed a level and viscous friction are told apart only by the bound of the latter.
+    t = 1e-2 * np.arange(2000)
+    x = 0.01 * np.abs((t % 4.0) - 2.0)
+    noise = 0.1 * np.random.default_rng(3).standard_normal(t.size)
+    record = dfc.Record(t, 5.0 * np.sign((t % 4.0) - 2.0) + noise, x, quantum=1e-6)
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=6.0)
+    view = ForceView(axis, ("viscous", "coulomb"), [prepare_force(record, "first")])
+    found = maximise(view, view.start(1.0))
+    seen = sum(view.blocks(0, found.point.out[0]))
+    assert found.values()["coulomb"] == pytest.approx(5.0, abs=0.05)
+    assert abs(found.held_out().sum() - seen) < 20.0

@@ -1,0 +1,58 @@
+"""Records that a likelihood of the readings cannot judge: imposed motion, inputs stamped late."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import truth
+from diagnosis_cases import believed, record
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.random_force import IMPOSED
+
+
+def walked(level: float, cogging: float = 0.0, seed: int = 0) -> dfc.Record:
+    """An axis that a bench walks to and fro; its force is measured, with noise of 0.1 N."""
+    rng = np.random.default_rng(seed)
+    t = 1e-2 * np.arange(4000)
+    phase = t / 8.0 % 1.0
+    x = 0.04 * np.where(phase < 0.5, 2.0 * phase, 2.0 - 2.0 * phase)
+    u = level * np.where(phase < 0.5, 1.0, -1.0) + cogging * np.sin(2.0 * np.pi * x / 7e-3)
+    u += 0.1 * rng.standard_normal(t.size)
+    return dfc.Record(t, u, 4e-6 * np.round(x / 4e-6), quantum=4e-6)
+
+
+def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
+    # A straight line foresees such readings better than any axis: all would be muted.
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    levels = (5.4, 7.3, 8.8)
+    records = [walked(f, seed=i) for i, f in enumerate(levels)]
+    d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
+    assert d.causes == ()
+    assert IMPOSED in d.messages
+    assert d.gain.unit == "N" and d.gain.after == pytest.approx(0.1, rel=0.05)
+    assert "force that the motion needs" in d.summary()
+
+
+def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    d = dfc.diagnose(axis, walked(7.0, 1.5), known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.causes] == ["cogging"]
+    assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
+    assert d.causes[0].parameters["period"] == pytest.approx(7e-3, rel=1e-3)
+    assert d.verdict == "explained"
+
+
+@pytest.mark.slow
+def test_input_that_is_stamped_late_is_found_and_shifted() -> None:
+    case = truth.make_case("coulomb_asymmetry", 3, "short")
+    good, late = record(case), 3
+    u = np.concatenate((np.full(late, good.u[0]), good.u[:-late]))
+    rng = np.random.default_rng(1)
+    u += 0.02 * believed(case).coulomb.plus[0] * rng.standard_normal(u.size)
+    d = dfc.diagnose(believed(case), dfc.Record(good.t, u, good.x), progress=False)
+    assert [cause.effect for cause in d.causes] == ["coulomb_asymmetry"]
+    assert any(m.startswith("the recorded input acts 3 ms before") for m in d.messages)
+    # d.record has it shifted back, but for its noise.
+    assert np.std(d.record.u[:-10] - good.u[:-10]) < 0.35 * np.std(u[:-10] - good.u[:-10])

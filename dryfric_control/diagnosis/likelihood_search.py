@@ -1,4 +1,4 @@
-"""Search for causes by the likelihood of the hybrid filter, over the catalogue."""
+"""Fits of an axis with each effect of the catalogue, by the likelihood of the hybrid filter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     guesses,
-    holds,
     with_effect,
 )
 from dryfric_control.estimation.force_residual import View
@@ -37,7 +36,7 @@ from dryfric_control.estimation.likelihood import (
 )
 from dryfric_control.estimation.parameters import SHIFT, typical, values_of, with_values
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import followed, named, put, renumbered
+from dryfric_control.model.effects.naming import named, put
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 
@@ -65,7 +64,7 @@ CLEAR = 3.0
 EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, the same for
 # hard ones, which have been, and what a full fit may add to a quick one.
-_SHARE, _HARD_SHARE, _SLACK = 0.4, 0.8, 8.0
+_SHARE, _HARD_SHARE, SLACK = 0.4, 0.8, 8.0
 # Iterations of a fit while candidates are compared, and of a fit that ends.
 _ITERATIONS, _LAST = 15, 30
 # Base values whose logarithm is off by more may be bent by what is missing, beside none and
@@ -79,9 +78,6 @@ _OUTSIDE = 0.1
 _CLOSE = 0.25
 # Least share of two parts: less is one part alone, of which another effect speaks.
 _SPLIT = 0.01
-# Part of the whole gain that a further cause must bring: where a model leaves something
-# out, that is not white, and likelihood counts what follows it as evidence.
-_FURTHER = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _DELAY, _BIAS = "input_delay", "bias_force"
@@ -91,9 +87,6 @@ _IMPOSED = 0.5
 _FORCES = ("force", "friction")
 # Samples by which the recorded input may be late, tried first.
 _EARLIER = (0.5, 1.0, 2.0, 4.0, 8.0)
-# Candidates of which pairs are tried, and by how much a pair may gain more than its
-# members one by one.
-_PAIRED, _HOPE = 4, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,51 +163,6 @@ class Corrections(View):
         self.a = (np.gradient(state[1]) / record.dt)[pick]
         self.direction = np.sign(state[2][pick]).astype(np.int64)
         self.residual = force[pick]
-
-
-@dataclass(eq=False)
-class State:
-    """Causes found so far, and the fit with them.
-
-    Attributes
-    ----------
-    fit : Solution
-    causes : list of str
-    free : dict of str to tuple of str
-        Free parameters of each cause.
-    alternatives : dict of str to tuple of str
-        What does equally well in a cause's place.
-    rivals : dict of str to dict of str to FrictionAxis
-        Axes with those in its place.
-    first : dict of str to float
-        Quick gain of every candidate of the first round, "" the fit without.
-    late : bool
-        Whether time ran out.
-    """
-
-    fit: Solution
-    causes: list[str] = field(default_factory=list)
-    free: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
-    first: dict[str, float] = field(default_factory=dict)
-    late: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Free parameters of all causes."""
-        return tuple(n for slug in self.causes for n in self.free[slug])
-
-    def drop(self, slug: str, less: Solution) -> None:
-        """Go on without a cause, from the fit without it."""
-        self.causes.remove(slug)
-        for table in (self.free, self.alternatives, self.rivals):
-            table.pop(slug)
-        self.fit = less
-
-
-#: What may end a search: asked with the state and the candidates of every round.
-Ends = Callable[[State, Sequence[Candidate]], bool]
 
 
 @dataclass(eq=False)
@@ -658,8 +606,8 @@ class Search:
         best = now.cost - candidates[0].cost
         chosen = [
             c for c in candidates[:_FITTED]
-            if now.cost - c.cost > max(self._share(c.slug) * best - _SLACK, 0.0)
-            and self.worth(now.cost - c.cost, len(c.free)) > -_SLACK
+            if now.cost - c.cost > max(self._share(c.slug) * best - SLACK, 0.0)
+            and self.worth(now.cost - c.cost, len(c.free)) > -SLACK
         ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
 
@@ -747,124 +695,3 @@ class Search:
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]
                 amounts.append(abs(value - parameter.neutral) > _SURE * errors[name])
         return all(amounts)
-
-
-def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | None:
-    """Causes one after the other, or two at once, as long as they pay.
-
-    None where `end`, which is asked about every round's candidates, says that the
-    likelihood is not the judge.
-    """
-    state = State(search.first[0])
-    first = state.fit.cost
-    while len(state.causes) < most and not search.late:
-        now = state.fit
-        if state.causes or search.clock:
-            search.tell(f"cause {len(state.causes) + 1}")
-            candidates = search.screen(now, not state.causes)
-        else:
-            candidates = list(search.first[1])
-            state.first = {c.slug: now.cost - c.cost for c in candidates}
-        if end is not None and end(state, candidates):
-            return None
-        ranked = search.extend(now, candidates)
-        early = search.earlier(now)
-        if early is not None:
-            gain = search.worth(now.cost - early.cost, 1)
-            if not ranked or gain > ranked[0][0]:
-                search.shifted_by(early)
-                state.fit = early
-                continue
-        if (not ranked or ranked[0][0] < 0.0) and not search.late:
-            pair = _pair(search, now, candidates)
-            if pair is None:
-                break
-            for c in pair[0]:
-                state.causes.append(c.slug)
-                state.free[c.slug] = c.free
-                state.alternatives[c.slug], state.rivals[c.slug] = (), {}
-            state.fit = pair[1]
-            continue
-        if not ranked:
-            break
-        _, chosen, fit = _plainest(ranked)
-        if state.causes and now.cost - fit.cost < _FURTHER * (first - fit.cost):
-            break
-        state.causes.append(chosen.slug)
-        state.free[chosen.slug] = chosen.free
-        equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
-        state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
-        state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
-        state.fit = fit
-        if len(state.causes) > 1:
-            _backward(search, state)
-    state.late = search.late
-    return state
-
-
-def _plainest(ranked):  # type: ignore[no-untyped-def]
-    """Of fits that do equally well the one whose effect ranks first."""
-    level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
-    return min(level, key=lambda one: effect_class(one[1].slug).rank)
-
-
-def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
-    """The best two causes that only together are worth it."""
-    some = candidates[:_PAIRED]
-    gains = sum(now.cost - c.cost for c in some[:2])
-    if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < 0.0:
-        return None
-    search.tell("pairs")
-    tasks = []
-    for i, a in enumerate(some):
-        for b in some[i + 1 :]:
-            try:
-                axis = put(a.axis, b.slug, named(b.axis)[b.slug])
-            except (ValueError, KeyError):
-                continue
-            tasks.append((a, b, axis))
-    noises = now.z[len(now.problem.names) :]
-    free = search.free_of(now)
-    fits = search._parallel(
-        [(search.fit, (axis, (*free, *a.free, *b.free), noises, 8)) for a, b, axis in tasks]
-    )
-    order = sorted(range(len(fits)), key=lambda i: fits[i].cost)
-    for i in order[:1]:
-        a, b, _ = tasks[i]
-        names = (*a.free, *b.free)
-        if search.worth(now.cost - fits[i].cost, len(names), 2) < -_SLACK:
-            return None
-        fit = search.fit(fits[i].axis, (*free, *names), noises)
-        if (
-            search.worth(now.cost - fit.cost, len(names), 2) > 0.0
-            and search.sound(fit, a.slug, a.free)
-            and search.sound(fit, b.slug, b.free)
-            and (search.simpler(fit, now) or search.held_out(now, fit).sure)
-        ):
-            return (a, b), fit
-    return None
-
-
-def _backward(search: Search, state: State) -> None:
-    """Drop causes that a later one has made superfluous."""
-    for slug in list(state.causes):
-        if followed(slug, state.causes) or search.late:
-            continue
-        less = without(search, state, slug)
-        gain = less.cost - state.fit.cost
-        if search.worth(gain, len(state.free[slug])) < 0.0:
-            state.drop(slug, less)
-
-
-def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
-    """Free parameters beside the base, as they are called in the axis without a cause."""
-    names = [n for n in search.free_of(fit) if n not in own]
-    return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
-
-
-def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
-    """The fit without one cause."""
-    fit = state.fit
-    axis = search.less(fit.axis, slug)
-    free = names_without(search, fit, slug, state.free[slug])
-    return search.fit(axis, free, **settings)

@@ -15,6 +15,7 @@ from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
+from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
 from dryfric_control.diagnosis.likelihood_search import (
     CLEAR,
     EQUAL,
@@ -23,11 +24,7 @@ from dryfric_control.diagnosis.likelihood_search import (
     Candidate,
     HeldOut,
     Search,
-    State,
-    forward,
     hard,
-    names_without,
-    without,
 )
 from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.remaining import Remaining, remaining

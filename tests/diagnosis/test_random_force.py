@@ -8,7 +8,8 @@ import truth
 from diagnosis_cases import believed, record
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.likelihood_search import Search, forward
+from dryfric_control.diagnosis.forward_search import forward
+from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
 
 DT = 1e-3

@@ -1,0 +1,186 @@
+"""Causes one after the other by the likelihood of the hybrid filter, forward and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dryfric_control.diagnosis.candidates import effect_class, holds
+from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Candidate, Search
+from dryfric_control.estimation.likelihood import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import followed, named, put, renumbered
+
+# Part of the whole gain that a further cause must bring: where a model leaves something
+# out, that is not white, and likelihood counts what follows it as evidence.
+_FURTHER = 0.02
+# Candidates of which pairs are tried, and by how much a pair may gain more than its
+# members one by one.
+_PAIRED, _HOPE = 4, 3.0
+
+
+@dataclass(eq=False)
+class State:
+    """Causes found so far, and the fit with them.
+
+    Attributes
+    ----------
+    fit : Solution
+    causes : list of str
+    free : dict of str to tuple of str
+        Free parameters of each cause.
+    alternatives : dict of str to tuple of str
+        What does equally well in a cause's place.
+    rivals : dict of str to dict of str to FrictionAxis
+        Axes with those in its place.
+    first : dict of str to float
+        Quick gain of every candidate of the first round, "" the fit without.
+    late : bool
+        Whether time ran out.
+    """
+
+    fit: Solution
+    causes: list[str] = field(default_factory=list)
+    free: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
+    first: dict[str, float] = field(default_factory=dict)
+    late: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters of all causes."""
+        return tuple(n for slug in self.causes for n in self.free[slug])
+
+    def drop(self, slug: str, less: Solution) -> None:
+        """Go on without a cause, from the fit without it."""
+        self.causes.remove(slug)
+        for table in (self.free, self.alternatives, self.rivals):
+            table.pop(slug)
+        self.fit = less
+
+
+#: What may end a search: asked with the state and the candidates of every round.
+Ends = Callable[[State, Sequence[Candidate]], bool]
+
+
+def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | None:
+    """Causes one after the other, or two at once, as long as they pay.
+
+    None where `end`, which is asked about every round's candidates, says that the
+    likelihood is not the judge.
+    """
+    state = State(search.first[0])
+    first = state.fit.cost
+    while len(state.causes) < most and not search.late:
+        now = state.fit
+        if state.causes or search.clock:
+            search.tell(f"cause {len(state.causes) + 1}")
+            candidates = search.screen(now, not state.causes)
+        else:
+            candidates = list(search.first[1])
+            state.first = {c.slug: now.cost - c.cost for c in candidates}
+        if end is not None and end(state, candidates):
+            return None
+        ranked = search.extend(now, candidates)
+        early = search.earlier(now)
+        if early is not None:
+            gain = search.worth(now.cost - early.cost, 1)
+            if not ranked or gain > ranked[0][0]:
+                search.shifted_by(early)
+                state.fit = early
+                continue
+        if (not ranked or ranked[0][0] < 0.0) and not search.late:
+            pair = _pair(search, now, candidates)
+            if pair is None:
+                break
+            for c in pair[0]:
+                state.causes.append(c.slug)
+                state.free[c.slug] = c.free
+                state.alternatives[c.slug], state.rivals[c.slug] = (), {}
+            state.fit = pair[1]
+            continue
+        if not ranked:
+            break
+        _, chosen, fit = _plainest(ranked)
+        if state.causes and now.cost - fit.cost < _FURTHER * (first - fit.cost):
+            break
+        state.causes.append(chosen.slug)
+        state.free[chosen.slug] = chosen.free
+        equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
+        state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
+        state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
+        state.fit = fit
+        if len(state.causes) > 1:
+            _backward(search, state)
+    state.late = search.late
+    return state
+
+
+def _plainest(ranked):  # type: ignore[no-untyped-def]
+    """Of fits that do equally well the one whose effect ranks first."""
+    level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+    return min(level, key=lambda one: effect_class(one[1].slug).rank)
+
+
+def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
+    """The best two causes that only together are worth it."""
+    some = candidates[:_PAIRED]
+    gains = sum(now.cost - c.cost for c in some[:2])
+    if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < 0.0:
+        return None
+    search.tell("pairs")
+    tasks = []
+    for i, a in enumerate(some):
+        for b in some[i + 1 :]:
+            try:
+                axis = put(a.axis, b.slug, named(b.axis)[b.slug])
+            except (ValueError, KeyError):
+                continue
+            tasks.append((a, b, axis))
+    noises = now.z[len(now.problem.names) :]
+    free = search.free_of(now)
+    fits = search._parallel(
+        [(search.fit, (axis, (*free, *a.free, *b.free), noises, 8)) for a, b, axis in tasks]
+    )
+    order = sorted(range(len(fits)), key=lambda i: fits[i].cost)
+    for i in order[:1]:
+        a, b, _ = tasks[i]
+        names = (*a.free, *b.free)
+        if search.worth(now.cost - fits[i].cost, len(names), 2) < -SLACK:
+            return None
+        fit = search.fit(fits[i].axis, (*free, *names), noises)
+        if (
+            search.worth(now.cost - fit.cost, len(names), 2) > 0.0
+            and search.sound(fit, a.slug, a.free)
+            and search.sound(fit, b.slug, b.free)
+            and (search.simpler(fit, now) or search.held_out(now, fit).sure)
+        ):
+            return (a, b), fit
+    return None
+
+
+def _backward(search: Search, state: State) -> None:
+    """Drop causes that a later one has made superfluous."""
+    for slug in list(state.causes):
+        if followed(slug, state.causes) or search.late:
+            continue
+        less = without(search, state, slug)
+        gain = less.cost - state.fit.cost
+        if search.worth(gain, len(state.free[slug])) < 0.0:
+            state.drop(slug, less)
+
+
+def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
+    """Free parameters beside the base, as they are called in the axis without a cause."""
+    names = [n for n in search.free_of(fit) if n not in own]
+    return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
+
+
+def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
+    """The fit without one cause."""
+    fit = state.fit
+    axis = search.less(fit.axis, slug)
+    free = names_without(search, fit, slug, state.free[slug])
+    return search.fit(axis, free, **settings)

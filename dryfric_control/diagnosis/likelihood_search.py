@@ -81,8 +81,9 @@ _SPLIT = 0.01
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _DELAY, _BIAS = "input_delay", "bias_force"
-# Part of the drive that may be left unexplained where the motion is imposed.
-_IMPOSED = 0.5
+# Units a sample by which a straight line is ahead where the motion is imposed, and the part
+# of the drive that the force which the motion needs may then leave.
+_FORESEEN, _IMPOSED = 0.1, 0.25
 # Actions of effects that show as a force in a motion that is imposed.
 _FORCES = ("force", "friction")
 # Samples by which the recorded input may be late, tried first.
@@ -304,7 +305,7 @@ class Search:
         Where a straight line does better, of the force that the motion needs.
         """
         found = self._alone()
-        if self.imposed or self._line(self.few) > found.cost:
+        if self.imposed or found.cost - self._line(self.few) < _FORESEEN * self.samples:
             return found
         before = dict(self.__dict__)
         self._look_at_the_force()

@@ -159,11 +159,13 @@ def diagnose(
     records: list[Any] = list(record) if several else [record]  # type: ignore[arg-type]
     if not records:
         raise ValueError("record: the list of records is empty: give at least one")
+    cuts = []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
         windows = _cut(axis, one, window, hold, name, _LEAST_WINDOWS // len(records))
         if len(records) == 1 or len(windows) >= _LEAST_WINDOWS:
             _check_motion(windows, roles(windows), name)
+        cuts.append(windows)
     if progress is None:
         # Other libraries import IPython too: only a running shell shows a bar.
         shell = sys.modules.get("IPython")
@@ -180,7 +182,8 @@ def diagnose(
 
         @functools.cache
         def trial(shift: float) -> Trial:
-            return Trial.of(axis, _later(records, shift), window, hold, settings, tell, until)
+            moved = [cut(one, window, hold) for one in _later(records, shift)] if shift else cuts
+            return Trial.of(axis, moved, settings, tell, until)
 
         search = Search(
             axis,
@@ -228,7 +231,6 @@ class Trial:
 
     Attributes
     ----------
-    records : list of Record
     cuts : list of Windows
     part : ndarray of int64, shape (nwindows,)
         What each window of the first record is used for.
@@ -236,7 +238,6 @@ class Trial:
     gate : Gate
     """
 
-    records: list[Record]
     cuts: list[Windows]
     part: NDArray[np.int64]
     selector: Selector
@@ -244,21 +245,23 @@ class Trial:
 
     @classmethod
     def of(
-        cls, axis: FrictionAxis, records: list[Record], window: float, hold: str,
-        settings: dict[str, Any], tell: Callable[[str], None], until: float,
+        cls, axis: FrictionAxis, cuts: list[Windows], settings: dict[str, Any],
+        tell: Callable[[str], None], until: float,
     ) -> Trial:  # fmt: skip
         """All of it, of some records."""
-        cuts = [cut(one, window, hold) for one in records]
         first, part = cuts[0], roles(cuts[0])
-        race = Race(first, axis, part == FIT, part == JUDGE, typical(records[:1]), **settings)
+        race = Race(first, axis, part == FIT, part == JUDGE, typical([first.record]), **settings)
         gate = Gate(first, axis, race.fit, race.judge, settings)
-        return cls(records, cuts, part, Selector(race, axis, tell, until), gate)
+        return cls(cuts, part, Selector(race, axis, tell, until), gate)
+
+    @property
+    def records(self) -> list[Record]:
+        """The records, their inputs as they were cut."""
+        return [one.record for one in self.cuts]
 
 
 def _later(records: Sequence[Record], shift: float) -> list[Record]:
     """Records whose inputs act some time later, earlier where it is negative [s]."""
-    if shift == 0.0:
-        return list(records)
     return [one.replace(u=shifted(one.u, shift / one.dt)) for one in records]
 
 

@@ -440,6 +440,16 @@ def _warnings(search: Search, final: Solution, causes: Sequence[Cause]) -> list[
     return [*messages, *hardly_determined(causes)]
 
 
+def _gain(squares: Sequence[FloatArray], unit: str) -> Gain:
+    """Gain from mean squares before, after and of the floor, each shape (nblocks,)."""
+    before, after, _ = squares
+    picks = np.random.default_rng(0).integers(0, before.size, size=(1000, before.size))
+    ratios = np.sqrt(before[picks].sum(axis=1) / np.maximum(after[picks].sum(axis=1), 1e-300))
+    low, high = np.quantile(ratios, [0.05, 0.95])
+    first, last, floor = (float(np.sqrt(row.mean())) for row in squares)
+    return Gain(first, last, floor, (float(low), float(high)), unit)
+
+
 def _motion(
     search: Search, windows: Sequence[Windows], final: Solution
 ) -> tuple[Gain, Unexplained, bool]:
@@ -475,14 +485,7 @@ def _motion(
             )  # fmt: skip
             places += [t for t in here if t not in places]
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
-    rng = np.random.default_rng(0)
-    picks = rng.integers(0, rows[0].size, size=(1000, rows[0].size))
-    ratios = np.sqrt(rows[0][picks].sum(axis=1) / np.maximum(rows[1][picks].sum(axis=1), 1e-300))
-    low, high = np.quantile(ratios, [0.05, 0.95])
-    before_rms, after_rms, floor_rms = (float(np.sqrt(r.mean())) for r in rows)
-    gain = Gain(
-        before_rms, after_rms, floor_rms, (float(low), float(high)), search.believed.units[0]
-    )
+    gain = _gain(rows, search.believed.units[0])
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     return gain, left_over, bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
 
@@ -507,13 +510,7 @@ def _needed(
             for a, b in itertools.pairwise(run.edges):
                 if run.active[a:b].any():
                     row.append(float(np.sum(one[a:b] ** 2 * where_[a:b]) / run.active[a:b].sum()))
-    rows = [np.array(row) for row in blocks]
-    rng = np.random.default_rng(0)
-    picks = rng.integers(0, rows[0].size, size=(1000, rows[0].size))
-    ratios = np.sqrt(rows[0][picks].sum(axis=1) / np.maximum(rows[1][picks].sum(axis=1), 1e-300))
-    low, high = np.quantile(ratios, [0.05, 0.95])
-    first, last, floor = (float(np.sqrt(row.mean())) for row in rows)
-    gain = Gain(first, last, floor, (float(low), float(high)), search.believed.units[1])
+    gain = _gain([np.array(row) for row in blocks], search.believed.units[1])
     structured = gain.after > _SMOOTH * gain.floor
     return gain, Unexplained(gain.left if structured else 0.0, structured, ()), False
 

@@ -77,6 +77,8 @@ FILIPPOV, PAPER = 0, 1
 #: the Coulomb levels (for +, then for -) and the effects' parameters follow.
 #: SHORT_WAY and SHORT_TIME are the shortest length and time over which an effect
 #: varies: no step passes either, or all its stages could see the same phase.
+#: ALLOWED is the error of the velocity that one step may have beside TOLERANCE, 0 unless
+#: noise hides it.
 (
     INVERSE_MASS,
     VISCOUS,
@@ -95,8 +97,9 @@ FILIPPOV, PAPER = 0, 1
     INVERSE_MOTOR,
     SHORT_WAY,
     SHORT_TIME,
+    ALLOWED,
     COULOMB,
-) = range(18)
+) = range(19)
 
 #: Places in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
@@ -678,7 +681,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     if s * v <= sigma:
         return False, x, v
     x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, 0.0, x, v, s, k1, h)
-    allowed = TOLERANCE * (abs(v) + sigma + h * abs(k1))
+    allowed = TOLERANCE * (abs(v) + sigma + h * abs(k1)) + plant.numbers[ALLOWED]
     lowest = s * v1
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
@@ -774,7 +777,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             fresh = False
         d = min(longest, bound - tau, plant.numbers[SHORT_TIME])
         x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, tau, x, v, s, k1, d)
-        allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1))
+        allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1)) + plant.numbers[ALLOWED]
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         if d > SHORTEST * h:
             if abs(x1 - x) > plant.numbers[SHORT_WAY]:
@@ -1047,11 +1050,14 @@ def drive_now(plant, t, dt, memory, u):
 
 
 @internal
-def settle(plant, t, dt, memory, u):
-    """Set the inner states to those of an axis at rest, or sliding steadily."""
+def settle(plant, t, dt, memory, u, inertia=0.0):
+    """Set the inner states to those of an axis at rest, or sliding steadily.
+
+    `inertia`: the part of the drive that accelerates it.
+    """
     if plant.integers[STRUCTURE] == 0:
         return
-    drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
+    drive = Drive(drive_now(plant, t, dt, memory, u) - inertia, 0.0, 0.0, 0.0)
     do(plant, TASK, SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 

@@ -13,6 +13,7 @@ from numba import cfunc, njit
 
 from dryfric_control.compiled.axis_step import (
     ADVANCE,
+    ALLOWED,
     CLOSE,
     CONTACT,
     CONTACT_STIFFNESS,
@@ -75,6 +76,9 @@ from dryfric_control.compiled.axis_step import (
     step_error,
 )
 from dryfric_control.compiled.roots import between, larger, narrowed, smaller
+
+# Part of the error allowed to a step that the cut at a switch may have.
+_CUT = 0.1
 
 
 @internal
@@ -288,7 +292,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         pace = abs(p) + sigma + d * abs(k1)
         if two:
             pace += abs(v) + d * abs(m1)
-        allowed = TOLERANCE * pace
+        allowed = TOLERANCE * pace + side.numbers[ALLOWED]
         if d > SHORTEST * h:
             if abs(y1 - y) > side.numbers[SHORT_WAY]:
                 longest = 0.9 * d * side.numbers[SHORT_WAY] / abs(y1 - y)
@@ -340,7 +344,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             continue
 
         a, b = 0.0, d
-        while b - a > 1e-14 * d:
+        exact = (1e-14 + _CUT * side.numbers[ALLOWED] / pace) * d
+        while b - a > exact:
             c = 0.5 * (a + b)
             xc, vc, yc, pc, _, _, _ = _stride(
                 side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c

@@ -34,6 +34,11 @@ _STRANGE, _IN_A_ROW = 25.0, 3
 # same cell is read again and again, wherever in it the axis stands.  Then a prediction
 # inside the cell is no evidence, and within this part of it none is corrected.
 _PACE, _INSIDE = 0.15, 0.5
+# Part of the friction level that the force of inertia may be off by where inner states are set,
+# and samples over which it is seen at most, over FIRST.
+_SEEN, _LONGEST = 0.1, 8
+# Part of the change of the velocity meanwhile by which it may be off.
+_CURVED = 0.25
 # What a resting axis may creep in a sample, as a part of the reading's variance.
 _CREEP = 0.01
 # Deviations of the velocity within which its sign is not sure, and the velocities, forces
@@ -54,7 +59,7 @@ _MAY_HOLD = (1.5, 3.0)
 _SAFE = 7.0
 # Error that a smooth step may have, over the velocity scale and over what the random
 # force does to the velocity.
-_TOLERANCE, _PART = 1e-6, 0.05
+_TOLERANCE, PART = 1e-6, 0.05
 
 
 @step.internal
@@ -91,7 +96,7 @@ def _smooth(plant, drive, t, h, x, v, s, k1, deviation):
     sigma = plant.numbers[step.STICK_SPEED]
     x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
     noise = deviation * h * plant.numbers[step.INVERSE_MASS]
-    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + _PART * noise
+    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + PART * noise
     lowest = min(s * v, s * v1)
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
@@ -188,6 +193,42 @@ def _doubted(plant, held, t, x, v, rest, deviation):
     return s * beyond * min(doubt, 1.0) * (1.0 + 1e-9)
 
 
+@step.internal
+def _settle(plant, t, dt, memory, u, y, k, alike):
+    """Inner states that go with the motion about reading k; by how much its velocity is off.
+
+    What does not surely move is at rest, its contact strained by the force that acts,
+    whichever way its readings waver.
+    """
+    n, inverse = y.shape[0], plant.numbers[step.INVERSE_MASS]
+    level = step.base_level(plant, y[k], 1.0)
+    w = min(FIRST, max((n - 1) // 2, 1))
+    while alike > _SEEN * level * inverse * (w * dt) ** 2 and w <= _LONGEST * FIRST and 8 * w < n:
+        w *= 2
+    a = min(max(k - w, 0), max(n - 1 - 2 * w, 0))
+    way, bend = 0.0, 0.0
+    if n > 2 * w:
+        way, bend = y[a + 2 * w] - y[a], y[a + 2 * w] - 2.0 * y[a + w] + y[a]
+    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+    behind = kind & (step.PLAY | step.SPRING) != 0
+    v, bent, inertia = 0.0, 0.0, 0.0
+    if abs(way) > alike:
+        v, bent = way / (2.0 * w * dt), bend / (w * dt) ** 2
+        # Of two masses what goes through the transmission is left.
+        inertia = bent / numbers[step.INVERSE_MOTOR] if behind else bent / inverse
+        inertia += 0.0 if behind else numbers[step.VISCOUS] * v
+    memory[step.V] = 0.0
+    step.settle(plant, t, dt, memory, u, inertia)
+    memory[step.V] = v
+    if kind & step.PLAY and not kind & step.ON_LOAD and v != 0.0:
+        drive = step.drive_now(plant, t, dt, memory, u)
+        joined = (drive - numbers[step.VISCOUS] * v - math.copysign(level, v)) * inverse
+        if abs(bent - drive * numbers[step.INVERSE_MOTOR]) < abs(bent - joined):
+            # It moves as the motor alone does: nobody knows where in the play.
+            memory[step.OFFSET], memory[step.SLIP] = 0.0, -v
+    return alike / (w * dt) + _CURVED * abs(bent) * w * dt
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
     numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out
@@ -243,14 +284,14 @@ def innovations(
         memory[step.HISTORY + 2 * j] = held
         memory[step.HISTORY + 2 * j + 1] = held
     memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
+    still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     if structure != 0:
-        step.settle(plant, t0, dt, m, u[0])
+        _settle(plant, t0, dt, m, u[0], y, 0, alike)
     step.place(plant, t0, dt, y[0], m)
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side = 0, 0.0
-    still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -410,6 +451,14 @@ def innovations(
                 v, p, g = 0.0, reading, 0.0
                 d = reading / ((k - still) * dt) ** 2
                 memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
+            elif row == _IN_A_ROW and structure != 0:
+                # Its inner states are others.
+                row, noise = 0, 0.0
+                off = _settle(plant, t + dt, dt, m, end, y, k, alike)
+                x, v, e = memory[step.X], memory[step.V], y[k] - step.reading(plant, t + dt, m)
+                x, e = x + e, 0.0
+                p, g, d = reading, 0.0, off * off
+                memory[step.MODE] = 0.0
             elif row == _IN_A_ROW:
                 # The axis has moved otherwise: believe the readings.
                 row = 0

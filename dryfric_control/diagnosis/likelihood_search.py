@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import joblib
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 from scipy.stats import norm, wilcoxon
 
 from dryfric_control.compiled import likelihood as compiled
@@ -50,6 +51,9 @@ _REFINED, _AHEAD, _FITTED = 2, 10, 8
 # Guesses of an effect with inner states that are fitted for some turns, of the first cause
 # and of further ones; how many turns, and those that may be of use which are fitted for more.
 _HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
+# Of two parts: steps from one guess to the next, shares that are tried with each; of how many
+# of the best values near by are tried, and which: changes of logarithms, a fifth for a share.
+_RUNG, _SHARES, _VALLEYS, _ASIDE = 0.25, np.arange(0.05, 0.96, 0.06), 3, np.linspace(-0.2, 0.2, 9)
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Turns of a fit beside the nominal base.
@@ -76,8 +80,13 @@ _SURE = 2.0
 _OUTSIDE = 0.1
 # Part of the best worth within which causes are compared on all samples.
 _CLOSE = 0.25
+# Time constants over which the input is smoothed where causes are compared with a lag.
+_OVER = (2.0, 4.0, 8.0, 16.0)
 # Least share of two parts: less is one part alone, of which another effect speaks.
 _SPLIT = 0.01
+# Separate stretches of blocks that must gain where most say nothing, and the part of their
+# gain that others may lose.
+_EVENTS, _LOST = 3, 0.05
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _DELAY, _BIAS = "input_delay", "bias_force"
@@ -109,6 +118,19 @@ def hard(slug: str) -> bool:
     return effect.remembers and effect.action not in ("delay", "lag")
 
 
+def _with_value(guess, name: str, value: float):  # type: ignore[no-untyped-def]
+    """A guess with another value of one parameter."""
+    cost, problem, z, effect = guess
+    j, z = problem.names.index(name), z.copy()
+    z[j] = np.clip(problem.parameters[j].search(value), problem.low[j], problem.high[j])
+    return cost, problem, z, effect
+
+
+def _time_of(fit: Solution) -> float:
+    """Time constant of the lag in a fit."""
+    return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
+
+
 class HeldOut(NamedTuple):
     """Gain of a fit over another on data that neither was fitted to.
 
@@ -119,27 +141,42 @@ class HeldOut(NamedTuple):
     order : float
         Standard score of the signed ranks of the blocks' gains (Wilcoxon 1945): high
         where most blocks gain, however unequally.
+    usual : float
+        Gain over its standard error where no block counts for more than the upper quartile
+        does: a few that gain most widen the spread and say all the more.
+    events : int
+        Separate stretches of blocks that each gain, where hardly any loses: a drive that
+        is limited now and then says nothing in between.
     """
 
     gain: float
     error: float
     order: float
+    usual: float = 0.0
+    events: int = 0
 
     @classmethod
     def of(cls, less: FloatArray, more: FloatArray) -> HeldOut:
         """From the costs of each block without and with a cause."""
         fall = less - more
+        rise = np.diff((np.isfinite(fall) & (fall > LEAST)).astype(int), prepend=0)
         fall = fall[np.isfinite(fall) & (fall != 0.0)]
         if fall.size == 0:
             return cls(0.0, 0.0, 0.0)
         chance = wilcoxon(fall, alternative="greater").pvalue
         error = float(np.std(fall) * math.sqrt(fall.size))
-        return cls(float(fall.sum()), error, float(norm.isf(chance)))
+        lost = -fall[fall < 0.0].sum() > _LOST * fall[fall > 0.0].sum()
+        events = 0 if lost else int(np.sum(rise > 0))
+        most = np.quantile(np.abs(fall), 0.75)
+        limited = np.clip(fall, -most, most)
+        usual = float(limited.sum() / max(np.std(limited) * math.sqrt(fall.size), 1e-300))
+        return cls(float(fall.sum()), error, float(norm.isf(chance)), usual, events)
 
     @property
     def sure(self) -> bool:
         """Whether unseen data speak for the cause."""
-        return self.gain > LEAST and (self.gain > CLEAR * self.error or self.order > CLEAR)
+        often = max(self.gain / max(self.error, 1e-300), self.order, self.usual) > CLEAR
+        return self.gain > LEAST and (often or self.events >= _EVENTS)
 
 
 class Corrections(View):
@@ -263,6 +300,11 @@ class Search:
         if noises is not None:
             z[len(problem.names) :] = noises
         return maximise(problem, z, iterations, self.until)
+
+    def possible(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
+        """Whether there is a fit from an axis: it may be stiffer than the samples show."""
+        problem = self.problem(axis, free)
+        return math.isfinite(problem.tried(problem.start(1.0)).cost)
 
     def reference(
         self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None
@@ -432,8 +474,7 @@ class Search:
                 found = self._parallel(
                     [(self._fitted, (now, [one[0]], _LED_TURNS)) for one in plain]
                 )
-            most = _HARD_TRIED[0 if first else 1]
-            found += self._parallel([(self._patiently, (now, one[:most], first)) for one in stiff])
+            found += self._parallel([(self._patiently, (now, one, first)) for one in stiff])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):
                     best[c.slug] = c
@@ -505,9 +546,56 @@ class Search:
         Beside a cause the model is nearly right: what does not help it as it is hardly
         helps it changed.
         """
+        if not self.late:
+            guessed = self._in_valleys(now, guessed)[: _HARD_TRIED[0 if first else 1]]
         if not first:
             guessed = [one for one in guessed if not self.late and self._helps(now, *one[1:3])]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
+
+    def _in_valleys(self, now: Solution, guessed):  # type: ignore[no-untyped-def]
+        """Guesses of two parts, the best of a net between them in place of the others.
+
+        With a share or a play slightly wrong the parts meet and part at other times than
+        they did: within a tenth of the right ones alone the cost falls.
+        """
+        own = [n for n in guessed[0][1].names if n not in now.problem.names]
+        kinds = effect_class(guessed[0][3]).parameters()
+        shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
+        if not shares or len(own) < 2:
+            return guessed
+        others = [n for n in own if n not in shares]
+        values = [[p.parameters[p.names.index(n)].value(z[p.names.index(n)]) for n in others]
+                  for _, p, z, _ in guessed]  # fmt: skip
+        rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
+        places = np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG)
+        best = []
+        for place in places:
+            one = (math.inf, *guessed[0][1:])
+            k = min(int(place), max(len(rows) - 2, 0))
+            row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
+            for name, value in zip(others, np.exp(row), strict=True):
+                one = _with_value(one, name, value)
+            best.append(self._scan(one, shares[0], _SHARES))
+        best.sort(key=lambda one: one[0])
+        for i, one in enumerate(best[:_VALLEYS]):
+            for part in (1.0, 0.3):
+                for name in (*others, shares[0]):
+                    j = one[1].names.index(name)
+                    value, by = one[1].parameters[j].value(one[2][j]), part * _ASIDE
+                    close = value + 0.2 * by if name in shares else value * np.exp(by)
+                    one = self._scan(one, name, close)
+            best[i] = one
+        return sorted([*best[:_VALLEYS], *guessed], key=lambda one: one[0])
+
+    def _scan(self, guess, name: str, values: FloatArray):  # type: ignore[no-untyped-def]
+        """The best of a guess and those with other values of one parameter."""
+        best = guess
+        for value in [] if self.late else values:
+            one = _with_value(guess, name, float(value))
+            cost = one[1].tried(one[2]).cost
+            if cost < best[0]:
+                best = (cost, *one[1:])
+        return best
 
     def _helps(self, now: Solution, problem: Likelihood, z: FloatArray) -> bool:
         """Whether an effect, fitted by itself, promises to lower the cost of a model as it is."""
@@ -618,8 +706,9 @@ class Search:
         def one(c: Candidate) -> Solution:
             # Beside the nominal base too, and beside the one that bent for want of it: where
             # a parameter starts far from its value, what is believed of it may hold it.
-            starts = [c.axis, with_values(c.axis, names, bent)]
             free = (*self.free_of(now), *c.free)
+            other = with_values(c.axis, names, bent)
+            starts = [c.axis, *([other] if self.possible(other, free) else [])]
             fits = [self.fit(axis, free, noises, _ITERATIONS) for axis in starts]
             return min(fits, key=lambda s: s.cost)
 
@@ -633,24 +722,36 @@ class Search:
         return self._ranked(sorted(found, key=lambda one: -one[0]))
 
     def _ranked(self, found):  # type: ignore[no-untyped-def]
-        """Fits with a cause, those that are close to the best by all samples of the records."""
-        if not found or self.part == 1.0:
+        """Fits with a cause, those that are close to the best by all samples of the records.
+
+        A lag also smooths noise that was recorded with the input, which speaks for none:
+        beside one, every cause has the input as smooth as suits it.
+        """
+        if not found:
             return found
         best = found[0][0]
         close = [one for one in found if one[0] > best - max(_CLOSE * best, EQUAL)]
-        if len(close) < 2:
+        lags = [s for _, c, s in close if effect_class(c.slug).action == "lag"]
+        if len(close) < 2 or (self.part == 1.0 and not lags):
             return found
+        versions = [self.runs, *(self._smooth(part * _time_of(s)) for s in lags for part in _OVER)]
 
         def whole(c: Candidate, s: Solution) -> float:
             noises = s.z[len(s.problem.names) :]
-            fit = self.fit(s.axis, self.free_of(s), noises, _ITERATIONS, runs=self.runs)
-            return -fit.cost - self.penalty(len(c.free))
+            free = self.free_of(s)
+            fits = [self.fit(s.axis, free, noises, _ITERATIONS, runs=runs) for runs in versions]
+            return -min(fit.cost for fit in fits) - self.penalty(len(c.free))
 
         gains = self._parallel([(whole, (c, s)) for _, c, s in close])
         close = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, close, strict=True)]
         close.sort(key=lambda one: -one[0])
         last = close[-1][0]
         return close + [(min(w, last), c, s) for w, c, s in found[len(close) :]]
+
+    def _smooth(self, time: float) -> list[Run]:
+        """The records with inputs smoothed over some time, by local parabolas."""
+        count = max(round(time / self.scales.step), 2) | 1
+        return [replace(r, u=savgol_filter(r.u, count, 2)) for r in self.runs]
 
     def _share(self, slug: str) -> float:
         return _HARD_SHARE if hard(slug) else _SHARE
@@ -684,7 +785,8 @@ class Search:
         room = _OUTSIDE * (high - low)
         amounts = []
         for name in free:
-            kind = kinds[name.partition(".")[2]]["kind"]
+            of_kind = kinds[name.partition(".")[2]]
+            kind = of_kind["kind"]
             value = values.get(name)
             if value is None:
                 continue
@@ -692,7 +794,7 @@ class Search:
                 return False
             if kind == "share" and not _SPLIT <= value <= 1.0 - _SPLIT:
                 return False
-            if kind == "amount":
+            if kind == "amount" and of_kind["neutral"] is not None:
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]
                 amounts.append(abs(value - parameter.neutral) > _SURE * errors[name])
         return all(amounts)

@@ -343,8 +343,7 @@ def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
     with_all = search.fit(final.axis, free, noises, 6, **few)
     nominal = with_values(rest, list(search.base), [search.nominal[n] for n in search.base])
     tries = [search.fit(rest, names, noises, **few)]
-    problem = search.problem(nominal, names)
-    if not search.late and math.isfinite(problem.tried(problem.start(1.0)).cost):
+    if not search.late and search.possible(nominal, names):
         tries.append(search.fit(nominal, names, None, **few))
     less = min(tries, key=lambda s: s.cost)
     found = search.held_out(less, with_all)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.axis_step import (
+    ALLOWED,
     CONTACT_STIFFNESS,
     DAMPING,
     INVERSE_MASS,
@@ -61,6 +62,8 @@ _BLOCK = 0.5
 # bring less; the promise beyond which a search that ends has not converged: where no step
 # keeps it, as the cost is rough, and where it ran out of turns.
 _PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
+# Promised fall from which on slopes are taken to both sides.
+_NEAR = 3.0
 _ITERATIONS = 40
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
@@ -304,7 +307,7 @@ class Likelihood:
         axis = self.axis_at(z, i)
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
-        numbers = arrays.numbers
+        numbers = arrays.numbers.copy()
         # Of two masses the numbers are there twice, the load's after those of the whole.
         load = arrays.integers[N_NUMBERS] if numbers[STIFFNESS] > 0.0 else 0
         inverse = numbers[INVERSE_MOTOR] + numbers[load + INVERSE_MASS]
@@ -313,13 +316,16 @@ class Likelihood:
         if contact * record.dt > _STIFF_CONTACT or turn * record.dt > _STIFF:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         force, reading = self.noises(z, i)
+        # Steps need not be finer than what the random force hides.
+        hidden = compiled.PART * math.sqrt(force) * record.dt * inverse
+        numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, 0.0) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
         for start, end in run.pieces:
             here = slice(start, end)
             mine, states = np.zeros((2, end - start)), np.zeros((4, end - start))
             compiled.innovations(
-                arrays.numbers, arrays.integers, arrays.memory, u[here], record.x[here],
+                numbers, arrays.integers, arrays.memory, u[here], record.x[here],
                 run.good[here], float(record.t[start]), record.dt, self.first, force, reading,
                 record.quantum or 0.0, record.range, states, mine,
             )  # fmt: skip
@@ -383,18 +389,22 @@ class Likelihood:
             return [(j - n) // 2]
         return list(range(len(self.runs))) if self.place[j] < 0 else [self.place[j]]
 
-    def terms(self, z: FloatArray, point: Point) -> tuple[FloatArray, FloatArray]:
+    def terms(
+        self, z: FloatArray, point: Point, sides: int = 2
+    ) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of each block, without the prior.
+
+        `sides`: 2 for slopes of parameters by differences to both sides, 1 for half the work.
 
         Returns
         -------
         gradients : ndarray, shape (nblocks, ncoordinates)
         information : ndarray, shape (nblocks, ncoordinates, ncoordinates)
         """
-        return self._terms(z, point)[:2]
+        return self._terms(z, point, sides)[:2]
 
     def _terms(
-        self, z: FloatArray, point: Point
+        self, z: FloatArray, point: Point, sides: int = 2
     ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """`terms`, and the slopes of each record, shape (ncoordinates, 2, n)."""
         all_g, all_h, kept = [], [], []
@@ -405,21 +415,28 @@ class Likelihood:
             exact = np.zeros((blocks, self.size))
             for j in range(self.size):
                 if i in self._touches(j):
-                    exact[:, j] = self.slope(z, point, i, j, slope[j])
+                    exact[:, j] = self.slope(z, point, i, j, slope[j], sides)
             compiled.normal_terms(point.out[i], run.active, run.edges, slope, g, h)
             all_g.append(exact)
             all_h.append(h)
             kept.append(slope)
         return np.concatenate(all_g), np.concatenate(all_h), kept
 
-    def slope(self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray) -> FloatArray:
+    def slope(
+        self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray, sides: int = 2
+    ) -> FloatArray:
         """Slopes of record i's innovations with coordinate j, and of its blocks' costs.
 
         The gradient is a difference of costs, which a switch missed by a sample
-        changes by little; its linear estimate it would change by much.
+        changes by little; its linear estimate it would change by much.  Of a difference to
+        one side the information tells by how much it is too large.
         """
-        ends, widths = [point.out[i]] * 2, [0.0, 0.0]
-        for side, sign in enumerate((-1.0, 1.0)):
+        run, here = self.runs[i], point.out[i]
+        ends, widths = [here] * 2, [0.0, 0.0]
+        both = sides == 2 or j >= len(self.names)
+        for side, sign in reversed(list(enumerate((-1.0, 1.0)))):
+            if widths[1] > 0.0 and not both:
+                break
             moved = z.copy()
             moved[j] = min(max(z[j] + sign * self.steps[j], self.low[j]), self.high[j])
             if moved[j] == z[j]:
@@ -433,13 +450,18 @@ class Likelihood:
         wide = sum(widths)
         self.bends[j] = np.nan
         if wide == 0.0:
-            return np.zeros(self.runs[i].edges.size - 1)
-        compiled.slopes(point.out[i], ends[0], ends[1], widths[0], widths[1], slope)
+            return np.zeros(run.edges.size - 1)
+        compiled.slopes(here, ends[0], ends[1], widths[0], widths[1], slope)
         below, above = (self.blocks(i, end) for end in ends)
         if min(widths) > 0.0:
-            here = compiled.cost(point.out[i], self.runs[i].active)
-            self.bends[j] = (below.sum() + above.sum() - 2.0 * here) / (0.25 * wide**2)
-        return (above - below) / wide
+            at = compiled.cost(here, run.active)
+            self.bends[j] = (below.sum() + above.sum() - 2.0 * at) / (0.25 * wide**2)
+        rise = (above - below) / wide
+        if not both:
+            g, h = np.zeros((rise.size, 1)), np.zeros((rise.size, 1, 1))
+            compiled.normal_terms(here, run.active, run.edges, slope[None], g, h)
+            rise -= 0.5 * (widths[1] - widths[0]) * h[:, 0, 0]
+        return rise
 
     def bent(self, h: FloatArray) -> FloatArray:
         """Information with the noises' part as the cost bends: it is less than their sum of
@@ -681,7 +703,7 @@ def maximise(
     quiet = stalled = False
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
-        gradients, information = problem.terms(z, point)
+        gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
         g, h = gradients.sum(axis=0), information.sum(axis=0)
         problem.refine(h, wider)
         _, prior_g, prior_h = problem.prior_terms(z)

@@ -936,6 +936,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         1.0 / (axis.mass * (1.0 - inner.load_fraction)) if behind else 0.0,
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
+        0.0,
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]

@@ -256,7 +256,7 @@ class Compliance(Effect):
     """
 
     stiffness: float = parameter("N/m", "stiffness", bounds=(1e-300, math.inf))
-    damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf))
+    damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf), neutral=None)
     load_fraction: float = parameter(
         "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )

@@ -471,7 +471,7 @@ class DwellTime(Effect):
         "N", "breakaway gained after a long rest", bounds=(0.0, math.inf), breaks_away=True
     )
     time_constant: float = parameter(
-        "s", "time constant", bounds=(1e-9, math.inf), breaks_away=True
+        "s", "time constant", bounds=(1e-9, math.inf), breaks_away=True, neutral=None
     )
 
     slug = "dwell_time"

@@ -291,7 +291,7 @@ def innovations(
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
-    row, side = 0, 0.0
+    row, side, kept = 0, 0.0, False
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -310,7 +310,15 @@ def innovations(
         if not sliding and not near and not contact:
             variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
-        if near:
+        if kept:
+            # The drive goes on, the axis stays.
+            rest = memory[step.REST] + dt
+            count[0] = 0
+            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            memory[step.X], memory[step.V] = x, 0.0
+            memory[step.MODE], memory[step.REST] = 0.0, rest
+            p += _CREEP * reading
+        elif near:
             # The mode at the end is not sure: velocities and random forces, each with its own.
             x_mean, v_mean, resting = 0.0, 0.0, 1.0
             slope = g * p / total if total > 0.0 else 0.0
@@ -425,6 +433,9 @@ def innovations(
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
             if abs(y[k] - y[still]) > alike:
+                if kept:
+                    # It moves at last, nobody knows how fast.
+                    kept, g, d = False, 0.0, (alike / dt) ** 2
                 still = k
             e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
@@ -446,8 +457,9 @@ def innovations(
             else:
                 row = 0
             if row == _IN_A_ROW and structure == 0 and k - still > 2 * _IN_A_ROW:
-                # It has not moved at all, however the drive was recorded.
-                row, noise = 0, 0.0
+                # It has not moved at all, however the drive was recorded: what holds it is one
+                # fact, said once and not again with every reading until it moves.
+                row, noise, kept = 0, 0.0, True
                 v, p, g = 0.0, reading, 0.0
                 d = reading / ((k - still) * dt) ** 2
                 memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt

@@ -467,13 +467,12 @@ class Search:
             begun = [one for one in starts if one]
             stiff = [one for one in begun if hard(one[0][3])] if beside is besides[-1] else []
             plain = [one for one in begun if not hard(one[0][3])]
-            if beside is now:
-                found = self._quickly(now, terms, plain)
-            else:
-                # What the base has bent for shows where all is free.
-                found = self._parallel(
-                    [(self._fitted, (now, [one[0]], _LED_TURNS)) for one in plain]
-                )
+            # What the base has bent for shows where all is free; so does what moves the drive
+            # in time, and every other parameter with it.
+            late = ("delay", "lag")
+            led = [o for o in plain if beside is not now or effect_class(o[0][3]).action in late]
+            found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
+            found += self._quickly(now, terms, [one for one in plain if one not in led])
             found += self._parallel([(self._patiently, (now, one, first)) for one in stiff])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):

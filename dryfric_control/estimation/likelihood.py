@@ -389,9 +389,7 @@ class Likelihood:
             return [(j - n) // 2]
         return list(range(len(self.runs))) if self.place[j] < 0 else [self.place[j]]
 
-    def terms(
-        self, z: FloatArray, point: Point, sides: int = 2
-    ) -> tuple[FloatArray, FloatArray]:
+    def terms(self, z: FloatArray, point: Point, sides: int = 2) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of each block, without the prior.
 
         `sides`: 2 for slopes of parameters by differences to both sides, 1 for half the work.

@@ -138,7 +138,7 @@ def _parts(item: Any, view: View) -> list[float]:
     elif kind == "share":
         values = [0.35, 0.5, 0.65]
     elif kind == "time":
-        values = [samples * view.dt for samples in (1.5, 3.5, 8.0)]
+        values = [samples * view.dt for samples in (0.3, 1.5, 3.5, 8.0)]
     else:
         fast = max(float(np.quantile(np.abs(view.v), 0.9)) if view.v.size else 0.0, 1e-12)
         force, length, time = powers(item.metadata["unit"])

@@ -80,7 +80,7 @@ def work_precision(
                 ax.loglog(
                     [r[3] for r in some],
                     [1e3 * r[2] for r in some],
-                    "*" if own else "osD^"[i],
+                    "*" if own else "osD^v"[i],
                     color=f"C{i}",
                     markersize=13 if own else 6,
                     label=f"{words}{': this package' if own else ''}",
@@ -101,14 +101,18 @@ def work_precision(
 
 def _short(name: str) -> str:
     """A row's name without what colour and star say."""
-    words = ("ours", "LuGre", "tanh", "events")
+    words = ("ours", "LuGre", "tanh", "events", "linear")
     return ", ".join(part for part in name.split(", ") if part not in words)
 
 
 def _apart(figure, texts) -> None:
-    """Move labels up until none covers another."""
+    """Keep labels on the panel, and move them up until none covers another."""
     figure.canvas.draw()
     placed = []
+    for text in texts:
+        if text.get_window_extent().x1 > text.axes.get_window_extent().x1:
+            text.set_text(text.get_text().strip() + "   ")
+            text.set_horizontalalignment("right")
     for text in sorted(texts, key=lambda one: one.get_window_extent().y0):
         box = text.get_window_extent()
         shift = 0.0

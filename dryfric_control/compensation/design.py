@@ -445,7 +445,7 @@ def design_compensation(
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
-    quantum = positive("encoder_quantum", encoder_quantum, unit="m", zero=True)
+    quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"), zero=True)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
     if not isinstance(law, str) or law not in tuned.LAWS:
         raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")
@@ -494,11 +494,11 @@ def design_compensation(
         kd=kd,
         filter_time=tuned.FILTER * dt,
         lead=round(whole_delay / dt + 1.0),
-        limit=math.inf if limit is None else positive("limit", limit, unit="N"),
+        limit=math.inf if limit is None else positive("limit", limit, unit=axis.unit("N")),
         tolerance=(
             max(3.0 * quantum, 0.01 * reach, 1e-9 * acting.stick_speed)
             if tolerance is None
-            else positive("tolerance", tolerance, unit="m")
+            else positive("tolerance", tolerance, unit=axis.unit("m"))
         ),
         learning=tuned.LEARNING if learning is None else positive("learning", learning, zero=True),
         disturbance_bandwidth=(

@@ -370,6 +370,23 @@ def test_a_name_stands_once_in_the_title(found):
     assert "<h1>Diagnosis of run &lt;7&gt;</h1>" in page
 
 
+def test_a_short_rest_between_two_motions_the_same_way_leaves_no_residual():
+    machine = dfc.FrictionAxis(
+        mass=2.0,
+        viscous=15.0,
+        coulomb=8.0,
+        effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
+    )
+    t = 1e-3 * np.arange(10_000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    run = machine.simulate(u, dt=1e-3)
+    rests = run.events.time[run.events.after == 0]
+    # At 4.794 s it comes to rest for 65 ms and goes on the same way.
+    assert np.any(np.abs(rests - 4.794) < 1e-3)
+    seen = evidence(machine, dfc.Record(t, u, 1e-6 * np.round(1e6 * run.y[0])))
+    assert np.abs(seen.residual).max() < 0.1 * 8.0
+
+
 def test_difference_is_drawn_in_a_readable_unit(found, shown):
     ax = matplotlib.pyplot.figure().subplots()
     figures.draw_difference(found, shown, None, ax)

@@ -69,9 +69,11 @@ def cannot_tell(
             messages.append(f"{p.name} ended at its lowest value: the record shows none of it")
             named.add(p.name)
         elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
+            share = errors[i] / size
+            much = f"{percent(share)} of" if share < 10.0 else "more than ten times"
             messages.append(
-                f"{p.name} is hardly determined (standard error {100 * errors[i] / size:.0f} % of "
-                f"its value): {_cause(axis, records, p)}"
+                f"{p.name} is hardly determined (standard error {much} its value): "
+                f"{_cause(axis, records, p)}"
             )
             named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)

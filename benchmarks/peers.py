@@ -7,6 +7,8 @@ are the independent sides of the comparison.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import shutil
 import subprocess
@@ -534,6 +536,7 @@ def fesd(problem: StickSlip, step: float = 0.02, stages: int = 4, elements: int 
     options.step_equilibration = nosnoc.StepEquilibrationMode.HEURISTIC_MEAN
     solver = nosnoc.NosnocSolver(options, model)
     loop = nosnoc.NosnocSimLooper(solver, start, round(problem.duration / step), print_level=0)
-    loop.run()
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports steps of its homotopy
+        loop.run()
     found = np.array(loop.get_results()["X_sim"])
     return Breaks(np.empty(0), slips_of_samples(problem, found[:, 2], found[:, 0], found[:, 1]))

@@ -250,8 +250,6 @@ def draw_loop(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlP
         one.margins(x=0.0)
     axes[3].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
     legend_above(axes[0])
-    title_above(
-        axes[0], f"{run.axis.name.replace('_', ' ')} and its observer" if title is None else title
-    )
+    title_above(axes[0], f"{run.axis.name} and its observer" if title is None else title)
     axes[3].set_xlabel("Time [s]")
     return control_plot(axes)

@@ -111,7 +111,7 @@ def _page(d: Findings) -> NDArray[Any]:
     rows = min(text.count("\n") + 1, 14)
     if text.count("\n") + 1 > rows:
         text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
-    name = f"{d.record.name}: " if d.record.name else ""
+    name = f"{d.record.name} \N{EN DASH} " if d.record.name else ""
     heading = textwrap.wrap(
         name + headline(d, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
     )

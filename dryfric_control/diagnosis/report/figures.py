@@ -367,7 +367,8 @@ def draw_remaining(d: Findings, ax: Any) -> None:
         2.0 * d.record.dt * left.rms**2, color="k", lw=1.0, ls=":", label="white, of its RMS"
     )
     ax.set_xlabel("frequency [Hz]")
-    ax.set_ylabel(f"spectrum [({left.unit})²/Hz]")
+    unit = f"({left.unit})" if " " in left.unit else left.unit
+    ax.set_ylabel(typeset(f"spectrum [{unit}²/Hz]"))
     legend_above(ax)
 
 

@@ -7,8 +7,14 @@ are the independent sides of the comparison.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
+import shutil
+import subprocess
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import control as ct
 import numpy as np
@@ -16,10 +22,20 @@ from numba import njit
 from scipy.integrate import ode, odeint, solve_ivp
 from scipy.optimize import brentq
 
+# Where one of these is not installed, the comparison says so.
 try:
     import mujoco
-except ImportError:  # the comparison then says so
+except ImportError:
     mujoco = None
+try:
+    import fmpy
+except ImportError:
+    fmpy = None
+try:
+    import casadi
+    import nosnoc
+except ImportError:
+    nosnoc = None
 
 
 @dataclass(frozen=True)
@@ -393,3 +409,134 @@ def mujoco_slide(
             through.append((i + (slip - now) / (after - now)) * step)
         now = after
     return Breaks(np.empty(0), np.array(through))
+
+
+# --- regularised friction as an FMU, and FESD -----------------------------------------
+
+
+def linear_rates(problem: StickSlip, linear: float = 1e-5):
+    """Right-hand side of (x, v) with friction on a straight line through zero within +-linear."""
+    m, k, belt, sigma = problem.mass, problem.stiffness, problem.belt, problem.stick_speed
+    fc, excess, vs = problem.coulomb, problem.excess, problem.stribeck_speed
+    exp = math.exp
+
+    def rates(t, y):
+        x, v = y
+        fast = max(abs(v), linear)
+        q = (fast - sigma) / vs
+        friction = fc * (1 + excess * exp(-q * q)) * v / max(abs(v), linear)
+        return [v, (k * (belt * t - x) - friction) / m]
+
+    return rates
+
+
+def fmu_parameters(problem: StickSlip, linear: float = 1e-5) -> dict[str, float]:
+    """Start values of the FMU's parameters, in the order of its references."""
+    return {
+        "mass": problem.mass,
+        "stiffness": problem.stiffness,
+        "belt": problem.belt,
+        "coulomb": problem.coulomb,
+        "excess": problem.excess,
+        "stribeck": problem.stribeck_speed,
+        "stick": problem.stick_speed,
+        "linear": linear,
+    }
+
+
+def regularised_fmu(problem: StickSlip, folder: Path) -> Path:
+    """That law as an FMU for model exchange, compiled from ``regularised_friction.c``."""
+    name, state = "regularised_friction", 'variability="continuous"'
+    rows = [
+        (f'name="x" causality="output" {state} initial="exact"', 'start="0"'),
+        (f'name="v" causality="output" {state} initial="exact"', 'start="0"'),
+        (f'name="dx" causality="local" {state}', 'derivative="1"'),
+        (f'name="dv" causality="local" {state}', 'derivative="2"'),
+    ] + [
+        (
+            f'name="{key}" causality="parameter" variability="fixed" initial="exact"',
+            f'start="{value!r}"',
+        )
+        for key, value in fmu_parameters(problem).items()
+    ]
+    variables = "".join(
+        f'<ScalarVariable {head} valueReference="{i}"><Real {start}/></ScalarVariable>'
+        for i, (head, start) in enumerate(rows)
+    )
+    pair = "".join(f'<Unknown index="{i}"/>' for i in (1, 2))
+    slopes = "".join(f'<Unknown index="{i}"/>' for i in (3, 4))
+    description = (
+        f'<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
+        f'numberOfEventIndicators="0"><ModelExchange modelIdentifier="{name}"/>'
+        f"<ModelVariables>{variables}</ModelVariables><ModelStructure><Outputs>{pair}</Outputs>"
+        f"<Derivatives>{slopes}</Derivatives></ModelStructure></fmiModelDescription>"
+    )
+    source, library = Path(__file__).with_name(f"{name}.c"), folder / f"{name}.so"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    subprocess.run(
+        ["gcc", "-O2", "-shared", "-fPIC", f"-I{headers}", source, "-lm", "-o", library], check=True
+    )
+    path = folder / f"{name}.fmu"
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("modelDescription.xml", description)
+        packed.write(library, f"binaries/{fmpy.platform}/{name}{fmpy.sharedLibraryExtension}")
+    return path
+
+
+def fmu_available() -> bool:
+    """Whether an FMU can be built and run here."""
+    return fmpy is not None and shutil.which("gcc") is not None
+
+
+def fmu_cvode(problem: StickSlip, path: Path, rtol: float, dt: float = 1e-2) -> Breaks:
+    """An FMU for model exchange by CVode, as FMPy does."""
+    run = fmpy.simulate_fmu(
+        str(path),
+        stop_time=problem.duration,
+        solver="CVode",
+        relative_tolerance=rtol,
+        step_size=dt,
+        output_interval=dt,
+        output=["x", "v"],
+        start_values=fmu_parameters(problem),
+        validate=False,
+    )
+    return Breaks(np.empty(0), slips_of_samples(problem, run["time"], run["x"], run["v"]))
+
+
+def fesd(problem: StickSlip, step: float = 0.02, stages: int = 4, elements: int = 3) -> Breaks:
+    """nosnoc: finite elements with switch detection, one optimisation problem a step.
+
+    Stuck is its sliding mode of Filippov on v = 0, which lets go at the breakaway force.  The
+    velocity is given to it in Stribeck velocities and the tolerance is tight: else
+    complementarity that is not exact breaks away early.
+    """
+    state = casadi.SX.sym("state", 3)
+    x, v, t = (state[i] for i in range(3))
+
+    def rates(s):
+        q = (s * v - problem.stick_speed) / problem.stribeck_speed
+        level = problem.coulomb * (1 + problem.excess * casadi.exp(-q * q))
+        return casadi.vertcat(
+            v, (problem.stiffness * (problem.belt * t - x) - s * level) / problem.mass, 1
+        )
+
+    start = np.zeros(3)
+    model = nosnoc.NosnocModel(
+        x=state,
+        F=[casadi.horzcat(rates(1), rates(-1))],
+        S=[np.array([[1], [-1]])],
+        c=[v / problem.stribeck_speed],
+        x0=start,
+    )
+    options = nosnoc.NosnocOpts()
+    options.n_s, options.N_finite_elements, options.terminal_time = stages, elements, step
+    options.comp_tol = options.sigma_N = 1e-9
+    options.pss_mode = nosnoc.PssMode.STEP
+    options.step_equilibration = nosnoc.StepEquilibrationMode.HEURISTIC_MEAN
+    solver = nosnoc.NosnocSolver(options, model)
+    loop = nosnoc.NosnocSimLooper(solver, start, round(problem.duration / step), print_level=0)
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports steps of its homotopy
+        loop.run()
+    found = np.array(loop.get_results()["X_sim"])
+    return Breaks(np.empty(0), slips_of_samples(problem, found[:, 2], found[:, 0], found[:, 1]))

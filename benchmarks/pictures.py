@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 
 def confusion(
@@ -80,7 +82,7 @@ def work_precision(
                 ax.loglog(
                     [r[3] for r in some],
                     [1e3 * r[2] for r in some],
-                    "*" if own else "osD^"[i],
+                    "*" if own else "osD^v"[i],
                     color=f"C{i}",
                     markersize=13 if own else 6,
                     label=f"{words}{': this package' if own else ''}",
@@ -91,31 +93,42 @@ def work_precision(
     ax.margins(x=0.2)
     ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3)
     # The colour says which law; the star that it is this package.
-    texts = [
-        ax.text(r[3], 1e3 * r[2], "   " + _short(r[0]), fontsize=7, va="center") for r in shown
-    ]
-    _apart(figure, texts)
+    colours = {law: f"C{i}" for i, law in enumerate(laws)}
+    _labels(figure, ax, [(r[3], 1e3 * r[2], _short(r[0]), colours[r[1]]) for r in shown])
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def _short(name: str) -> str:
     """A row's name without what colour and star say."""
-    words = ("ours", "LuGre", "tanh", "events")
+    words = ("ours", "LuGre", "tanh", "events", "linear")
     return ", ".join(part for part in name.split(", ") if part not in words)
 
 
-def _apart(figure, texts) -> None:
-    """Move labels up until none covers another."""
+def _labels(figure, ax, points) -> None:
+    """Label each point where nothing else stands, with a line where that is farther off."""
     figure.canvas.draw()
-    placed = []
-    for text in sorted(texts, key=lambda one: one.get_window_extent().y0):
-        box = text.get_window_extent()
-        shift = 0.0
-        for low in sorted(placed, key=lambda one: one.y0):
-            if box.translated(0.0, shift).overlaps(low):
-                shift = low.y1 - box.y0
-        moved = box.translated(0.0, shift)
-        x, y = text.axes.transData.inverted().transform((box.x0, moved.y0 + 0.5 * box.height))
-        text.set_position((x, y))
-        placed.append(moved)
+    inside, scale = ax.get_window_extent(), figure.dpi / 72.0
+    at = ax.transData.transform([point[:2] for point in points])
+    taken = [Bbox.from_bounds(x - 5 * scale, y - 5 * scale, 10 * scale, 10 * scale) for x, y in at]
+    places = [(1, 0, 7), (-1, 0, 7), (0, 1, 8), (0, -1, 8)]
+    places += [
+        (np.cos(turn), np.sin(turn), far)
+        for far in range(16, 120, 8)
+        for turn in np.deg2rad([25, -25, 155, -155, 60, -60, 120, -120, 90, -90, 0, 180])
+    ]
+    for (x, y, text, colour), own in zip(points, taken[: len(points)], strict=True):
+        for across, up, far in places:
+            side = "center" if abs(across) < 0.2 else "left" if across > 0 else "right"
+            label = ax.annotate(
+                text, (x, y), (across * far, up * far), textcoords="offset points", ha=side,
+                va="center", fontsize=7, color=colour,
+                arrowprops={"arrowstyle": "-", "lw": 0.5, "color": colour} if far > 8 else None,
+            )  # fmt: skip
+            label.update_positions(figure.canvas.get_renderer())
+            box = Text.get_window_extent(label).padded(1.0)  # without the line
+            free = not any(box.overlaps(one) for one in taken if one is not own)
+            if free and inside.containsx(box.x0) and inside.containsx(box.x1):
+                taken.append(box)
+                break
+            label.remove()

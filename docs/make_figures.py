@@ -85,12 +85,12 @@ def main() -> None:
         0.0,
         "friction-model error to velocity error",
         "velocity error [inc/s]",
-        "inc/s per N m",
+        "inc/s per N·m",
     )
     save(speed, IMAGES / "error_speed.png")
     # Estimated minus true friction is the map's error plus e_w.
     friction = error_dynamics(
-        "e_w", 1.0, "friction-model error to friction error", "friction error [N m]", "1"
+        "e_w", 1.0, "friction-model error to friction error", "friction error [N·m]", "1"
     )
     save(friction, IMAGES / "error_friction.png")
     run = presets.clutch_experiment()

@@ -76,9 +76,9 @@ def parser() -> argparse.ArgumentParser:
         ("--gear-ratio", "N", "turns of the motor per turn of the load"),
         ("--lead", "M", "way of a linear axis per turn of the load [m]"),
         ("--torque-constant", "K", "torque of the motor per current [N m/A]"),
-        ("--rated-torque", "T", "torque of the motor at 100 % [N m]"),
+        ("--rated-torque", "T", "torque of the motor at 100 %% [N m]"),
         ("--force-constant", "K", "force of a linear motor per current [N/A]"),
-        ("--rated-force", "F", "force of a linear motor at 100 % [N]"),
+        ("--rated-force", "F", "force of a linear motor at 100 %% [N]"),
     ):
         diagnose.add_argument(option, type=float, metavar=metavar, help=words)
     diagnose.add_argument(
@@ -174,6 +174,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, ImportError) as problem:
         words = " ".join(str(problem).split())
         words = re.sub(r'columns=\{"(\w+)": \.\.\.\}', r"--columns \1=...", words)
+        words = re.sub(
+            r"Split there .*read_record\(\.\.\., dt=(\S+)\)", r"Fill them by --dt \1", words
+        )
         print(f"{parser().prog}: {words}", file=sys.stderr)
         return 2
     return 0

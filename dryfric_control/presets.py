@@ -77,7 +77,7 @@ def clutch_actuator() -> FrictionAxis:
         stick_speed=150.0,
         stick_rate=500.0,
         travel=(0.0, TRAVEL),
-        name="clutch_actuator",
+        name="clutch actuator",
         units=_UNITS,
     )
 

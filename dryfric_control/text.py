@@ -56,6 +56,19 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     return f". Did you mean {lowered[close[0]]!r}?" if close else ""
 
 
+def percent(share: float, sign: str = "") -> str:
+    """A share in per cent, two digits below ten; `sign` "+" states that of a gain too.
+
+    Examples
+    --------
+    >>> from dryfric_control.text import percent
+    >>> percent(0.0234), percent(1.58), percent(0.5, "+")
+    ('2.3 %', '158 %', '+50 %')
+    """
+    value = 100.0 * share
+    return f"{value:{sign}.0f} %" if abs(value) >= 10.0 else f"{value:{sign}.2g} %"
+
+
 def length_text(value: float, unit: str) -> str:
     """A small length with a readable prefix."""
     if abs(value) < 1e-13:  # round-off: no prefix makes it readable

@@ -167,3 +167,19 @@ def test_check_and_result_are_printed_before_the_report_is_written(tmp_path, mon
     said = capsys.readouterr()
     assert "verdict: explained" in said.out and "No space left" in said.err
     assert said.out.startswith("run.csv: ") and " at rest, no sample lost" in said.out
+
+
+@pytest.mark.parametrize("command", ["demo", "diagnose", "export"])
+def test_help_can_be_printed(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == 0 and "--out DIR" in capsys.readouterr().out
+
+
+def test_lost_rows_are_told_with_the_option_that_fills_them(run, capsys):
+    there = np.delete(np.arange(200), [50, 51, 120])
+    text = table("t;u;x", (T[there], X[there], X[there]))
+    assert run(text) is None
+    assert "Fill them by --dt 0.001\n" in capsys.readouterr().err
+    record = run(text, "--dt", "0.001")
+    assert len(record) == 200 and record.bad["filled"] == 3

@@ -12,6 +12,7 @@ import json
 import operator
 import re
 import shutil
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -164,6 +165,14 @@ def test_reference_lists_every_public_name():
 
 def test_readme_has_the_two_commands_that_ci_runs():
     assert len(re.findall(r"^```bash$", (ROOT / "README.md").read_text(), re.MULTILINE)) == 2
+
+
+def test_badges_state_what_the_project_file_states():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    readme = (ROOT / "README.md").read_text("utf-8")
+    oldest = project["requires-python"].removeprefix(">=")
+    assert f"/badge/python-{oldest}+-" in readme
+    assert f"/badge/license-{project['license']['text'].replace('-', '--')}-" in readme
 
 
 #: Every page that is read as it is, on a code host too.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.text import Result
+from dryfric_control.text import Result, length_text
 
 Array = NDArray[np.float64]
 
@@ -120,8 +120,8 @@ class TrackingCertificate(Result):
     def _shown(self) -> Iterator[str]:
         length, force = self.units
         yield (
-            f"tube   {self.tube:.4g} {length} for {100 * self.mismatch:g} % of mismatch: "
-            + ", ".join(f"{name} {value:.3g}" for name, value in self.parts.items())
+            f"tube   {length_text(self.tube, length)} for {100 * self.mismatch:g} % of mismatch: "
+            + ", ".join(f"{name} {length_text(one, length)}" for name, one in self.parts.items())
         )
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
@@ -393,7 +393,8 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         Condition(
             "the drive is constant at rest after finitely many corrections",
             bool(holds and c[kernel.GROWTH] > 1.0),
-            f"each one widens the tolerance {loop.tolerance:.3g} {length} by {c[kernel.GROWTH]:g}"
+            f"each one widens the tolerance {length_text(loop.tolerance, length)} "
+            f"by {c[kernel.GROWTH]:g}"
             if holds
             else "the integral goes on at rest",
         ),
@@ -410,6 +411,6 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         Condition(
             "the encoder's last digit does not end the hold",
             bool(2.5 * loop.tolerance >= loop.encoder_quantum),
-            f"released at {2.5 * loop.tolerance:.3g} {length}",
+            f"released at {length_text(2.5 * loop.tolerance, length)}",
         ),
     )

@@ -24,7 +24,7 @@ from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
 from dryfric_control.store.axis_file import axis_to_dict
 from dryfric_control.store.files import write_document
-from dryfric_control.text import Result, plain_data
+from dryfric_control.text import Result, length_text, plain_data, prefixed, typeset
 
 #: What a file holds.
 KIND, VERSION = "friction compensation", 2
@@ -211,7 +211,7 @@ class Compensation(Result):
         length, force = self.axis.units
         yield (
             f"Friction compensation of {self.axis.name}, law {self.law!r}, dt = {self.dt:g} s, "
-            f"encoder {self.encoder_quantum:g} {length}"
+            f"encoder {length_text(self.encoder_quantum, length)}"
         )
         yield (
             f"loop   {self.bandwidth:.4g} rad/s: kp = {self.kp:.6g} {force}/{length}, "
@@ -234,13 +234,14 @@ class Compensation(Result):
         error, bound = reference.position - run.y[0], self.certify(reference=reference).tube
         axes[0].plot(run.t, reference.position, color="0.55", label="reference")
         axes[0].plot(run.t, run.y[0], "k", linewidth=1.0, label="axis")
-        axes[1].plot(run.t, error, "k", linewidth=1.0, label="error")
+        factor, short = prefixed(bound if math.isfinite(bound) else np.abs(error).max(), length)
+        axes[1].plot(run.t, error / factor, "k", linewidth=1.0, label="error")
         if math.isfinite(bound):
-            for side, label in ((-bound, None), (bound, "tube")):
+            for side, label in ((-bound / factor, None), (bound / factor, "tube")):
                 axes[1].axhline(side, color="C3", linestyle="--", linewidth=1.0, label=label)
         axes[2].plot(run.t, run.y[4], "k", linewidth=1.0, label="drive u")
         axes[2].plot(run.t, run.y[2], "C0--", linewidth=1.0, label="friction")
-        labels = (f"position [{length}]", f"error [{length}]", f"force [{force}]")
+        labels = (f"position [{length}]", typeset(f"error [{short}]"), f"force [{force}]")
         for one, label in zip(axes, labels, strict=True):
             shade_stuck(one, run.t, run.y[3])
             one.set_ylabel(label)
@@ -445,7 +446,7 @@ def design_compensation(
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
-    quantum = positive("encoder_quantum", encoder_quantum, unit="m", zero=True)
+    quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"), zero=True)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
     if not isinstance(law, str) or law not in tuned.LAWS:
         raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")
@@ -494,11 +495,11 @@ def design_compensation(
         kd=kd,
         filter_time=tuned.FILTER * dt,
         lead=round(whole_delay / dt + 1.0),
-        limit=math.inf if limit is None else positive("limit", limit, unit="N"),
+        limit=math.inf if limit is None else positive("limit", limit, unit=axis.unit("N")),
         tolerance=(
             max(3.0 * quantum, 0.01 * reach, 1e-9 * acting.stick_speed)
             if tolerance is None
-            else positive("tolerance", tolerance, unit="m")
+            else positive("tolerance", tolerance, unit=axis.unit("m"))
         ),
         learning=tuned.LEARNING if learning is None else positive("learning", learning, zero=True),
         disturbance_bandwidth=(

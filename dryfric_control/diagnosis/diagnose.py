@@ -97,7 +97,7 @@ def diagnose(
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     time_limit : float, optional
-        Time after which the best answer so far is returned, which says so [s].
+        Time by the clock after which the best answer so far is returned, which says so [s].
     jobs : int, optional
         Candidates fitted at the same time.
     progress : bool, optional

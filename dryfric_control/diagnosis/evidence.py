@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
@@ -178,6 +178,10 @@ def evidence(
     hidden = blind(*behind) if hide is None else hide
     # What is hidden reaches as far as the smoothing does.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
+    left_out = float(np.mean(~shown)) if shown.size else 0.0
+    # A short rest between two motions the same way: no friction of sliding acts there.
+    highest, lowest = (f(record.x, seen.smoothing) for f in (maximum_filter1d, minimum_filter1d))
+    shown &= (highest > lowest)[index]
     index, residual = index[shown], seen.residual[shown]
     lags, correlation, white = autocorrelation(residual, index, record.dt)
     at = windows.evaluate(axis, np.ones(len(windows), bool), thorough=True)
@@ -188,7 +192,7 @@ def evidence(
         seen.x[shown],
         seen.v[shown],
         residual,
-        float(np.mean(~shown)) if shown.size else 0.0,
+        left_out,
         since_reversal(record)[index],
         lags,
         correlation,

@@ -39,8 +39,8 @@ def export_c(
     precision : {"double", "single"}, optional
         Type of the numbers, `double` or `float`.
     name : str, optional
-        Prefix of every C name and of the files.  Default: the name of the axis, followed
-        by ``_observer``, ``_filter`` or ``_compensation``.
+        Prefix of every C name and of the files.  Default: the name of the axis, blanks and
+        the like as ``_``, followed by ``_observer``, ``_filter`` or ``_compensation``.
     dt : float, optional
         Sampling time of an axis [s].  Default: 1 ms.  The others have their own.
 

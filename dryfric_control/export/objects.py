@@ -190,7 +190,9 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
             f"the exported memory holds {MOST_DELAY}: check the units of delay and dt"
         )
     made = make(obj, step)
-    return replace(made, name=_identifier(made.name if name is None else name, name is None))
+    # An axis is named for people: what C does not take becomes "_".
+    free = re.sub(r"[^A-Za-z0-9_]+", "_", made.name) if name is None else name
+    return replace(made, name=_identifier(free, name is None))
 
 
 def read_exportable(path: str | os.PathLike[str]) -> Any:

@@ -39,7 +39,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.saved import load_object, save_object
-from dryfric_control.text import Result, length_text, plain_data
+from dryfric_control.text import Result, length_text, percent, plain_data
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
 
@@ -603,7 +603,7 @@ def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
         return []
     force = max(evidence.force)
     level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
-    share = f" ({100.0 * force / level:.2g} % of the Coulomb level)" if level > 0.0 else ""
+    share = f" ({percent(force / level)} of the Coulomb level)" if level > 0.0 else ""
     return [
         f"the model does not fit: what it leaves out is like a random force of {force:.3g} "
         f"{axis.units[1]} RMS{share} but is correlated in time; diagnose(axis, record) names what "

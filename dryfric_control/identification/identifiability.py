@@ -12,6 +12,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
+from dryfric_control.text import percent
 from dryfric_control.ties import samples
 
 FloatArray = NDArray[np.float64]
@@ -68,9 +69,11 @@ def cannot_tell(
             messages.append(f"{p.name} ended at its lowest value: the record shows none of it")
             named.add(p.name)
         elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
+            share = errors[i] / size
+            much = f"{percent(share)} of" if share < 10.0 else "more than ten times"
             messages.append(
-                f"{p.name} is hardly determined (standard error {100 * errors[i] / size:.0f} % of "
-                f"its value): {_cause(axis, records, p)}"
+                f"{p.name} is hardly determined (standard error {much} its value): "
+                f"{_cause(axis, records, p)}"
             )
             named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)
@@ -122,27 +125,27 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
         long = [r.derivatives(_long(r)).a for r in records]
         share = axis.mass * np.sqrt(np.mean(np.concatenate(long) ** 2)) / force
         return (
-            f"the axis hardly accelerates, m a is {_percent(share)} of the drive force; "
+            f"the axis hardly accelerates, m a is {percent(share)} of the drive force; "
             "excite it with quick reversals"
         )
     if name == "viscous":
         share = axis.viscous * np.std(speed) / force
         return (
-            f"the speed changes little, f v varies by {_percent(share)} of the drive force; run at "
+            f"the speed changes little, f v varies by {percent(share)} of the drive force; run at "
             "several speeds, up to the fastest"
         )
     if name.startswith("coulomb"):
         for side, s in (("plus", 1), ("minus", -1)):
             moved = sum(float(np.mean(directions(r) == s)) for r in records) / len(records)
             if side in name and moved < 0.01:
-                return f"the axis moves in this direction in {_percent(moved)} of the samples"
+                return f"the axis moves in this direction in {percent(moved)} of the samples"
         return "the drive force is large against it; crawl slowly both ways"
     if parameter.breaks_away or name == "stick_rate":
         slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
         moving = np.concatenate([directions(r) for r in records]) != 0
         share = float(np.mean(moving & (np.abs(speed) < slow)))
         return (
-            f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {_percent(share)} of the "
+            f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {percent(share)} of the "
             "samples; crawl slowly, with stops"
         )
     return "the motion excites it too little"
@@ -151,7 +154,3 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
 def _long(record: Record) -> int:
     return min(max(record.smoothing_window, (samples(0.05, record.dt) // 2) * 2 + 1), 501,
                (len(record) - 1) | 1)  # fmt: skip
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"

@@ -373,7 +373,7 @@ def simulate_loop(
         instance("controller", controller, PositionController, "or comp.controller")
     motion = MotionProfile.of(reference, controller.dt)
     r = motion.position
-    quantum = positive("quantum", quantum, unit="m", zero=True)
+    quantum = positive("quantum", quantum, unit=axis.unit("m"), zero=True)
     x0, v0 = finite("x0", x0), finite("v0", v0)
     force = np.zeros(r.size) if disturbance is None else samples("disturbance", disturbance)
     if force.size != r.size:

@@ -92,10 +92,10 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
     """Title, equations and numbers of each mode, a row each."""
     rows = {0: [rf"$\dot v = -p\,v$,  $F = {force}$", f"p = {axis.stick_rate:.4g} 1/s"]}
     rows[0] += [
-        rf"$F_{{s{sign}}}$ = {_levels(axis, axis.breakaway, s)}" for s, sign in _SIGNS.items()
+        rf"$F_{{b{sign}}}$ = {_levels(axis, axis.breakaway, s)}" for s, sign in _SIGNS.items()
     ]
     for s, sign in _SIGNS.items():
-        # Friction opposes the motion: F_s is a magnitude.
+        # Friction opposes the motion: the level is a magnitude.
         rows[s] = [rf"$m\,\dot v = {force} - f\,v {'-' if s > 0 else '+'} F_{sign}$"]
         if axis.stribeck:
             slip = "v" if s > 0 else "-v"
@@ -161,7 +161,7 @@ def _arrow(ax: Any, start: tuple[float, float], end: tuple[float, float], bend: 
 
 def _beyond(force: str, s: int) -> str:
     """Load beyond the breakaway level of one direction, as a formula."""
-    return rf"{force} > F_{{s+}}" if s > 0 else rf"{force} < -F_{{s-}}"
+    return rf"{force} > F_{{b+}}" if s > 0 else rf"{force} < -F_{{b-}}"
 
 
 def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:

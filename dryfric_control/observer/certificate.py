@@ -129,7 +129,10 @@ class Certificate(Result):
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
 
     def _shown(self) -> Iterator[str]:
-        radii = ", ".join(f"mode {m:+d}: {r:.5f}" for m, r in self.spectral_radius.items())
+        radii = ", ".join(
+            f"mode {m:+d}: {r:.5f}" if m else f"mode 0: {r:.5f}"
+            for m, r in self.spectral_radius.items()
+        )
         yield (
             f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
             f"(gap {100 * self.gap:.2f} %)"

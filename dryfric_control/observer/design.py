@@ -325,7 +325,8 @@ class ObserverDesign(Result):
             ("mode", "L_x", "L_v [1/s]", f"G [{force}/{length}]", "radius")
         ]
         for mode, (lx, lv, g) in self.gains.items():
-            rows.append((f"{mode:+d}", f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
+            name = f"{mode:+d}" if mode else "0"
+            rows.append((name, f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
         yield rows
         yield from self.certificate._shown()
 

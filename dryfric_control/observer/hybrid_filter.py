@@ -325,11 +325,11 @@ def hybrid_filter(
     acting = axis.effective()
     own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
     dt = positive("dt", dt, unit="s")
-    quantum = positive("encoder_quantum", encoder_quantum, unit="m")
+    quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"))
     excess = positive("excess", excess)
     if excess_speed is None:
         excess_speed = own.stribeck.speed if own.stribeck else _STICK_SPEEDS * own.stick_speed
-    excess_speed = positive("excess_speed", excess_speed, unit="m/s")
+    excess_speed = positive("excess_speed", excess_speed, unit=axis.unit("m/s"))
     level_walk = positive("level_walk", level_walk, zero=True)
     force_noise = positive("force_noise", force_noise)
     mass_error = positive("mass_error", mass_error, zero=True)

@@ -79,7 +79,9 @@ def tables(
     if encoder_quantum is None:
         quantum = design.encoder_quantum
     else:
-        quantum = positive("encoder_quantum", encoder_quantum, unit="m", zero=True)
+        quantum = positive(
+            "encoder_quantum", encoder_quantum, unit=design.axis.unit("m"), zero=True
+        )
     axis = design.axis
     slowest = design.certificate.spectral_radius[1]
     numbers = np.array(

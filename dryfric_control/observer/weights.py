@@ -136,7 +136,7 @@ def default_weights(
     amplitudes = _uncertainty(axis, uncertainty)
     d = max(amplitudes.values())
     if drift is not None:
-        drift = positive("drift", drift, unit="N", zero=True)
+        drift = positive("drift", drift, unit=axis.unit("N"), zero=True)
     if d == 0.0:
         raise ValueError(
             "uncertainty is zero in every mode: an observer of an exactly known axis need not "
@@ -144,11 +144,11 @@ def default_weights(
         )
     step = dt * kick * d
     if noise is not None:
-        noise = positive("noise", noise, unit="m", zero=True)
+        noise = positive("noise", noise, unit=axis.unit("m"), zero=True)
         bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
     elif encoder_quantum is not None:
-        quantum = positive("encoder_quantum", encoder_quantum, unit="m")
+        quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"))
         bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
         bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2

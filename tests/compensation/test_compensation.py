@@ -390,5 +390,9 @@ def test_summary_and_plot(comp):
     assert "tube" in comp.summary() and "128" not in comp._repr_html_()[:5]
     plot = comp.plot()
     assert plot.axes.shape == (3, 1)
-    assert plot.axes[1, 0].get_ylabel() == "error [m]"
+    # In the prefix in which the tube is readable.
+    assert plot.axes[1, 0].get_ylabel() == "error [mm]"
+    (tube,) = (line for line in plot.axes[1, 0].lines if line.get_label() == "tube")
+    bound = comp.certify(reference=comp._there_and_back()).tube
+    assert tube.get_ydata()[0] == pytest.approx(1e3 * bound)
     assert replace(comp, law="fixed").summary() != comp.summary()

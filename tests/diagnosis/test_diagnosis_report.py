@@ -339,6 +339,54 @@ def test_the_share_left_is_one_fact(found):
         assert Gain(4.2e-4, after, 1.2e-6, (1.0, 1.0), "m").left == left
 
 
+def test_what_several_records_show_alike_is_said_once(found):
+    spread = "spread over the record, no clear location"
+    places = (
+        f"{spread}: 8 of 23 windows",
+        "where the axis rests (3 of 4 windows there)",
+        f"{spread}: 9 of 22 windows",
+    )
+    one = replace(found, unexplained=Unexplained(1.0, True, places))
+    both = replace(one, others=(found.record,))
+    words = " ".join(both.summary().split())
+    assert (
+        f"{spread}: 8 of 23 windows, 9 of 22 windows; where the axis rests (3 of 4 windows there)"
+        in words
+    )
+    assert "100 % of the error above noise is left" in words
+    # Who has given several records is not asked for several.
+    several = "diagnose several records of this machine together"
+    assert several in words_of(html_summary(one)) and several not in words_of(html_summary(both))
+
+
+def test_error_reduction_says_of_what(found):
+    likely = replace(found, references={"nominal axis": 12.0})
+    assert "Error reduction: of free runs" in words_of(html_summary(found))
+    assert "Error reduction: of one-step predictions" in words_of(html_summary(likely))
+
+
+def test_a_name_stands_once_in_the_title(found):
+    page = html_page(replace(found, axis=found.axis.replace(name=found.record.name)))
+    assert "<h1>Diagnosis of run &lt;7&gt;</h1>" in page
+
+
+def test_a_short_rest_between_two_motions_the_same_way_leaves_no_residual():
+    machine = dfc.FrictionAxis(
+        mass=2.0,
+        viscous=15.0,
+        coulomb=8.0,
+        effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
+    )
+    t = 1e-3 * np.arange(10_000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    run = machine.simulate(u, dt=1e-3)
+    rests = run.events.time[run.events.after == 0]
+    # At 4.794 s it comes to rest for 65 ms and goes on the same way.
+    assert np.any(np.abs(rests - 4.794) < 1e-3)
+    seen = evidence(machine, dfc.Record(t, u, 1e-6 * np.round(1e6 * run.y[0])))
+    assert np.abs(seen.residual).max() < 0.1 * 8.0
+
+
 def test_difference_is_drawn_in_a_readable_unit(found, shown):
     ax = matplotlib.pyplot.figure().subplots()
     figures.draw_difference(found, shown, None, ax)

@@ -44,7 +44,7 @@ def test_numbers_of_the_axis_stand_in_the_drawing():
     for number in ("m = 2 kg", "f = 15 N\xb7s/m", "= 8 N", "= 6 N", "p = 500 1/s", "0.0001 m/s"):
         assert number in text
     # breakaway is (1 + 0.5) times the Coulomb level
-    assert "$F_{s+}$ = 12 N" in text and "$F_{s-}$ = 9 N" in text
+    assert "$F_{b+}$ = 12 N" in text and "$F_{b-}$ = 9 N" in text
 
 
 def test_a_level_that_varies_is_written_as_a_range():
@@ -57,7 +57,7 @@ def test_effects_on_base_parameters_are_applied_and_the_others_named():
     axis = an_axis(effects=(dfc.effects.Inertia(factor=3.0), dfc.effects.BiasForce(force=1.0)))
     text = words(dfc.plot_state_machine(axis))
     assert "m = 6 kg" in text
-    assert "w > F_{s+}" in text and "u > F_{s+}" not in text
+    assert "w > F_{b+}" in text and "u > F_{b+}" not in text
     assert "bias force" in text
     assert "w: net" not in words(dfc.plot_state_machine(an_axis()))
 

@@ -111,7 +111,7 @@ def _page(d: Findings) -> NDArray[Any]:
     rows = min(text.count("\n") + 1, 14)
     if text.count("\n") + 1 > rows:
         text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
-    name = f"{d.record.name}: " if d.record.name else ""
+    name = f"{d.record.name} \N{EN DASH} " if d.record.name else ""
     heading = textwrap.wrap(
         name + headline(d, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
     )
@@ -367,7 +367,8 @@ def draw_remaining(d: Findings, ax: Any) -> None:
         2.0 * d.record.dt * left.rms**2, color="k", lw=1.0, ls=":", label="white, of its RMS"
     )
     ax.set_xlabel("frequency [Hz]")
-    ax.set_ylabel(f"spectrum [({left.unit})²/Hz]")
+    unit = f"({left.unit})" if " " in left.unit else left.unit
+    ax.set_ylabel(typeset(f"spectrum [{unit}²/Hz]"))
     legend_above(ax)
 
 

@@ -16,7 +16,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.bad_readings import Masked
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, fields_of
+from dryfric_control.text import Result, fields_of, percent
 
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.experiment import Experiment
@@ -299,7 +299,7 @@ def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:
     if before == 0.0:
         return ""
     ratio = after / before
-    return f"{100.0 * (ratio - 1.0):+.2g} %" if abs(ratio) < 3.0 else f"{ratio:.3g} times"
+    return percent(ratio - 1.0, "+") if abs(ratio) < 3.0 else f"{ratio:.3g} times"
 
 
 def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]:

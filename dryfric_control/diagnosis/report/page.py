@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.drawing import control_plot
 from dryfric_control.store.axis_file import axis_text
-from dryfric_control.text import length_text, table, typeset
+from dryfric_control.text import length_text, percent, table, typeset
 
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
 # resolution of clouds of dots.
@@ -85,6 +85,7 @@ def _found(d: Findings) -> dict[str, Any]:
         "causes": [_cause(d, cause) for cause in d.main_causes],
         "corrections": [_cause(d, cause) for cause in d.small_corrections],
         "small": f"{100.0 * SMALL:g}",
+        "one_step": bool(d.references),  # the likelihood decided
         "gain_title": wording.gain_title(d).capitalize(),
         "gain": wording.gain_text(d),
         "unexplained": wording.places_text(d) if d.unexplained.significant else "",
@@ -261,7 +262,7 @@ def _evidence_rows(before: Evidence, after: Evidence | None) -> list[tuple[str, 
             "free runs, median error",
             *(length_text(float(np.median(s.error_by_window)), length) for s in sides),
         ),
-        ("stick/slip mismatch *", *(f"{100.0 * s.disagreement:.2g} %" for s in sides)),
+        ("stick/slip mismatch *", *(percent(s.disagreement) for s in sides)),
     ]
 
 

@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
-from dryfric_control.text import length_text
+from dryfric_control.text import length_text, percent
 
 FloatArray = NDArray[np.float64]
 
@@ -176,10 +176,9 @@ def gain_text(d: Findings) -> str:
     before, after, floor = (length_text(v, g.unit) for v in (g.before, g.after, g.floor))
     if not d.causes:
         return f"{before} RMS; noise floor {floor}"
-    left = (
-        "less than 1" if d.unexplained.fraction < 0.01 else f"{100.0 * d.unexplained.fraction:.2g}"
-    )
-    rest = f"; {left} % of the error above noise is left" if d.unexplained.significant else ""
+    share = d.unexplained.fraction
+    left = "less than 1 %" if share < 0.01 else percent(share)
+    rest = f"; {left} of the error above noise is left" if d.unexplained.significant else ""
     return (
         f"{before} RMS before, {after} after; error reduction (factor) {plain(g.ratio)} "
         f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])}); noise floor {floor}{rest}"
@@ -188,7 +187,13 @@ def gain_text(d: Findings) -> str:
 
 def places_text(d: Findings) -> str:
     """Where the error that is left lives."""
-    return "; ".join(d.unexplained.where) or "no clear location"
+    # What is said of several records alike is said once.
+    said: dict[str, list[str]] = {}
+    for place in d.unexplained.where:
+        head, _, numbers = place.partition(": ")
+        said.setdefault(head, []).append(numbers)
+    words = (head + ": " * bool(numbers[0]) + ", ".join(numbers) for head, numbers in said.items())
+    return "; ".join(words) or "no clear location"
 
 
 def next_steps(d: Findings) -> list[str]:
@@ -203,9 +208,9 @@ def next_steps(d: Findings) -> list[str]:
         steps.append("Use the axis with the causes in place of the nominal one, see below.")
     if d.unexplained.significant:
         steps.append(f"Look at what is left where it is: {places_text(d)}.")
+        more = "" if d.others else ", or diagnose several records of this machine together"
         steps.append(
-            "Add the effect that you suspect with register_effect and diagnose again, or "
-            "diagnose several records of this machine together."
+            f"Add the effect that you suspect with register_effect and diagnose again{more}."
         )
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
@@ -226,7 +231,7 @@ def hidden_text(d: Findings, share: float) -> str:
     if not names:
         return ""
     return (
-        f"Left out: {100.0 * share:.2g} % of the sliding samples, just after a turn, "
+        f"Left out: {percent(share)} of the sliding samples, just after a turn, "
         f"where {' and '.join(names)} cannot be shown as a force; the free runs show it."
     )
 
@@ -270,7 +275,7 @@ def further_lines(d: Findings) -> list[str]:
         )
         mean = float(np.mean(found["values"]))
         last = (
-            f" (last over first {found['values'][-1] / found['values'][0]:.3g})"
+            f" (the last is {found['values'][-1] / found['values'][0]:.3g} of the first)"
             if mean and found["values"][0]
             else ""
         )

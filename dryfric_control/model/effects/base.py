@@ -97,10 +97,12 @@ class ViscousFriction(Effect):
     depends_on_place = False
     base = "viscous"
     explanation = (
-        "Speed-proportional friction differs from what was assumed: other grease, another "
+        "Friction proportional to velocity differs from what was assumed: other grease, another "
         "temperature, a new seal."
     )
-    experiment = "Run at several constant speeds: the slope of force over speed is the coefficient."
+    experiment = (
+        "Run at several constant velocities: the slope of force over velocity is the coefficient."
+    )
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
         """Axis with the other viscous coefficient.

@@ -53,7 +53,7 @@ class InputDelay(Effect):
     remembers = True
     rank = 5
     explanation = "The drive acts late: computing time, a field bus, or a current loop's dead time."
-    experiment = "Step the force while sliding and time the bend in speed against the command."
+    experiment = "Step the force while sliding and time the bend in velocity against the command."
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Its delay.

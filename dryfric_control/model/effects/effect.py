@@ -373,10 +373,11 @@ class Effect:
             low, high = item.metadata["bounds"]
             neutral = item.default if item.default is not MISSING else item.metadata["neutral"]
             if neutral is None or not low <= neutral <= high:
+                given = ", ".join(f"{one.name}=..." for one in fields(cls))
                 raise ValueError(
                     f"free: {cls.slug}.{item.name} has no neutral value to start from: put the "
-                    "effect with a first guess into the axis, axis.replace(effects=("
-                    f"{cls.__name__}(...),))"
+                    "effect with first guesses into the axis, axis.replace(effects=("
+                    f"{cls.__name__}({given}),))"
                 )
             values[item.name] = float(neutral)
         return cls(**values)

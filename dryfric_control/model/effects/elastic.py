@@ -271,7 +271,9 @@ class Compliance(Effect):
         "A belt, a long screw or a soft coupling gives way between motor and load: they swing "
         "against each other."
     )
-    experiment = "Step the force while sliding: the motor's speed rings at the natural frequency."
+    experiment = (
+        "Step the force while sliding: the motor's velocity rings at the natural frequency."
+    )
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Spring, damper and load.

@@ -107,7 +107,7 @@ class ViscousAsymmetry(Effect):
     depends_on_direction = True
     rank = 17
     explanation = (
-        "Speed-proportional friction is larger one way: a lip seal or a one-sided oil film."
+        "Friction proportional to velocity is larger one way: a lip seal or a one-sided oil film."
     )
     experiment = "Run at several constant speeds both ways and compare the slopes of force."
 

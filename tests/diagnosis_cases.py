@@ -48,6 +48,11 @@ def record(case: Case) -> dfc.Record:
     return make(case.t, case.u, case.x)
 
 
+def causes(found: Any) -> list[str]:
+    """Slugs of the causes that a diagnosis names."""
+    return [cause.effect for cause in found.causes]
+
+
 def foreign(causes: list[str]) -> list[str]:
     """Causes that are not wrong base parameters."""
     return [slug for slug in causes if slug not in BASE]

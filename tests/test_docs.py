@@ -212,9 +212,9 @@ def bench(tmp_path, monkeypatch):
         mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
         effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
     )  # fmt: skip
-    t = 1e-3 * np.arange(6000)
+    t = 2e-3 * np.arange(3000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=2e-3).y[0])
     np.savetxt(
         tmp_path / "run.csv", np.column_stack([1e3 * t, u, 1e3 * x]), fmt="%.6f", delimiter=",",
         header="t [ms],u [N],pos [mm]", comments="",

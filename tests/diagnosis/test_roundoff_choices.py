@@ -54,10 +54,10 @@ def changed(record, how):
 
 @cache
 def run(name):
-    t = 1e-3 * np.arange(3000)
+    t = 2e-3 * np.arange(1500)
     pace = 2.0 * np.pi * t
     u = 22.0 * np.sin(0.5 * pace) + 6.0 * np.sin(3.1 * pace + 1.0) + 4.0 * np.sin(0.83 * pace)
-    x = BASE.replace(effects=EFFECTS[name]).simulate(u, dt=1e-3).y[0]
+    x = BASE.replace(effects=EFFECTS[name]).simulate(u, dt=2e-3).y[0]
     return dfc.Record(t, u, 1e-6 * np.round(1e6 * x))
 
 

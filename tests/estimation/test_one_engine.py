@@ -90,7 +90,6 @@ FITS = {"base": base, "free_peak": free_peak, "two_records": two_records, "strib
 CASES = {
     "spring": lambda: make_case("spring", 1, "short"),
     "cogging": lambda: make_case("cogging", 1, "short"),
-    "presliding": lambda: make_case("presliding", 3, "short"),
     "clean": lambda: make_null(1, "short"),
 }
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_cases import believed, record
+from diagnosis_cases import among, believed, record
 from truth import make_case, make_null
 
 import dryfric_control as dfc
@@ -76,7 +76,8 @@ def stribeck():
 
 
 def diagnosed(case):
-    d = dfc.diagnose(believed(case), record(case), jobs=1)
+    with among("spring", "gravity", "position_dependence", "cogging", "presliding", "stribeck"):
+        d = dfc.diagnose(believed(case), record(case), jobs=1)
     found = {"verdict": d.verdict, "causes": [c.effect for c in d.causes], "parameters": {}}
     found["errors"] = {}
     for c in d.causes:
@@ -90,6 +91,7 @@ FITS = {"base": base, "free_peak": free_peak, "two_records": two_records, "strib
 CASES = {
     "spring": lambda: make_case("spring", 1, "short"),
     "cogging": lambda: make_case("cogging", 1, "short"),
+    "presliding": lambda: make_case("presliding", 3, "short"),
     "clean": lambda: make_null(1, "short"),
 }
 

@@ -47,6 +47,9 @@ _DIAGNOSIS = (
     "tests/diagnosis/test_selection.py",
     "tests/diagnosis/test_noise_floor.py",
     "tests/diagnosis/test_diagnosis.py",
+    "tests/diagnosis/test_unexplained.py",
+    "tests/diagnosis/test_several_causes.py",
+    "tests/diagnosis/test_own_effects.py",
     "-k",
     "test_selection or test_noise_floor or clean or hidden and spring or learns_by_heart or "
     "outside or explains or held or pair",

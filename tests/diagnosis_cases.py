@@ -8,13 +8,15 @@ nowhere else, both are translated.  `diagnose` itself gets (t, u, x) alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from truth import Case
 
 import dryfric_control as dfc
+from dryfric_control.model.effects.effect import REGISTRY
 
 #: Slug of a wrong base parameter and the parameter.
 BASE = {"inertia": "mass", "viscous": "viscous", "coulomb": "coulomb"}
@@ -46,6 +48,27 @@ def record(case: Case) -> dfc.Record:
     """What the user measured: time, force, encoder reading, and no more."""
     make = dfc.Record.from_irregular if case.condition == "jitter" else dfc.Record
     return make(case.t, case.u, case.x)
+
+
+@contextmanager
+def among(*slugs: str) -> Iterator[None]:
+    """Base parameters and these effects alone are candidates: those that a test is about.
+
+    The blind tests of `test_diagnosis` have the whole catalogue.
+    """
+    before = dict(REGISTRY)
+    try:
+        for slug in before.keys() - {*BASE, *slugs}:
+            del REGISTRY[slug]
+        yield
+    finally:
+        REGISTRY.clear()
+        REGISTRY.update(before)
+
+
+def causes(found: Any) -> list[str]:
+    """Slugs of the causes that a diagnosis names."""
+    return [cause.effect for cause in found.causes]
 
 
 def foreign(causes: list[str]) -> list[str]:

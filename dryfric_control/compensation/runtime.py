@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dryfric_control.checks import finite
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
-from dryfric_control.model.axis import Arrays
+from dryfric_control.model.loops import LoopRun
 from dryfric_control.model.profiles import MotionProfile
 
 Array = NDArray[np.float64]
@@ -80,34 +80,13 @@ class CompensatedController:
             line[:, 0], line[:, 1] = motion.position[first], motion.velocity[first]
         return memory
 
-    def run(
-        self,
-        axis: Arrays,
-        state: Array,
-        motion: MotionProfile,
-        disturbance: Array,
-        quantum: float,
-        room: int,
-        out: Array,
-    ) -> tuple[Array, int]:
+    def run(self, loop: LoopRun) -> tuple[Array, int]:
         """Run the compiled loop, see `simulate_loop`.
 
         Parameters
         ----------
-        axis : Arrays
-            The plant.
-        state : ndarray
-            Its memory, position and speed at the start first.
-        motion : MotionProfile
-            Reference.
-        disturbance : ndarray, shape (n,)
-            Force added to the drive [N].
-        quantum : float
-            Encoder increment [m].
-        room : int
-            Numbers that one sample may write into the list of switches.
-        out : ndarray, shape (6, n)
-            Filled with x, v, F, mode, u, y.
+        loop : LoopRun
+            Plant, reference and encoder; its `out` is filled.
 
         Returns
         -------
@@ -117,8 +96,8 @@ class CompensatedController:
             Switches for which there was no room.
         """
         return kernel.run_loop(
-            axis.numbers, axis.integers, state, self.law, self.memory(motion), motion.rows,
-            disturbance, quantum, self.dt, room, out,
+            loop.axis.numbers, loop.axis.integers, loop.state, self.law, self.memory(loop.motion),
+            loop.motion.rows, loop.disturbance, loop.quantum, self.dt, loop.room, loop.out,
         )  # fmt: skip
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:

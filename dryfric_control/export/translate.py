@@ -15,7 +15,7 @@ import math
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
@@ -550,7 +550,7 @@ class _Body:
             for target in node.targets[:-1]:
                 self.assign(target, value)
             return
-        self.assign(node.targets[0], value, node.value)
+        self.assign(node.targets[0], value)
 
     def do_augassign(self, node: ast.AugAssign) -> None:
         load = ast.copy_location(_loaded(node.target), node)
@@ -569,7 +569,7 @@ class _Body:
         whole = ast.copy_location(ast.BinOp(load, node.op, node.value), node)
         self.assign(node.target, self.value(whole))
 
-    def assign(self, target: ast.expr, value: Value, source: ast.expr | None = None) -> None:
+    def assign(self, target: ast.expr, value: Value) -> None:
         """Store a value, or each of several."""
         if isinstance(target, ast.Tuple):
             self.unpack(target, value)
@@ -1044,7 +1044,7 @@ class _Body:
         target = self.python_object(node.func)
         if target is None:
             raise self.fail(node, f"{ast.unparse(node.func)} cannot be called")
-        special = _SPECIAL.get(target) if _hashable(target) else None
+        special = _SPECIAL.get(target) if isinstance(target, Hashable) else None
         if special is not None:
             return special(self, node)
         if node.keywords:
@@ -1227,14 +1227,6 @@ def _shared(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
     return a[:n]
 
 
-def _hashable(value: Any) -> bool:
-    try:
-        hash(value)
-    except TypeError:
-        return False
-    return True
-
-
 def _wrapped(line: str) -> str:
     """A C line, broken where it is long."""
     if len(line) <= 100:
@@ -1298,10 +1290,9 @@ def _same(body: _Body, node: ast.Call) -> Value:
 
 def _further(body: _Body, node: ast.Call) -> Value:
     start, count = body.value(node.args[0]), body.value(node.args[1])
-    if isinstance(start.kind, Pointer):
-        kind: Kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
-    else:
+    if not isinstance(start.kind, Pointer):
         raise body.fail(node, "an address of numbers")
+    kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
     return Value(f"{start.within(_SUM)} + {count.within(_SUM + 1)}", kind, binds=_SUM)
 
 

@@ -75,13 +75,13 @@ class Pieces(NamedTuple):
 def average(record: Record, piece: float = _PIECE) -> Pieces:
     """Pieces of motion, no longer than a part of the range, averaged over the way."""
     moving = directions(record).astype(int)
-    x, v, noise = _smoothed(record, moving)
+    x, v, noise = _smoothed(record)
     # Not the raw readings: their noise is in the drive force too, through the
     # loop, and would do work.
-    step = 0.5 * (v[1:] + v[:-1]) * record.dt
+    middle = 0.5 * (v[1:] + v[:-1])
+    step = middle * record.dt
     # An interval counts if it slides at both ends, the same way.
     s = np.where(moving[1:] == moving[:-1], moving[1:], 0)
-    middle = 0.5 * (v[1:] + v[:-1])
     way = np.abs(np.where(s != 0, step, 0.0))
     if way.sum() == 0.0:
         none = np.empty(0)
@@ -119,24 +119,11 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
                         record.t[c],
                     )
                 )
-    way, place, force, speed, rise, direction, slide, begin, end, t = np.reshape(
-        np.array(rows), (-1, 10)
-    ).T
-    return Pieces(
-        way,
-        place,
-        force,
-        speed,
-        rise,
-        direction.astype(np.int64),
-        slide.astype(np.int64),
-        begin,
-        end,
-        t,
-    )
+    columns = np.reshape(rows, (-1, 10)).T
+    return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
 
-def _smoothed(record: Record, moving: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, float]:
+def _smoothed(record: Record) -> tuple[FloatArray, FloatArray, float]:
     """Position and speed, smoothed to know the speed to 2 %, and its noise.
 
     Noise of the speed enters the work squared, and through the loop it is in

@@ -420,13 +420,9 @@ def position_controller(
 def _memoryless(axis: FrictionAxis, what: str) -> None:
     instance("axis", axis, FrictionAxis)
     for effect in axis.effects:
-        if effect.remembers:
+        if effect.remembers or effect.action == "reading":
+            why = "remembers the past" if effect.remembers else "acts on the encoder"
             raise ValueError(
-                f"{what} has no place for the effect {effect.slug!r}, which remembers the past: "
-                "take axis_block(axis, dt)"
-            )
-        if effect.action == "reading":
-            raise ValueError(
-                f"{what} has no place for the effect {effect.slug!r}, which acts on the encoder: "
+                f"{what} has no place for the effect {effect.slug!r}, which {why}: "
                 "take axis_block(axis, dt)"
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import control as ct
 import numpy as np
@@ -26,6 +26,36 @@ from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
 
 
+class LoopRun(NamedTuple):
+    """One run of a closed loop: plant, motion and what is filled.
+
+    Attributes
+    ----------
+    axis : Arrays
+        The plant.
+    state : ndarray
+        Its memory, position and speed at the start first.
+    motion : MotionProfile
+        Reference.
+    disturbance : ndarray, shape (n,)
+        Force added to the drive [N].
+    quantum : float
+        Encoder increment [m].
+    room : int
+        Numbers that one sample may write into the list of switches.
+    out : ndarray, shape (6, n)
+        Filled with x, v, F, mode, u, y.
+    """
+
+    axis: Arrays
+    state: NDArray[np.float64]
+    motion: MotionProfile
+    disturbance: NDArray[np.float64]
+    quantum: float
+    room: int
+    out: NDArray[np.float64]
+
+
 class LoopController(Protocol):
     """What `simulate_loop` asks of a controller."""
 
@@ -34,42 +64,8 @@ class LoopController(Protocol):
         """Sampling time [s]."""
         ...
 
-    def run(
-        self,
-        axis: Arrays,
-        state: NDArray[np.float64],
-        motion: MotionProfile,
-        disturbance: NDArray[np.float64],
-        quantum: float,
-        room: int,
-        out: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], int]:
-        """Run the compiled loop.
-
-        Parameters
-        ----------
-        axis : Arrays
-            The plant.
-        state : ndarray
-            Its memory, position and speed at the start first.
-        motion : MotionProfile
-            Reference.
-        disturbance : ndarray, shape (n,)
-            Force added to the drive [N].
-        quantum : float
-            Encoder increment [m].
-        room : int
-            Numbers that one sample may write into the list of switches.
-        out : ndarray, shape (6, n)
-            Filled with x, v, F, mode, u, y.
-
-        Returns
-        -------
-        ndarray, shape (nswitches, 3)
-            Located switches: time, mode before, mode after.
-        int
-            Switches for which there was no room.
-        """
+    def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
+        """Run the compiled loop: located switches, and how many had no room."""
         ...
 
 
@@ -237,34 +233,13 @@ class PositionController:
         memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
         return memory
 
-    def run(
-        self,
-        axis: Arrays,
-        state: NDArray[np.float64],
-        motion: MotionProfile,
-        disturbance: NDArray[np.float64],
-        quantum: float,
-        room: int,
-        out: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], int]:
+    def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
         """Run the compiled loop, see `simulate_loop`.
 
         Parameters
         ----------
-        axis : Arrays
-            The plant.
-        state : ndarray
-            Its memory, position and speed at the start first.
-        motion : MotionProfile
-            Reference.
-        disturbance : ndarray, shape (n,)
-            Force added to the drive [N].
-        quantum : float
-            Encoder increment [m].
-        room : int
-            Numbers that one sample may write into the list of switches.
-        out : ndarray, shape (6, n)
-            Filled with x, v, F, mode, u, y.
+        loop : LoopRun
+            Plant, reference and encoder; its `out` is filled.
 
         Returns
         -------
@@ -273,10 +248,10 @@ class PositionController:
         int
             Switches for which there was no room.
         """
-        memory = self.memory(encode(state[0], quantum), state[1])
+        memory = self.memory(encode(loop.state[0], loop.quantum), loop.state[1])
         return run_loop(
-            axis.numbers, axis.integers, state, self.gains, memory, motion.position, disturbance,
-            quantum, self.dt, room, out,
+            loop.axis.numbers, loop.axis.integers, loop.state, self.gains, memory,
+            loop.motion.position, loop.disturbance, loop.quantum, self.dt, loop.room, loop.out,
         )  # fmt: skip
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
@@ -390,7 +365,7 @@ def simulate_loop(
             raise ValueError(TOO_MANY)
         memory = np.zeros(arrays.memory)
         memory[:2] = x0, v0
-        located, lost = controller.run(arrays, memory, motion, force, quantum, room, out)
+        located, lost = controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))
         room *= 8
     check_finite(out)
     return SimulationResponse(

@@ -130,6 +130,9 @@ class Record:
     dt : float
         Sampling step [s].
     notes : tuple of str
+    quantum : float or None
+        Encoder quantum [unit of x], None if none: as given, or the largest step of which at least
+        98 % of the differences between positions are whole multiples (within a tenth).
     masked : Masked
         Readings that are not used: ``indices``, ``reasons`` and ``readings``, what was
         recorded.  In ``x`` a smooth path bridges them.
@@ -171,6 +174,7 @@ class Record:
     units: Mapping[str, str]
     name: str | None
     notes: tuple[str, ...]
+    quantum: float | None
     channels: Mapping[str, FloatArray]
     raw: Mapping[str, tuple[str, float]]
     masked: Masked
@@ -216,8 +220,7 @@ class Record:
             )
         warn_if_suspect(tv, dt, uv)
         name = None if name is None else plain_text(name)
-        self._set(tv, uv, xv, rv, dt, labels, name, notes, more, stored, masked)
-        self.__dict__["quantum"] = seen or None
+        self._set(tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
@@ -236,15 +239,17 @@ class Record:
         units: Mapping[str, str],
         name: str | None,
         notes: tuple[str, ...],
+        quantum: float | None,
         channels: Mapping[str, FloatArray],
         raw: Mapping[str, tuple[str, float]],
-        masked: Masked = NONE,
+        masked: tuple[Any, ...] = NONE,
     ) -> None:
+        masked = Masked(*masked)
         for array in (t, u, x, reference, masked.indices, masked.readings, *channels.values()):
             if array is not None:
                 array.setflags(write=False)
         self.__dict__.update(
-            t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes,
+            t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes, quantum=quantum,
             units=MappingProxyType(dict(units)), channels=MappingProxyType(dict(channels)),
             raw=MappingProxyType(dict(raw)), masked=masked,
         )  # fmt: skip
@@ -264,9 +269,9 @@ class Record:
         part = object.__new__(Record)
         notes = self.notes + ((note,) if note else ())
         part._set(
-            t, u, x, reference, dt, self.units, self.name, notes, channels or {}, self.raw, masked
-        )
-        part.__dict__["quantum"] = self.quantum
+            t, u, x, reference, dt, self.units, self.name, notes, self.quantum, channels or {},
+            self.raw, masked,
+        )  # fmt: skip
         return part
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -307,15 +312,6 @@ class Record:
     def range(self) -> float:
         """Distance between the extreme positions [unit of x]."""
         return float(np.ptp(self.x))
-
-    @cached_property
-    def quantum(self) -> float | None:
-        """Encoder quantum seen in the data [unit of x], None if none.
-
-        The largest step of which at least 98 % of the differences between
-        positions are whole multiples (within a tenth).
-        """
-        return estimated_quantum(self.x, self.raw.get("x", ("", 1.0))[1])
 
     @cached_property
     def noise(self) -> float:
@@ -772,7 +768,8 @@ class Record:
         whole = object.__new__(cls)
         more = extra_vectors(channels, tv.size)
         labels = checked_units(units)
-        whole._set(tv, uv, xv, rv, float(np.median(steps)), labels, name, (), more, {})
+        step, quantum = float(np.median(steps)), estimated_quantum(xv, 1.0)
+        whole._set(tv, uv, xv, rv, step, labels, name, (), quantum, more, {})
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -1161,11 +1158,8 @@ def told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 
 
-def restored(t: Any, u: Any, x: Any, r: Any, dt: float, units: Any, name: Any, notes: Any,
-              quantum: float | None, channels: Any, raw: Any,
-              masked: Any = NONE) -> Record:  # fmt: skip
+def restored(*parts: Any) -> Record:
     """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
-    record._set(t, u, x, r, dt, units, name, notes, channels, raw, Masked(*masked))
-    record.__dict__["quantum"] = quantum
+    record._set(*parts)
     return record

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import truth
-from diagnosis_cases import believed, record
+from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.forward_search import forward
@@ -14,6 +14,11 @@ from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+# Effects that scale forces, all of them or those against the load, and some that do not.
+RIVALS = (
+    "input_gain", "load_dependence", "load_asymmetry", "stribeck", "bias_force", "spring",
+    "input_delay",
+)  # fmt: skip
 
 
 def noisy(machine, seed, seconds=6.0):
@@ -27,9 +32,9 @@ def noisy(machine, seed, seconds=6.0):
 
 @pytest.fixture(scope="module")
 def biased():
-    return dfc.diagnose(
-        AXIS, noisy(AXIS.replace(effects=(dfc.effects.BiasForce(1.0),)), 1), known=("mass",), jobs=1
-    )
+    record = noisy(AXIS.replace(effects=(dfc.effects.BiasForce(1.0),)), 1)
+    with among(*RIVALS):
+        return dfc.diagnose(AXIS, record, known=("mass",), jobs=1)
 
 
 @pytest.mark.slow
@@ -63,15 +68,17 @@ def test_reads_back_as_it_was(biased, tmp_path):
     ],
 )
 def test_one_cause_is_found_before_three_wrong_base_parameters(effect, slug):
-    search = Search(AXIS, [noisy(AXIS.replace(effects=(effect,)), 3)])
-    assert forward(search, most=1).causes == [slug]
+    with among(*RIVALS):
+        search = Search(AXIS, [noisy(AXIS.replace(effects=(effect,)), 3)])
+        assert forward(search, most=1).causes == [slug]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", ["load_dependence", "input_gain"])
 def test_the_same_on_records_of_the_bench(slug):
     case = truth.make_case(slug, 0, "noisy")
-    assert forward(Search(believed(case), [record(case)]), most=1).causes == [slug]
+    with among(*RIVALS):
+        assert forward(Search(believed(case), [record(case)]), most=1).causes == [slug]
 
 
 @pytest.mark.slow
@@ -84,7 +91,8 @@ def test_finds_nothing_in_noise_alone():
 @pytest.mark.slow
 def test_two_records_show_what_has_changed():
     records = [noisy(AXIS, 3), noisy(AXIS.replace(coulomb=9.6), 4)]
-    d = dfc.diagnose(AXIS, records, known=("mass",), jobs=1, time_limit=600.0)
+    with among(*RIVALS):
+        d = dfc.diagnose(AXIS, records, known=("mass",), jobs=1, time_limit=600.0)
     assert list(d.varies) == ["coulomb"]
     first, second = d.varies["coulomb"]["values"]
     assert second / first == pytest.approx(1.2, rel=0.02)

@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
@@ -54,10 +55,10 @@ def changed(record, how):
 
 @cache
 def run(name):
-    t = 1e-3 * np.arange(3000)
+    t = 2e-3 * np.arange(1500)
     pace = 2.0 * np.pi * t
     u = 22.0 * np.sin(0.5 * pace) + 6.0 * np.sin(3.1 * pace + 1.0) + 4.0 * np.sin(0.83 * pace)
-    x = BASE.replace(effects=EFFECTS[name]).simulate(u, dt=1e-3).y[0]
+    x = BASE.replace(effects=EFFECTS[name]).simulate(u, dt=2e-3).y[0]
     return dfc.Record(t, u, 1e-6 * np.round(1e6 * x))
 
 
@@ -67,9 +68,17 @@ def crawl():
     return dfc.Record(ramp.t, ramp.u, ramp.x, ramp.reference)
 
 
+# What is found, and what comes closest to each.
+CANDIDATES = (
+    "bias_force", "spring", "cogging", "quadratic_drag", "coulomb_asymmetry", "gravity",
+    "position_dependence", "viscous_asymmetry", "drift",
+)  # fmt: skip
+
+
 @cache
 def told(name):
-    return diagnose(BASE, run(name), jobs=1)
+    with among(*CANDIDATES):
+        return diagnose(BASE, run(name), jobs=1)
 
 
 # --- the rule ---------------------------------------------------------------
@@ -226,7 +235,9 @@ def test_of_two_equal_peaks_the_first_is_taken():
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "how"), [*((n, "noise") for n in EFFECTS), ("clean", "thirds")])
 def test_a_diagnosis_is_the_same(name, how):
-    one, two = told(name), diagnose(BASE, changed(run(name), how), jobs=1)
+    one = told(name)
+    with among(*CANDIDATES):
+        two = diagnose(BASE, changed(run(name), how), jobs=1)
     assert one.verdict == two.verdict == ("explained" if EFFECTS[name] else "nothing to find")
     assert [c.effect for c in one.causes] == [c.effect for c in two.causes]
     for first, second in zip(one.causes, two.causes, strict=True):

@@ -166,10 +166,10 @@ def test_intervals_cover_the_truth():
 
 @pytest.mark.slow
 def test_stribeck_and_levels_from_ripple():
-    # The crawl, over half the travel, runs inside the peak, so the levels of `identify_coulomb`
+    # The crawl, over a third of the travel, runs inside the peak, so the levels of `identify_coulomb`
     # are too high: the fit of the slips puts that right.
-    record, loop = bench(1, speed=0.03, duration=30.0, reach=0.15)
-    places = PLACES[PLACES < 0.14]
+    record, loop = bench(1, speed=0.03, duration=20.0, reach=0.1)
+    places = PLACES[PLACES < 0.09]
     raised = identify_coulomb(record, degree=2, axis=AXIS)
     assert np.max(np.abs(raised(places, -1) / level(places, -1) - 1.0)) > 0.05
     with warnings.catch_warnings():

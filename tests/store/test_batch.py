@@ -15,6 +15,7 @@ from pathlib import Path
 import joblib
 import numpy as np
 import pytest
+from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control import presets
@@ -431,8 +432,15 @@ def bench():
     return believed, records
 
 
+@pytest.fixture
+def few():
+    """Causes beside a gain."""
+    with among("input_gain", "load_dependence", "bias_force", "stribeck"):
+        yield
+
+
 @pytest.mark.slow
-def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch):
+def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch, few):
     axis, records = bench
     store = tmp_path / "diagnoses.jsonl"
     one = dfc.diagnose_batch(axis, {"monday": records["monday"]}, store=store, progress=False)

@@ -13,9 +13,31 @@ from dryfric_control.model.effects.guesses import Guess, View
 from dryfric_control.model.friction import MOST_EXCESS, Stribeck
 
 
+class Factor(Effect):
+    """A base parameter of the axis, named by `base`, times a factor."""
+
+    factor: float
+    action = "axis"
+    depends_on_place = False
+
+    def alter(self, axis: BaseAxis) -> BaseAxis:
+        """Axis with the other value.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect.
+
+        Returns
+        -------
+        FrictionAxis
+        """
+        return axis.replace(**{self.base: self.factor * getattr(axis, self.base)})
+
+
 @register_effect
 @dataclass(frozen=True)
-class Inertia(Effect):
+class Inertia(Factor):
     r"""Mass other than the axis' own.
 
     Parameters
@@ -41,8 +63,6 @@ class Inertia(Effect):
 
     slug = "inertia"
     title = "inertia error"
-    action = "axis"
-    depends_on_place = False
     base = "mass"
     explanation = (
         "More or less mass moves than assumed: a workpiece, a coupling, a gear ratio "
@@ -50,24 +70,10 @@ class Inertia(Effect):
     )
     experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
 
-    def alter(self, axis: BaseAxis) -> BaseAxis:
-        """Axis with the other mass.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis that has the effect.
-
-        Returns
-        -------
-        FrictionAxis
-        """
-        return axis.replace(mass=self.factor * axis.mass)
-
 
 @register_effect
 @dataclass(frozen=True)
-class ViscousFriction(Effect):
+class ViscousFriction(Factor):
     r"""Viscous coefficient other than the axis' own.
 
     Parameters
@@ -93,8 +99,6 @@ class ViscousFriction(Effect):
 
     slug = "viscous"
     title = "viscous friction error"
-    action = "axis"
-    depends_on_place = False
     base = "viscous"
     explanation = (
         "Friction proportional to velocity differs from what was assumed: other grease, another "
@@ -104,24 +108,10 @@ class ViscousFriction(Effect):
         "Run at several constant velocities: the slope of force over velocity is the coefficient."
     )
 
-    def alter(self, axis: BaseAxis) -> BaseAxis:
-        """Axis with the other viscous coefficient.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis that has the effect.
-
-        Returns
-        -------
-        FrictionAxis
-        """
-        return axis.replace(viscous=self.factor * axis.viscous)
-
 
 @register_effect
 @dataclass(frozen=True)
-class CoulombFriction(Effect):
+class CoulombFriction(Factor):
     r"""Coulomb level other than the axis' own, the same both ways.
 
     Parameters
@@ -145,8 +135,6 @@ class CoulombFriction(Effect):
 
     slug = "coulomb"
     title = "Coulomb level error"
-    action = "axis"
-    depends_on_place = False
     base = "coulomb"
     explanation = (
         "Dry friction as a whole is higher or lower than assumed: preload, wear, lubrication."
@@ -156,17 +144,6 @@ class CoulombFriction(Effect):
     )
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
-        """Axis with the other levels.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis that has the effect.
-
-        Returns
-        -------
-        FrictionAxis
-        """
         return axis.replace(coulomb=axis.coulomb.scaled(self.factor))
 
 

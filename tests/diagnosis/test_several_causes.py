@@ -1,0 +1,71 @@
+"""More than one cause, causes that can stand for several, and effects the axis has already."""
+
+import pytest
+from diagnosis_cases import among, believed, causes, parameter_errors, record
+from truth import make_case, make_pair
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.diagnose import diagnose
+
+# Effects that raise or lower all forces, some of them or one way alone.
+BESIDE_GAIN = (
+    "input_gain", "stribeck", "load_dependence", "load_asymmetry", "coulomb_asymmetry",
+    "bias_force", "quadratic_drag", "viscous_asymmetry",
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_both_causes_of_a_pair_are_found():
+    case = make_pair(0, "short", pair=("spring", "input_delay"))
+    rivals = (
+        "gravity", "position_dependence", "cogging", "bias_force", "actuator_lag", "compliance",
+        "presliding", "input_gain",
+    )  # fmt: skip
+    with among("spring", "input_delay", *rivals):
+        found = diagnose(believed(case), record(case), jobs=1)
+    assert sorted(causes(found)) == ["input_delay", "spring"], str(found)
+    assert found.verdict == "explained"
+    assert max(parameter_errors(case, found).values()) < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effects", "seed", "condition"),
+    [
+        (("input_gain",), 7, "exact"),
+        (("input_gain",), 4, "short"),
+        (("input_gain", "stribeck"), 5, "short"),
+    ],
+)
+def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
+    # The very same machine; one cause is plainer than three.
+    case = make_case(effects, seed, condition)
+    with among(*BESIDE_GAIN):
+        found = diagnose(believed(case), record(case), jobs=1)
+    assert sorted(causes(found)) == sorted(effects), str(found)
+
+
+# -- effects in the believed axis ------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
+    case = make_case("spring", 0, "short")
+    true = case.truth["spring"]
+    half = dfc.effects.Spring(stiffness=0.5 * true["stiffness"], rest=true["centre"])
+    with among("spring", "gravity", "position_dependence", "bias_force", "cogging"):
+        found = diagnose(believed(case).replace(effects=(half,)), record(case), jobs=1)
+    assert causes(found) == ["spring"], str(found)
+    assert found.causes[0].parameters["stiffness"] == pytest.approx(true["stiffness"], rel=0.05)
+    assert "lready in the nominal axis" in found.causes[0].explanation
+    assert len(found.extended.effects) == 1
+
+
+@pytest.mark.slow
+def test_a_believed_peak_that_is_not_there_is_taken_away():
+    case = make_case("input_gain", 4, "short")
+    peak = dfc.Stribeck(excess=0.3, speed=0.02)
+    with among(*BESIDE_GAIN):
+        found = diagnose(believed(case).replace(stribeck=peak), record(case), jobs=1)
+    assert sorted(causes(found)) == ["input_gain", "stribeck"], str(found)
+    assert found.extended.stribeck.excess < 0.02

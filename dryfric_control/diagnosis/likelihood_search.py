@@ -82,14 +82,18 @@ _OUTSIDE = 0.1
 _CLOSE = 0.25
 # Time constants over which the input is smoothed where causes are compared with a lag.
 _OVER = (2.0, 4.0, 8.0, 16.0)
+# Part of a sample below which nothing is late.
+_SOONEST = 0.02
 # Least share of two parts: less is one part alone, of which another effect speaks.
 _SPLIT = 0.01
 # Separate stretches of blocks that must gain where most say nothing, and the part of their
 # gain that others may lose.
-_EVENTS, _LOST = 3, 0.05
+_EVENTS, _LOST = 3, 0.15
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
-_DELAY, _BIAS = "input_delay", "bias_force"
+_BIAS = "bias_force"
+# Actions of effects that move the drive in time.
+_LATE = ("delay", "lag")
 # Units a sample by which a straight line is ahead where the motion is imposed, and the part
 # of the drive that the force which the motion needs may then leave.
 _FORESEEN, _IMPOSED = 0.1, 0.25
@@ -115,7 +119,7 @@ def hard(slug: str) -> bool:
     Then slopes tell little far from the best values.
     """
     effect = effect_class(slug)
-    return effect.remembers and effect.action not in ("delay", "lag")
+    return effect.remembers and effect.action not in _LATE
 
 
 def _with_value(guess, name: str, value: float):  # type: ignore[no-untyped-def]
@@ -402,7 +406,7 @@ class Search:
 
     def earlier(self, now: Solution) -> Solution | None:
         """A model beside inputs that act before their time stamps, where data ask for it."""
-        if self.imposed or self.clock or any(n.startswith(_DELAY) for n in now.problem.names):
+        if self.imposed or self.clock or any(e.action in _LATE for e in now.axis.effects):
             return None
         noises = now.z[len(now.problem.names) :]
         self.clock = (SHIFT,)
@@ -450,8 +454,8 @@ class Search:
         if self.imposed:
             effects = tuple(e for e in effects if effect_class(e).action in _FORCES and not hard(e))
         if self.clock:
-            # An input that may be early cannot tell a delay.
-            effects = tuple(e for e in effects if e != _DELAY)
+            # An input that may be early cannot tell a delay, and with a lag it is smoothed.
+            effects = tuple(e for e in effects if effect_class(e).action not in _LATE)
         besides = [now]
         if self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
@@ -469,8 +473,7 @@ class Search:
             plain = [one for one in begun if not hard(one[0][3])]
             # What the base has bent for shows where all is free; so does what moves the drive
             # in time, and every other parameter with it.
-            late = ("delay", "lag")
-            led = [o for o in plain if beside is not now or effect_class(o[0][3]).action in late]
+            led = [o for o in plain if beside is not now or effect_class(o[0][3]).action in _LATE]
             found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
             found += self._quickly(now, terms, [one for one in plain if one not in led])
             found += self._parallel([(self._patiently, (now, one, first)) for one in stiff])
@@ -791,9 +794,14 @@ class Search:
                 continue
             if kind == "place" and not low - room <= value <= high + room:
                 return False
+            if kind == "time" and value < _SOONEST * self.scales.step:
+                return False
             if kind == "share" and not _SPLIT <= value <= 1.0 - _SPLIT:
                 return False
-            if kind == "amount" and of_kind["neutral"] is not None:
+            # Of what acts at breakaway alone the cost is too rough for standard errors: that it
+            # gains is what says that it is there.
+            smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
+            if kind == "amount" and smooth:
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]
                 amounts.append(abs(value - parameter.neutral) > _SURE * errors[name])
         return all(amounts)

@@ -6,11 +6,20 @@ import math
 
 import numpy as np
 import pytest
+import truth
+from diagnosis_cases import believed, record
 
 import dryfric_control as dfc
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.estimation.force_view import ForceView, prepare_force
-from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare, within_reach
+from dryfric_control.estimation.likelihood import (
+    Likelihood,
+    maximise,
+    prepare,
+    some_of,
+    within_reach,
+)
+from dryfric_control.model.effects.naming import class_of
 
 DT = 1e-3
 #: Slides one way for ever: linear in position and velocity.
@@ -223,6 +232,92 @@ def test_a_reading_that_never_changed_brings_the_axis_back_to_rest():
     out, state = innovations(axis, u, np.zeros(400), 0.24**2, 1e-14, cell=3e-7)
     assert np.mean(state[2, 202:210] != 0.0) > 0.0  # it was believed at first
     assert np.all(state[2, 215:] == 0.0) and np.all(out[0, 215:] == 0.0)
+
+
+def test_what_holds_a_resting_axis_is_one_fact():
+    """Held by more than the model knows, an axis says so once, however long it rests."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    costs = []
+    for n in (500, 2000):
+        out, state = innovations(
+            axis, np.full(n, 9.0), np.zeros(n), 1e-4, 1e-13, cell=1e-6
+        )  # fmt: skip
+        right, _ = innovations(axis, np.full(n, 7.0), np.zeros(n), 1e-4, 1e-13, cell=1e-6)
+        every = np.ones(n, bool)
+        costs.append(compiled.cost(out, every) - compiled.cost(right, every))
+        assert abs(state[1, -1]) < 1e-9
+    assert 1.0 < costs[0] < 100.0
+    # What is left is the variance of a resting reading.
+    assert costs[1] - costs[0] < 0.02 * 1500
+
+
+def test_moves_on_with_what_held_it_and_then_slides():
+    """Whoever was held starts from rest when the readings do."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    stronger = axis.replace(coulomb=12.0)
+    u = np.concatenate((np.linspace(0.0, 11.9, 1000), np.full(500, 20.0)))
+    x = 1e-6 * np.round(stronger.simulate(u, dt=DT).y[0] / 1e-6)
+    _, state = innovations(axis, u, x, 0.01, 1e-13, cell=1e-6)
+    v = stronger.simulate(u, dt=DT).y[1]
+    np.testing.assert_allclose(state[1, 1050:], v[1050:], atol=0.03 * v.max())
+
+
+@pytest.mark.parametrize(("slug", "least"), [("presliding", 2000.0), ("backlash", 800.0)])
+def test_inner_states_are_found_anew_in_every_stretch(slug, least):
+    """Stretches begin with a contact strained or a play crossed nobody knows how far: the axis
+    as it was is likelier by far all the same (by -2350 and 687 if they stay as guessed)."""
+    case = truth.make_case(slug, 3, "noisy")
+    run = some_of(prepare(record(case)), 8000)
+    ((name, values),) = case.truth.items()
+    machine = believed(case).replace(effects=(class_of(name)(**values),))
+    costs = []
+    for axis in (believed(case), machine):
+        problem = Likelihood(axis, (), [run])
+        costs.append(maximise(problem, problem.start(1.0), 12).cost)
+    assert costs[0] - costs[1] > least
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [dfc.effects.Compliance(stiffness=2e4, damping=10.0, load_fraction=0.4),
+     dfc.effects.Presliding(distance=5e-5)],
+)  # fmt: skip
+def test_steps_as_fine_as_the_random_force_hides(effect):
+    """Coarser steps change innovations by a small part of their deviation."""
+    axis = dfc.FrictionAxis(mass=5.0, viscous=50.0, coulomb=12.0, effects=(effect,))
+    t = DT * np.arange(2000)
+    u = 30.0 * np.sin(8.0 * t)
+    x = axis.simulate(u, dt=DT).y[0]
+    # A reading for each sample without cells, so that nothing is rounded.
+    record = dfc.Record(t, u, x)
+    problem = Likelihood(axis, (), [prepare(record)])
+    z = problem.start(0.02)
+    coarse = problem.at(z).out[0]
+    force, reading = problem.noises(z)
+    fine, _ = innovations(axis, u, x, force, reading, cell=record.quantum or 0.0)
+    seen = (fine[1] > 0.0) & (np.arange(t.size) > compiled.FIRST)
+    change = (coarse[0] - fine[0])[seen] / np.sqrt(fine[1, seen])
+    assert np.median(np.abs(change)) < 0.05
+    assert np.any(change != 0.0)
+
+
+@pytest.mark.parametrize("sides, share", [(1, 0.3), (2, 0.1)])
+def test_gradients_by_differences_to_one_side_and_to_both(sliding, sides, share):
+    """Against differences of the cost itself, within a part of a standard error."""
+    u, y = sliding
+    record = dfc.Record(DT * np.arange(u.size), u, y)
+    problem = Likelihood(LINEAR, ("mass", "viscous"), [prepare(record)])
+    z = maximise(problem, problem.start(1.0)).z
+    z[0] += 0.002
+    point = problem.at(z)
+    gradients, information = problem.terms(z, point, sides)
+    for j in range(2):
+        step = np.zeros(z.size)
+        step[j] = 0.1 / math.sqrt(information.sum(axis=0)[j, j])
+        slope = (problem.at(z + step).cost - problem.at(z - step).cost) / (2.0 * step[j])
+        slope -= problem.prior_terms(z)[1][j]
+        error = math.sqrt(information.sum(axis=0)[j, j])
+        assert abs(gradients.sum(axis=0)[j] - slope) < share * error
 
 
 @pytest.mark.parametrize("seed", range(6))

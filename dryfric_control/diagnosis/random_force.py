@@ -454,7 +454,7 @@ def _motion(
 ) -> tuple[Gain, Unexplained, bool]:
     """Errors of free runs, beside replays in which the random force acts.
 
-    Last, whether by their median they are larger than those of the nominal axis.
+    Last, whether by their median or their RMS they are larger than those of the nominal axis.
     """
     squares: list[list[FloatArray]] = [[], [], []]
     structured, places = False, list[str]()
@@ -482,11 +482,13 @@ def _motion(
                 np.where(active, scores, np.nan), float(floor.worst[active].max()), w,
                 search.believed.units,
             )  # fmt: skip
-            places += [t for t in here if t not in places]
+            which = f"record {i + 1}: " if len(windows) > 1 else ""
+            places += [f"{which}{t}" for t in here if f"{which}{t}" not in places]
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     gain = _gain(rows, search.believed.units[0])
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
-    return gain, left_over, bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
+    by_median = bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
+    return gain, left_over, by_median or gain.after > _WORSE * gain.before
 
 
 def _needed(

@@ -9,7 +9,7 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.forward_search import forward
-from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.diagnosis.likelihood_search import HeldOut, Search
 from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
 
 DT = 1e-3
@@ -133,6 +133,24 @@ def test_three_wrong_parameters_cost_more_than_one_cause():
 def test_bad_knowledge_is_refused(settings, words):
     with pytest.raises(ValueError, match=words):
         dfc.diagnose(AXIS, noisy(AXIS, 5, 1.0), **settings)
+
+
+@pytest.mark.parametrize(
+    ("falls", "sure"),
+    [
+        # A drive that is limited four times, and says nothing in between.
+        ([0, 0, 0, 900, -1, -1, -1, -1, 40, 2400, 0, 0, 0, -1, 300, 0, 0, 0, 0, 70], True),
+        # The same in one stretch: anything may have happened there.
+        ([0, 0, 0, 900, 2400, 300, 70, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1], False),
+        # What others lose is no small part of what some gain.
+        ([900, -700, 0, 40, -300, 2400, -800, 0, 300, -500], False),
+        # Most gain, few of them by far.
+        ([5, 6, -4, 7, 5, -3, 6, 900, 5, -4, 2500, 6, -4, 5, 6, -3], True),
+        ([5, -6, 4, -7, 5, -3, 6, -9, 5, -4], False),
+    ],
+)
+def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):
+    assert HeldOut.of(np.full(len(falls), 100.0), 100.0 - np.array(falls, float)).sure is sure
 
 
 def test_no_records_are_refused():

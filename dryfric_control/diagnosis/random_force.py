@@ -482,8 +482,8 @@ def _motion(
                 np.where(active, scores, np.nan), float(floor.worst[active].max()), w,
                 search.believed.units,
             )  # fmt: skip
-            which = f"record {i + 1}: " if len(windows) > 1 else ""
-            places += [f"{which}{t}" for t in here if f"{which}{t}" not in places]
+            which = f" in record {i + 1}" if len(windows) > 1 else ""
+            places += [f"{t}{which}" for t in here]
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     gain = _gain(rows, search.believed.units[0])
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))

@@ -57,9 +57,8 @@ _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
 _MAY_HOLD = (1.5, 3.0)
 # Margins of break-away beyond this many force deviations are safe.
 _SAFE = 7.0
-# Error that a smooth step may have, over the velocity scale and over what the random
-# force does to the velocity.
-_TOLERANCE, PART = 1e-6, 0.05
+# Error that a smooth step may have over the velocity scale, beside what the numbers allow.
+_TOLERANCE = 1e-6
 
 
 @step.internal
@@ -87,7 +86,7 @@ def _rate(plant, held, t, x, v, s):
 
 
 @step.internal
-def _smooth(plant, drive, t, h, x, v, s, k1, deviation):
+def _smooth(plant, drive, t, h, x, v, s, k1):
     """Try a sliding sample in one step: whether no switch is near, and the state.
 
     The same step as that of the axis, with an error far below the noise instead of
@@ -95,8 +94,7 @@ def _smooth(plant, drive, t, h, x, v, s, k1, deviation):
     """
     sigma = plant.numbers[step.STICK_SPEED]
     x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
-    noise = deviation * h * plant.numbers[step.INVERSE_MASS]
-    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + PART * noise
+    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + plant.numbers[step.ALLOWED]
     lowest = min(s * v, s * v1)
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
@@ -307,7 +305,7 @@ def innovations(
         width = math.sqrt(total)
         near = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
         variance = force
-        if not sliding and not near and not contact:
+        if not sliding and not near and not contact and not kept:
             variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
         if kept:
@@ -378,7 +376,7 @@ def innovations(
                 start = step.input_map(plant, t, m, u[k - 1])
                 stop = start if not first else step.input_map(plant, t, m, end)
                 drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
-                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1, deviation)
+                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1)
             if calm:
                 memory[step.X], memory[step.V] = x1, v1
                 memory[step.MODE], memory[step.REST] = float(mode), 0.0
@@ -467,8 +465,8 @@ def innovations(
                 # Its inner states are others.
                 row, noise = 0, 0.0
                 off = _settle(plant, t + dt, dt, m, end, y, k, alike)
-                x, v, e = memory[step.X], memory[step.V], y[k] - step.reading(plant, t + dt, m)
-                x, e = x + e, 0.0
+                x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
+                v, e = memory[step.V], 0.0
                 p, g, d = reading, 0.0, off * off
                 memory[step.MODE] = 0.0
             elif row == _IN_A_ROW:

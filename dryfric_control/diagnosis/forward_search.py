@@ -8,7 +8,7 @@ from typing import Any
 
 from dryfric_control.diagnosis.candidates import effect_class, holds
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Candidate, Search
-from dryfric_control.estimation.likelihood import Solution
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered
 

@@ -7,13 +7,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
-from scipy.stats import norm, wilcoxon
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
@@ -22,20 +21,20 @@ from dryfric_control.diagnosis.candidates import (
     guesses,
     with_effect,
 )
+from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
+from dryfric_control.diagnosis.starts import Start, in_valleys
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     BASE,
     Likelihood,
     Run,
-    Solution,
-    maximise,
     prepare,
-    reach,
     some_of,
-    within_reach,
 )
 from dryfric_control.estimation.parameters import SHIFT, typical, values_of, with_values
+from dryfric_control.estimation.scoring import maximise, within_reach
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, put
 from dryfric_control.model.friction import CoulombMap
@@ -51,19 +50,12 @@ _REFINED, _AHEAD, _FITTED = 2, 10, 8
 # Guesses of an effect with inner states that are fitted for some turns, of the first cause
 # and of further ones; how many turns, and those that may be of use which are fitted for more.
 _HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
-# Of two parts: steps from one guess to the next, shares that are tried with each; of how many
-# of the best values near by are tried, and which: changes of logarithms, a fifth for a share.
-_RUNG, _SHARES, _VALLEYS, _ASIDE = 0.25, np.arange(0.05, 0.96, 0.06), 3, np.linspace(-0.2, 0.2, 9)
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Turns of a fit beside the nominal base.
 _LED_TURNS = 8
-#: Gain of log-likelihood beyond that of its parameters which a cause must bring.
-LEAST = 6.0
 #: Relative change of a parameter by less than this is none.
 MOVED = 0.01
-#: Standard errors by which what is sure must differ from zero.
-CLEAR = 3.0
 #: Causes whose costs differ by less do equally well.
 EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, the same for
@@ -86,9 +78,6 @@ _OVER = (2.0, 4.0, 8.0, 16.0)
 _SOONEST = 0.02
 # Least share of two parts: less is one part alone, of which another effect speaks.
 _SPLIT = 0.01
-# Separate stretches of blocks that must gain where most say nothing, and the part of their
-# gain that others may lose.
-_EVENTS, _LOST = 3, 0.15
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _BIAS = "bias_force"
@@ -122,65 +111,9 @@ def hard(slug: str) -> bool:
     return effect.remembers and effect.action not in _LATE
 
 
-def _with_value(guess, name: str, value: float):  # type: ignore[no-untyped-def]
-    """A guess with another value of one parameter."""
-    cost, problem, z, effect = guess
-    j, z = problem.names.index(name), z.copy()
-    z[j] = np.clip(problem.parameters[j].search(value), problem.low[j], problem.high[j])
-    return cost, problem, z, effect
-
-
 def _time_of(fit: Solution) -> float:
     """Time constant of the lag in a fit."""
     return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
-
-
-class HeldOut(NamedTuple):
-    """Gain of a fit over another on data that neither was fitted to.
-
-    Attributes
-    ----------
-    gain, error : float
-        Log-likelihood of all blocks, and its standard error from their differences.
-    order : float
-        Standard score of the signed ranks of the blocks' gains (Wilcoxon 1945): high
-        where most blocks gain, however unequally.
-    usual : float
-        Gain over its standard error where no block counts for more than the upper quartile
-        does: a few that gain most widen the spread and say all the more.
-    events : int
-        Separate stretches of blocks that each gain, where hardly any loses: a drive that
-        is limited now and then says nothing in between.
-    """
-
-    gain: float
-    error: float
-    order: float
-    usual: float = 0.0
-    events: int = 0
-
-    @classmethod
-    def of(cls, less: FloatArray, more: FloatArray) -> HeldOut:
-        """From the costs of each block without and with a cause."""
-        fall = less - more
-        rise = np.diff((np.isfinite(fall) & (fall > LEAST)).astype(int), prepend=0)
-        fall = fall[np.isfinite(fall) & (fall != 0.0)]
-        if fall.size == 0:
-            return cls(0.0, 0.0, 0.0)
-        chance = wilcoxon(fall, alternative="greater").pvalue
-        error = float(np.std(fall) * math.sqrt(fall.size))
-        lost = -fall[fall < 0.0].sum() > _LOST * fall[fall > 0.0].sum()
-        events = 0 if lost else int(np.sum(rise > 0))
-        most = np.quantile(np.abs(fall), 0.75)
-        limited = np.clip(fall, -most, most)
-        usual = float(limited.sum() / max(np.std(limited) * math.sqrt(fall.size), 1e-300))
-        return cls(float(fall.sum()), error, float(norm.isf(chance)), usual, events)
-
-    @property
-    def sure(self) -> bool:
-        """Whether unseen data speak for the cause."""
-        often = max(self.gain / max(self.error, 1e-300), self.order, self.usual) > CLEAR
-        return self.gain > LEAST and (often or self.events >= _EVENTS)
 
 
 class Corrections(View):
@@ -460,22 +393,29 @@ class Search:
         if self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
+        terms = now.problem._terms(now.z, now.point)
         best: dict[str, Candidate] = {}
         for beside in besides:
-            terms = beside.problem._terms(beside.z, beside.point)
             views = [
                 View(beside.axis, self.records[0], self.nominal),
                 Corrections(beside, self.nominal),
             ]
             starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
-            begun = [one for one in starts if one]
-            stiff = [one for one in begun if hard(one[0][3])] if beside is besides[-1] else []
-            plain = [one for one in begun if not hard(one[0][3])]
-            # What the base has bent for shows where all is free; so does what moves the drive
-            # in time, and every other parameter with it.
-            led = [o for o in plain if beside is not now or effect_class(o[0][3]).action in _LATE]
+            stiff, led, plain = [], [], []
+            for one in starts:
+                if not one:
+                    continue
+                if hard(one[0].slug):
+                    if beside is besides[-1]:
+                        stiff.append(one)
+                elif beside is not now or effect_class(one[0].slug).action in _LATE:
+                    # What the base has bent for shows where all is free; so does what moves
+                    # the drive in time, and every other parameter with it.
+                    led.append(one)
+                else:
+                    plain.append(one)
             found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
-            found += self._quickly(now, terms, [one for one in plain if one not in led])
+            found += self._quickly(now, terms, plain)
             found += self._parallel([(self._patiently, (now, one, first)) for one in stiff])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):
@@ -493,9 +433,9 @@ class Search:
             if n in values
         )
 
-    def _guess(self, now: Solution, effect: str, views: Sequence[View]):  # type: ignore[no-untyped-def]
-        """The guesses of one effect, best first: cost, problem, search coordinates."""
-        tried: list[Any] = []
+    def _guess(self, now: Solution, effect: str, views: Sequence[View]) -> list[Start]:
+        """The guesses of one effect, best first."""
+        tried: list[Start] = []
         seen: list[Any] = []
         if self.late:
             return tried
@@ -518,104 +458,60 @@ class Search:
                     cost = problem.at(np.clip(z, problem.low, problem.high)).cost
                 except ValueError:
                     continue
-                tried.append((cost, problem, np.clip(z, problem.low, problem.high), effect))
-        tried.sort(key=lambda one: one[0])
+                tried.append(Start(cost, problem, np.clip(z, problem.low, problem.high), effect))
+        tried.sort(key=lambda one: one.cost)
         return tried
 
     def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
         """The best of some guesses after a quick refinement."""
         best = None
-        for _, problem, z, effect in guessed:
-            found = self._quick(now, terms, effect, problem, z, turns)
+        for one in guessed:
+            found = self._quick(now, terms, one.slug, one.problem, one.z, turns)
             if best is None or found[0].cost < best[0].cost:
                 best = found
         return best
 
     def _quickly(self, now: Solution, terms, begun):  # type: ignore[no-untyped-def]
         """Candidates after a quick refinement of their best guesses, the best ones longer."""
-        begun = sorted((one[:_REFINED] for one in begun), key=lambda one: one[0][0])
+        begun = sorted((one[:_REFINED] for one in begun), key=lambda one: one[0].cost)
         runs = self._parallel([(self._refine, (now, terms, one, 1)) for one in begun])
         runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
         ahead = self._parallel(
-            [(self._refine, (now, terms, [(c.cost, p, z, c.slug)], _TURNS))
+            [(self._refine, (now, terms, [Start(c.cost, p, z, c.slug)], _TURNS))
              for c, p, z in runs[:_AHEAD]]
         )  # fmt: skip
         return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
 
-    def _patiently(self, now: Solution, guessed, first: bool) -> Candidate | None:  # type: ignore[no-untyped-def]
+    def _patiently(self, now: Solution, guessed: Sequence[Start], first: bool) -> Candidate | None:
         """A candidate from many guesses; to the end those that promise to be of use.
 
         Beside a cause the model is nearly right: what does not help it as it is hardly
         helps it changed.
         """
-        if not self.late:
-            guessed = self._in_valleys(now, guessed)[: _HARD_TRIED[0 if first else 1]]
+        own = [n for n in guessed[0].problem.names if n not in now.problem.names]
+        guessed = in_valleys(guessed, own, lambda: self.late)[: _HARD_TRIED[0 if first else 1]]
         if not first:
-            guessed = [one for one in guessed if not self.late and self._helps(now, *one[1:3])]
+            guessed = [one for one in guessed if not self.late and self._helps(now, one)]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
 
-    def _in_valleys(self, now: Solution, guessed):  # type: ignore[no-untyped-def]
-        """Guesses of two parts, the best of a net between them in place of the others.
-
-        With a share or a play slightly wrong the parts meet and part at other times than
-        they did: within a tenth of the right ones alone the cost falls.
-        """
-        own = [n for n in guessed[0][1].names if n not in now.problem.names]
-        kinds = effect_class(guessed[0][3]).parameters()
-        shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
-        if not shares or len(own) < 2:
-            return guessed
-        others = [n for n in own if n not in shares]
-        values = [[p.parameters[p.names.index(n)].value(z[p.names.index(n)]) for n in others]
-                  for _, p, z, _ in guessed]  # fmt: skip
-        rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
-        places = np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG)
-        best = []
-        for place in places:
-            one = (math.inf, *guessed[0][1:])
-            k = min(int(place), max(len(rows) - 2, 0))
-            row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
-            for name, value in zip(others, np.exp(row), strict=True):
-                one = _with_value(one, name, value)
-            best.append(self._scan(one, shares[0], _SHARES))
-        best.sort(key=lambda one: one[0])
-        for i, one in enumerate(best[:_VALLEYS]):
-            for part in (1.0, 0.3):
-                for name in (*others, shares[0]):
-                    j = one[1].names.index(name)
-                    value, by = one[1].parameters[j].value(one[2][j]), part * _ASIDE
-                    close = value + 0.2 * by if name in shares else value * np.exp(by)
-                    one = self._scan(one, name, close)
-            best[i] = one
-        return sorted([*best[:_VALLEYS], *guessed], key=lambda one: one[0])
-
-    def _scan(self, guess, name: str, values: FloatArray):  # type: ignore[no-untyped-def]
-        """The best of a guess and those with other values of one parameter."""
-        best = guess
-        for value in [] if self.late else values:
-            one = _with_value(guess, name, float(value))
-            cost = one[1].tried(one[2]).cost
-            if cost < best[0]:
-                best = (cost, *one[1:])
-        return best
-
-    def _helps(self, now: Solution, problem: Likelihood, z: FloatArray) -> bool:
+    def _helps(self, now: Solution, start: Start) -> bool:
         """Whether an effect, fitted by itself, promises to lower the cost of a model as it is."""
+        problem, z = start.problem, start.z
         own = [n for n in problem.names if n not in now.problem.names]
         alone = self.problem(problem.axis_at(z), own, base=())
-        start = alone.start()
-        start[len(alone.names) :] = z[len(problem.names) :]
-        fit = maximise(alone, start, _HARD_TURNS[0], self.until)
+        begin = alone.start()
+        begin[len(alone.names) :] = z[len(problem.names) :]
+        fit = maximise(alone, begin, _HARD_TURNS[0], self.until)
         return fit.cost - fit.promised < now.cost - now.problem.prior(now.z)
 
-    def _fitted(  # type: ignore[no-untyped-def]
-        self, now: Solution, guessed, turns: int, below: float | None = None
+    def _fitted(
+        self, now: Solution, guessed: Sequence[Start], turns: int, below: float | None = None
     ) -> Candidate | None:
         """The best of an effect's guesses, fitted with everything free for some turns.
 
         Those that promise to come `below` a cost are fitted for more.
         """
-        fits = [maximise(p, z, turns, self.until) for _, p, z, _ in guessed]
+        fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
         if below is not None:
             fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
             fits = [
@@ -623,7 +519,7 @@ class Search:
             ]
         if not fits:
             return None
-        best, slug = min(fits, key=lambda f: f.cost), guessed[0][3]
+        best, slug = min(fits, key=lambda f: f.cost), guessed[0].slug
         free = tuple(n for n in best.problem.names if n not in now.problem.names)
         return Candidate(slug, free, best.axis, best.cost)
 
@@ -664,7 +560,7 @@ class Search:
             free = np.flatnonzero(~held)
             size = np.sqrt(np.diag(h)[free])
             unit = h[np.ix_(free, free)] / np.outer(size, size)
-            far = reach(problem, free, size)
+            far = problem.reach(free, size)
             moved = False
             for _ in range(3):
                 step = np.zeros(problem.size)
@@ -752,8 +648,11 @@ class Search:
 
     def _smooth(self, time: float) -> list[Run]:
         """The records with inputs smoothed over some time, by local parabolas."""
-        count = max(round(time / self.scales.step), 2) | 1
-        return [replace(r, u=savgol_filter(r.u, count, 2)) for r in self.runs]
+        count = max(round(time / self.scales.step), 2)
+        # Windows are odd, and no longer than the record.
+        return [
+            replace(r, u=savgol_filter(r.u, min(count, r.u.size - 2) | 1, 2)) for r in self.runs
+        ]
 
     def _share(self, slug: str) -> float:
         return _HARD_SHARE if hard(slug) else _SHARE

@@ -16,21 +16,14 @@ from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
-from dryfric_control.diagnosis.likelihood_search import (
-    CLEAR,
-    EQUAL,
-    LEAST,
-    MOVED,
-    Candidate,
-    HeldOut,
-    Search,
-    hard,
-)
+from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
+from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
 from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
-from dryfric_control.estimation.likelihood import BASE, Solution
+from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import typical, with_values
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed
@@ -238,8 +231,8 @@ def answer(
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
-    causes += _wrong_base(search, state, final, kept)
-    messages += _warnings(search, final, causes)
+    causes += _wrong_base(search, final, kept)
+    messages += _warnings(final, causes)
     if search.imposed:
         messages.append(IMPOSED)
     if causes:
@@ -394,7 +387,7 @@ def _cause(
     )  # fmt: skip
 
 
-def _wrong_base(search: Search, state: State, final: Solution, kept: Sequence[str]) -> list[Cause]:
+def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Cause]:
     """Base parameters that are off by more than anybody would call right."""
     values, errors = final.values(), final.standard_errors()
     units = {p.name: p.unit for p in final.problem.parameters}
@@ -429,7 +422,7 @@ def _sizes(search: Search) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _warnings(search: Search, final: Solution, causes: Sequence[Cause]) -> list[str]:
+def _warnings(final: Solution, causes: Sequence[Cause]) -> list[str]:
     messages = []
     for name in final.at_bound:
         messages.append(f"{name} ended at a bound: the model does not fit, or the records do not "

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from dryfric_control.estimation.likelihood import Solution
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.text import fields_of
 
 FloatArray = NDArray[np.float64]

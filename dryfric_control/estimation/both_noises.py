@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.estimation.likelihood import Likelihood, Run, Solution, maximise, prepare
+from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.estimation.parameters import typical, values_of, with_values
 from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import block_labels, block_length
 from dryfric_control.model.axis import FrictionAxis
 

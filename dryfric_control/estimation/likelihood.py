@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import copy
 import math
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,37 +57,23 @@ _OFFSET = 0.1
 _WONDER, _SPREAD = 2.0, 0.02
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
-# Fall of the cost that a step must promise to be worth trying, and the turns that may
-# bring less; the promise beyond which a search that ends has not converged: where no step
-# keeps it, as the cost is rough, and where it ran out of turns.
-_PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
-# Promised fall from which on slopes are taken to both sides.
-_NEAR = 3.0
-_ITERATIONS = 40
+#: Student's t with 4 degrees of freedom, fitted to normal innovations, finds this part of
+#: their variance.
+NORMAL = 0.6516
 # Step of the slopes: first, in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
-_WIDER = 4.0
 # Radians that a contact turns in one sample, and a transmission with its damping, beyond
 # which they are rigid: more than the samples show, and steps by the dozen.
 _STIFF_CONTACT, _STIFF = 3.0, 4.0
 # Longest step of a search coordinate of order 1, of one that is hardly known in standard
 # errors, and of a noise's logarithm.
-_REACH, _REACH_ERRORS, _NOISE_REACH = 0.7, 2.0, 3.0
-# Turns in which the noises alone are sought first, the change of their logarithms that
-# ends it, and the step of their slopes.
-_NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
+_REACH, _REACH_ERRORS, NOISE_REACH = 0.7, 2.0, 3.0
 # Least part of the information about a noise that the cost may bend by.
 _NOISE_BENT = 0.15
-# Part of the foreseen fall from which a step is trusted more, and below which less; how
-# the damping follows.
-_TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
-# Parts of the random force that are tried where a search ends.
-_QUIETER = (0.5, 0.2, 0.07)
 # Step of a noise's logarithm for its slopes.
 _NOISE_STEP = 0.05
-# Student's t with 4 degrees of freedom, fitted to normal innovations, finds this part of
-# their variance.
-_NORMAL = 0.6516
+# Part of what the random force does to the velocity by which a step may be off.
+_HIDDEN = 0.05
 # Bounds of the random force's standard deviation, over the drive's.
 _FORCE = (1e-5, 10.0)
 
@@ -131,7 +116,7 @@ def prepare(record: Record, active: BoolArray | None = None, block: float = _BLO
     n = len(record)
     size = max(1, round(block / record.dt))
     edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
-    floor = (record.quantum or 0.0) ** 2 / 12.0 * _NORMAL
+    floor = (record.quantum or 0.0) ** 2 / 12.0 * NORMAL
     floor = max(floor, (1e-9 * record.range) ** 2)
     drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
     active = np.ones(n, bool) if active is None else active
@@ -317,7 +302,7 @@ class Likelihood:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         force, reading = self.noises(z, i)
         # Steps need not be finer than what the random force hides.
-        hidden = compiled.PART * math.sqrt(force) * record.dt * inverse
+        hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, 0.0) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
@@ -432,7 +417,7 @@ class Likelihood:
         run, here = self.runs[i], point.out[i]
         ends, widths = [here] * 2, [0.0, 0.0]
         both = sides == 2 or j >= len(self.names)
-        for side, sign in reversed(list(enumerate((-1.0, 1.0)))):
+        for side, sign in ((1, 1.0), (0, -1.0)):
             if widths[1] > 0.0 and not both:
                 break
             moved = z.copy()
@@ -471,296 +456,16 @@ class Likelihood:
         part[n:][seen] = np.clip(bends[seen] / whole[seen], _NOISE_BENT, 1.0)
         return h * np.sqrt(np.outer(part, part))
 
+    def reach(self, free: IndexArray, size: FloatArray) -> FloatArray:
+        """Longest step of some coordinates, in standard errors 1/size of each by itself."""
+        parameter = free < len(self.names)
+        return np.maximum(
+            np.where(parameter, _REACH, NOISE_REACH) * size,
+            np.where(parameter, _REACH_ERRORS, 0.0),
+        )
+
     def refine(self, h: FloatArray, wider: float = 1.0) -> None:
         """Steps of the slopes, from how well the coordinates are known."""
         n = len(self.names)
         known = 1.0 / np.sqrt(np.maximum(np.diag(h)[:n], 1e-300))
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Where a search has ended.
-
-    Attributes
-    ----------
-    problem : Likelihood
-    z : ndarray, shape (ncoordinates,)
-    point : Point
-    gradients, information : ndarray
-        `Likelihood.terms` at z.
-    converged : bool
-        Whether no step promises more than a unit of log-likelihood, or none keeps what it does.
-    promised : float
-        Fall of the cost that a full Newton step promises.
-    at_bound : tuple of str
-        Parameters that ended at a bound.
-    """
-
-    problem: Likelihood
-    z: FloatArray
-    point: Point
-    gradients: FloatArray
-    information: FloatArray
-    converged: bool
-    promised: float
-    iterations: int
-    at_bound: tuple[str, ...] = field(default=())
-
-    @property
-    def cost(self) -> float:
-        """Negative log-likelihood and prior."""
-        return self.point.cost
-
-    @property
-    def axis(self) -> FrictionAxis:
-        """Axis of the first record."""
-        return self.problem.axis_at(self.z)
-
-    def values(self) -> dict[str, float]:
-        """Values by name; with the record's number where each has its own."""
-        p = self.problem
-        return {
-            name if where < 0 else f"{name}@{where}": par.value(c)
-            for name, where, par, c in zip(p.names, p.place, p.parameters, self.z, strict=False)
-        }
-
-    def curvature(self) -> float:
-        """Curvature of the cost over the information that weights the innovations.
-
-        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation, so that the
-        cost bends less than the sum of weighted squares does: 5/7 for Student's t,
-        two thirds for normal innovations.  While sliding: at rest they are those of
-        the encoder and say nothing of the parameters.
-        """
-        bent = total = 0.0
-        rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
-        for run, out, states in rows:
-            seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
-            square = out[0, seen] ** 2 / out[1, seen]
-            nu = compiled.FREEDOM
-            bent += float(np.sum((nu + 1.0) * (nu - square) / (nu + square) ** 2))
-            total += float(np.sum((nu + 1.0) / (nu + square)))
-        return max(bent / total, 0.1) if total > 0.0 else 1.0
-
-    def covariance(self) -> FloatArray:
-        """Sandwich covariance of the search coordinates."""
-        h = self.information.sum(axis=0) * self.curvature()
-        h += np.diag(self.problem.prior_terms(self.z)[2])
-        inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
-        g = self.gradients
-        blocks = max(len(g) - 1, 1)
-        meat = g.T @ g * (len(g) / blocks)
-        # The information itself where blocks say less: few blocks may agree by chance.
-        sandwich = inverse @ meat @ inverse
-        scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
-        own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
-        return sandwich * np.outer(scale / own, scale / own)
-
-    def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
-        """Cost of each block of some runs under parameters to which it did not contribute.
-
-        Blocks go in turn to one of two halves; the parameters of the other half follow
-        by one Newton step.  `runs`: the fitted ones by default, or more of the same records.
-        """
-        problem, gradients, information = self.problem, self.gradients, self.information
-        if runs is not None:
-            problem = problem.on(runs)
-            gradients, information = problem.terms(self.z, problem.at(self.z))
-        _, slope, curvature = problem.prior_terms(self.z)
-        g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
-        half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        costs = np.zeros(half.size)
-        size = np.sqrt(np.maximum(np.diag(h), 1e-12))
-        far = reach(problem, np.arange(problem.size), size) / size
-        # What ended at a bound stays: clipped afterwards it would leave its partners astray.
-        free = np.flatnonzero((self.z > problem.low) & (self.z < problem.high))
-        for k in (0, 1):
-            mine = half == k
-            rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
-            pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
-            step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], pull[free], rcond=1e-12)[0]
-            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
-            point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
-            if not math.isfinite(point.cost):
-                costs[mine] = math.inf
-                continue
-            every = [problem.blocks(i, out) for i, out in enumerate(point.out)]
-            costs[mine] = np.concatenate(every)[mine]
-        return costs
-
-    def standard_errors(self) -> dict[str, float]:
-        """Standard errors by name."""
-        spread = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
-        return {
-            name: float(s * p.slope(p.value(c)))
-            for name, s, p, c in zip(
-                self.values(), spread, self.problem.parameters, self.z, strict=False
-            )
-        }
-
-    def random_force(self, i: int = 0) -> float:
-        """Random force in record i, standard deviation within one sample [N]."""
-        return math.sqrt(self.problem.noises(self.z, i)[0] / _NORMAL)
-
-    def reading_noise(self, i: int = 0) -> float:
-        """Noise of a reading in record i, standard deviation."""
-        return math.sqrt(self.problem.noises(self.z, i)[1] / _NORMAL)
-
-
-def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """The better of a point and those with less random force: its cost may have two minima.
-
-    Where much of it is assumed the filter follows readings that a model, were it
-    trusted, would foresee.
-    """
-    n = len(problem.names)
-    for part in _QUIETER:
-        new = z.copy()
-        new[n::2] += 2.0 * math.log(part)
-        new = np.clip(new, problem.low, problem.high)
-        tried = problem.at(new)
-        if tried.cost < point.cost:
-            z, point = new, tried
-    return z, point
-
-
-def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """The noises that go with parameters as they are: Newton's method on their own slopes.
-
-    From much too large a random force the readings say little of the parameters.
-    """
-    n = len(problem.names)
-    for _ in range(_NOISE_TURNS):
-        new = z.copy()
-        for j in range(n, problem.size):
-            if problem.low[j] == problem.high[j]:
-                continue
-            run = problem.runs[(j - n) // 2]
-            costs, widths = [], []
-            for sign in (-1.0, 1.0):
-                moved = z.copy()
-                moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
-                widths.append(abs(moved[j] - z[j]))
-                costs.append(compiled.cost(problem._filter(moved, (j - n) // 2)[0], run.active))
-            slope = (costs[1] - costs[0]) / sum(widths)
-            here = compiled.cost(point.out[(j - n) // 2], run.active)
-            bend = (sum(costs) - 2.0 * here) / _NOISE_WIDE**2 if min(widths) > 0.0 else 0.0
-            step = -slope / max(bend, abs(slope) / _NOISE_REACH, 1e-300)
-            new[j] = np.clip(z[j] + step, problem.low[j], problem.high[j])
-        tried = problem.at(new)
-        if not tried.cost < point.cost:
-            break
-        moved_by = float(np.max(np.abs(new - z)))
-        z, point = new, tried
-        if moved_by < _NOISE_ENOUGH:
-            break
-    return z, point
-
-
-def reach(problem: Likelihood, free: IndexArray, size: FloatArray) -> FloatArray:
-    """Longest step of some coordinates, in standard errors 1/size of each by itself."""
-    parameter = free < len(problem.names)
-    return np.maximum(
-        np.where(parameter, _REACH, _NOISE_REACH) * size, np.where(parameter, _REACH_ERRORS, 0.0)
-    )
-
-
-def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
-    """Newton step in coordinates of unit information, no coordinate beyond its reach.
-
-    One that would go farther stays at its reach and the others follow it: that it is
-    hardly known must not hold up the rest.
-    """
-    step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
-    while not fixed.all():
-        free = ~fixed
-        rest = -g[free] - unit[np.ix_(free, fixed)] @ step[fixed]
-        step[free] = np.linalg.solve(unit[np.ix_(free, free)], rest)
-        over = np.where(free, np.abs(step) / reach, 0.0)
-        worst = int(np.argmax(over))
-        if over[worst] <= 1.0:
-            break
-        step[worst] = math.copysign(reach[worst], step[worst])
-        fixed[worst] = True
-    return step
-
-
-def maximise(
-    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
-) -> Solution:
-    """Most likely parameters from one start: Fisher scoring, damped.
-
-    `until`: reading of `time.monotonic` at which it stops where it is.
-    """
-    z = np.clip(z, problem.low, problem.high)
-    point = problem.at(z)
-    if problem.names and iterations:
-        z, point = _noises(problem, z, point)
-    damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
-    quiet = stalled = False
-    gradients = information = np.zeros(0)
-    for turn in range(iterations):  # noqa: B007
-        gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
-        g, h = gradients.sum(axis=0), information.sum(axis=0)
-        problem.refine(h, wider)
-        _, prior_g, prior_h = problem.prior_terms(z)
-        g = g + prior_g
-        h = problem.bent(h) + np.diag(prior_h)
-        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
-        held |= np.diag(h) <= 1e-12
-        free = np.flatnonzero(~held)
-        inner = h[np.ix_(free, free)]
-        size = np.sqrt(np.diag(inner))
-        unit, slope = inner / np.outer(size, size), g[free] / size
-        promised = 0.5 * float(
-            slope @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), slope, rcond=None)[0]
-        )
-        if time.monotonic() > until:
-            break
-        if creeping >= _CREEPING:
-            promised = min(promised, _PROMISED)
-        if promised <= _PROMISED:
-            before = point
-            if not quiet:
-                z, point = _quieter(problem, z, point)
-            if point is before:
-                break
-            quiet, creeping = True, 0
-            continue
-        far = reach(problem, free, size)
-        moved = False
-        while damping < 1e7:
-            step = np.zeros(problem.size)
-            step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
-            new = np.clip(z + step, problem.low, problem.high)
-            new_point = problem.tried(new)
-            if new_point.cost < point.cost:
-                fall, by = point.cost - new_point.cost, (new - z)[free] * size
-                kept = fall / max(-float(slope @ by + 0.5 * by @ unit @ by), 1e-300)
-                if kept > _TRUSTED:
-                    damping = max(0.1 * damping, 1e-9)
-                elif kept < _MISTRUSTED:
-                    damping = 10.0 * max(damping, _DAMPED)
-                creeping = creeping + 1 if fall < _PROMISED else 0
-                z, point, moved = new, new_point, True
-                break
-            damping *= 10.0 if damping > 1e-3 else 100.0
-        if not moved:
-            # Where the cost is rough, slopes over more of it may still descend.
-            if wider > 1.0:
-                stalled = True
-                break
-            if not quiet:
-                z, point = _quieter(problem, z, point)
-            damping, wider, quiet = 1e-3, _WIDER, True
-            problem.refine(h, wider)
-    bound = tuple(
-        name
-        for name, c, low, high in zip(problem.names, z, problem.low, problem.high, strict=False)
-        if c <= low or c >= high
-    )
-    return Solution(
-        problem, z, point, gradients, information,
-        promised < (_ROUGH if stalled else _FAR), promised, turn, bound,
-    )  # fmt: skip

@@ -9,8 +9,10 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.forward_search import forward
-from dryfric_control.diagnosis.likelihood_search import HeldOut, Search
-from dryfric_control.estimation.likelihood import Likelihood, maximise, prepare
+from dryfric_control.diagnosis.held_out import HeldOut
+from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.scoring import maximise
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)

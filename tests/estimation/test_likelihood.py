@@ -14,11 +14,10 @@ from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     Likelihood,
-    maximise,
     prepare,
     some_of,
-    within_reach,
 )
+from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.model.effects.naming import class_of
 
 DT = 1e-3

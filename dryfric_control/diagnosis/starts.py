@@ -1,0 +1,107 @@
+"""Where the fit of a candidate starts, and a net between the guesses of two parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import effect_class
+from dryfric_control.estimation.likelihood import Likelihood
+
+# Steps from one guess to the next, shares that are tried with each; of how many of the best
+# values near by are tried, in which parts of a range: changes of logarithms, a fifth for a share.
+_RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
+_VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
+
+
+class Start(NamedTuple):
+    """Where a fit may start.
+
+    Attributes
+    ----------
+    cost : float
+    problem : Likelihood
+    z : ndarray, shape (ncoordinates,)
+    slug : str
+        The effect on trial.
+    """
+
+    cost: float
+    problem: Likelihood
+    z: NDArray[np.float64]
+    slug: str
+
+    def value(self, name: str) -> float:
+        """Value of one parameter."""
+        j = self.problem.names.index(name)
+        return self.problem.parameters[j].value(self.z[j])
+
+    def moved(self, name: str, value: float) -> Start:
+        """The same with another value of one parameter, of unknown cost."""
+        p, z = self.problem, self.z.copy()
+        j = p.names.index(name)
+        z[j] = np.clip(p.parameters[j].search(value), p.low[j], p.high[j])
+        return self._replace(cost=math.inf, z=z)
+
+    def best_of(self, name: str, values: Iterable[float]) -> Start:
+        """The best of it and those with other values of one parameter."""
+        best = self
+        for value in values:
+            one = self.moved(name, float(value))
+            cost = one.problem.tried(one.z).cost
+            if cost < best.cost:
+                best = one._replace(cost=cost)
+        return best
+
+
+def in_valleys(
+    starts: Sequence[Start], own: Sequence[str], late: Callable[[], bool]
+) -> Sequence[Start]:
+    """Starts of two parts, best first, with the best of a net between them.
+
+    With a share or a play slightly wrong the parts meet and part at other times than
+    they did: within a tenth of the right ones alone the cost falls.
+
+    Parameters
+    ----------
+    starts : sequence of Start
+        Of one effect.
+    own : sequence of str
+        Its free parameters.
+    late : callable
+        Whether time is over.
+    """
+    kinds = effect_class(starts[0].slug).parameters()
+    shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
+    others = [n for n in own if n not in shares]
+    if not shares or not others:
+        return starts
+    values = [[one.value(n) for n in others] for one in starts]
+    rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
+    best: list[Start] = []
+    for place in np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG):
+        if late():
+            break
+        k = min(int(place), max(len(rows) - 2, 0))
+        row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
+        one = starts[0]
+        for name, value in zip(others, np.exp(row), strict=True):
+            one = one.moved(name, value)
+        best.append(one.best_of(shares[0], _SHARES))
+    # A net may hang where the parts are stiffer than the samples show.
+    best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
+    best = best[:_VALLEYS]
+    for i, one in enumerate(best):
+        for part in _CLOSER:
+            for name in (*others, shares[0]):
+                if late():
+                    break
+                value, by = one.value(name), part * _ASIDE
+                close = value + 0.2 * by if name in shares else value * np.exp(by)
+                one = one.best_of(name, close)
+        best[i] = one
+    return sorted([*best, *starts], key=lambda one: one.cost)

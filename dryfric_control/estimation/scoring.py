@@ -1,0 +1,183 @@
+"""The search for the most likely parameters: Fisher scoring, damped, the noises first."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.estimation.likelihood import NOISE_REACH, Likelihood, Point
+from dryfric_control.estimation.solution import Solution
+
+FloatArray = NDArray[np.float64]
+
+# Fall of the cost that a step must promise to be worth trying, and the turns that may
+# bring less; the promise beyond which a search that ends has not converged: where no step
+# keeps it, as the cost is rough, and where it ran out of turns.
+_PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
+# Promised fall from which on slopes are taken to both sides.
+_NEAR = 3.0
+_ITERATIONS = 40
+# Slopes over this much more of a rough cost.
+_WIDER = 4.0
+# Turns in which the noises alone are sought first, the change of their logarithms that
+# ends it, and the step of their slopes.
+_NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
+# Part of the foreseen fall from which a step is trusted more, and below which less; how
+# the damping follows.
+_TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
+# Parts of the random force that are tried where a search ends.
+_QUIETER = (0.5, 0.2, 0.07)
+
+
+def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
+    """The better of a point and those with less random force: its cost may have two minima.
+
+    Where much of it is assumed the filter follows readings that a model, were it
+    trusted, would foresee.
+    """
+    n = len(problem.names)
+    for part in _QUIETER:
+        new = z.copy()
+        new[n::2] += 2.0 * math.log(part)
+        new = np.clip(new, problem.low, problem.high)
+        tried = problem.at(new)
+        if tried.cost < point.cost:
+            z, point = new, tried
+    return z, point
+
+
+def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
+    """The noises that go with parameters as they are: Newton's method on their own slopes.
+
+    From much too large a random force the readings say little of the parameters.
+    """
+    n = len(problem.names)
+    for _ in range(_NOISE_TURNS):
+        new = z.copy()
+        for j in range(n, problem.size):
+            if problem.low[j] == problem.high[j]:
+                continue
+            run = problem.runs[(j - n) // 2]
+            costs, widths = [], []
+            for sign in (-1.0, 1.0):
+                moved = z.copy()
+                moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
+                widths.append(abs(moved[j] - z[j]))
+                costs.append(compiled.cost(problem._filter(moved, (j - n) // 2)[0], run.active))
+            slope = (costs[1] - costs[0]) / sum(widths)
+            here = compiled.cost(point.out[(j - n) // 2], run.active)
+            bend = (sum(costs) - 2.0 * here) / _NOISE_WIDE**2 if min(widths) > 0.0 else 0.0
+            step = -slope / max(bend, abs(slope) / NOISE_REACH, 1e-300)
+            new[j] = np.clip(z[j] + step, problem.low[j], problem.high[j])
+        tried = problem.at(new)
+        if not tried.cost < point.cost:
+            break
+        moved_by = float(np.max(np.abs(new - z)))
+        z, point = new, tried
+        if moved_by < _NOISE_ENOUGH:
+            break
+    return z, point
+
+
+def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
+    """Newton step in coordinates of unit information, no coordinate beyond its reach.
+
+    One that would go farther stays at its reach and the others follow it: that it is
+    hardly known must not hold up the rest.
+    """
+    step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
+    while not fixed.all():
+        free = ~fixed
+        rest = -g[free] - unit[np.ix_(free, fixed)] @ step[fixed]
+        step[free] = np.linalg.solve(unit[np.ix_(free, free)], rest)
+        over = np.where(free, np.abs(step) / reach, 0.0)
+        worst = int(np.argmax(over))
+        if over[worst] <= 1.0:
+            break
+        step[worst] = math.copysign(reach[worst], step[worst])
+        fixed[worst] = True
+    return step
+
+
+def maximise(
+    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
+) -> Solution:
+    """Most likely parameters from one start: Fisher scoring, damped.
+
+    `until`: reading of `time.monotonic` at which it stops where it is.
+    """
+    z = np.clip(z, problem.low, problem.high)
+    point = problem.at(z)
+    if problem.names and iterations:
+        z, point = _noises(problem, z, point)
+    damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
+    quiet = stalled = False
+    gradients = information = np.zeros(0)
+    for turn in range(iterations):  # noqa: B007
+        gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
+        g, h = gradients.sum(axis=0), information.sum(axis=0)
+        problem.refine(h, wider)
+        _, prior_g, prior_h = problem.prior_terms(z)
+        g = g + prior_g
+        h = problem.bent(h) + np.diag(prior_h)
+        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
+        held |= np.diag(h) <= 1e-12
+        free = np.flatnonzero(~held)
+        inner = h[np.ix_(free, free)]
+        size = np.sqrt(np.diag(inner))
+        unit, slope = inner / np.outer(size, size), g[free] / size
+        promised = 0.5 * float(
+            slope @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), slope, rcond=None)[0]
+        )
+        if time.monotonic() > until:
+            break
+        if creeping >= _CREEPING:
+            promised = min(promised, _PROMISED)
+        if promised <= _PROMISED:
+            before = point
+            if not quiet:
+                z, point = _quieter(problem, z, point)
+            if point is before:
+                break
+            quiet, creeping = True, 0
+            continue
+        far = problem.reach(free, size)
+        moved = False
+        while damping < 1e7:
+            step = np.zeros(problem.size)
+            step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
+            new = np.clip(z + step, problem.low, problem.high)
+            new_point = problem.tried(new)
+            if new_point.cost < point.cost:
+                fall, by = point.cost - new_point.cost, (new - z)[free] * size
+                kept = fall / max(-float(slope @ by + 0.5 * by @ unit @ by), 1e-300)
+                if kept > _TRUSTED:
+                    damping = max(0.1 * damping, 1e-9)
+                elif kept < _MISTRUSTED:
+                    damping = 10.0 * max(damping, _DAMPED)
+                creeping = creeping + 1 if fall < _PROMISED else 0
+                z, point, moved = new, new_point, True
+                break
+            damping *= 10.0 if damping > 1e-3 else 100.0
+        if not moved:
+            # Where the cost is rough, slopes over more of it may still descend.
+            if wider > 1.0:
+                stalled = True
+                break
+            if not quiet:
+                z, point = _quieter(problem, z, point)
+            damping, wider, quiet = 1e-3, _WIDER, True
+            problem.refine(h, wider)
+    bound = tuple(
+        name
+        for name, c, low, high in zip(problem.names, z, problem.low, problem.high, strict=False)
+        if c <= low or c >= high
+    )
+    return Solution(
+        problem, z, point, gradients, information,
+        promised < (_ROUGH if stalled else _FAR), promised, turn, bound,
+    )  # fmt: skip

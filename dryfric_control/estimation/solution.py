@@ -1,0 +1,146 @@
+"""Where the search for the most likely parameters has ended, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point, Run
+from dryfric_control.model.axis import FrictionAxis
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a search has ended.
+
+    Attributes
+    ----------
+    problem : Likelihood
+    z : ndarray, shape (ncoordinates,)
+    point : Point
+    gradients, information : ndarray
+        `Likelihood.terms` at z.
+    converged : bool
+        Whether no step promises more than a unit of log-likelihood, or none keeps what it does.
+    promised : float
+        Fall of the cost that a full Newton step promises.
+    at_bound : tuple of str
+        Parameters that ended at a bound.
+    """
+
+    problem: Likelihood
+    z: FloatArray
+    point: Point
+    gradients: FloatArray
+    information: FloatArray
+    converged: bool
+    promised: float
+    iterations: int
+    at_bound: tuple[str, ...] = field(default=())
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood and prior."""
+        return self.point.cost
+
+    @property
+    def axis(self) -> FrictionAxis:
+        """Axis of the first record."""
+        return self.problem.axis_at(self.z)
+
+    def values(self) -> dict[str, float]:
+        """Values by name; with the record's number where each has its own."""
+        p = self.problem
+        return {
+            name if where < 0 else f"{name}@{where}": par.value(c)
+            for name, where, par, c in zip(p.names, p.place, p.parameters, self.z, strict=False)
+        }
+
+    def curvature(self) -> float:
+        """Curvature of the cost over the information that weights the innovations.
+
+        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation, so that the
+        cost bends less than the sum of weighted squares does: 5/7 for Student's t,
+        two thirds for normal innovations.  While sliding: at rest they are those of
+        the encoder and say nothing of the parameters.
+        """
+        bent = total = 0.0
+        rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
+        for run, out, states in rows:
+            seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
+            square = out[0, seen] ** 2 / out[1, seen]
+            nu = compiled.FREEDOM
+            bent += float(np.sum((nu + 1.0) * (nu - square) / (nu + square) ** 2))
+            total += float(np.sum((nu + 1.0) / (nu + square)))
+        return max(bent / total, 0.1) if total > 0.0 else 1.0
+
+    def covariance(self) -> FloatArray:
+        """Sandwich covariance of the search coordinates."""
+        h = self.information.sum(axis=0) * self.curvature()
+        h += np.diag(self.problem.prior_terms(self.z)[2])
+        inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
+        g = self.gradients
+        blocks = max(len(g) - 1, 1)
+        meat = g.T @ g * (len(g) / blocks)
+        # The information itself where blocks say less: few blocks may agree by chance.
+        sandwich = inverse @ meat @ inverse
+        scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
+        own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
+        return sandwich * np.outer(scale / own, scale / own)
+
+    def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
+        """Cost of each block of some runs under parameters to which it did not contribute.
+
+        Blocks go in turn to one of two halves; the parameters of the other half follow
+        by one Newton step.  `runs`: the fitted ones by default, or more of the same records.
+        """
+        problem, gradients, information = self.problem, self.gradients, self.information
+        if runs is not None:
+            problem = problem.on(runs)
+            gradients, information = problem.terms(self.z, problem.at(self.z))
+        _, slope, curvature = problem.prior_terms(self.z)
+        g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
+        half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
+        costs = np.zeros(half.size)
+        size = np.sqrt(np.maximum(np.diag(h), 1e-12))
+        far = problem.reach(np.arange(problem.size), size) / size
+        # What ended at a bound stays: clipped afterwards it would leave its partners astray.
+        free = np.flatnonzero((self.z > problem.low) & (self.z < problem.high))
+        for k in (0, 1):
+            mine = half == k
+            rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
+            pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
+            step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], pull[free], rcond=1e-12)[0]
+            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
+            point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
+            if not math.isfinite(point.cost):
+                costs[mine] = math.inf
+                continue
+            every = [problem.blocks(i, out) for i, out in enumerate(point.out)]
+            costs[mine] = np.concatenate(every)[mine]
+        return costs
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors by name."""
+        spread = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
+        return {
+            name: float(s * p.slope(p.value(c)))
+            for name, s, p, c in zip(
+                self.values(), spread, self.problem.parameters, self.z, strict=False
+            )
+        }
+
+    def random_force(self, i: int = 0) -> float:
+        """Random force in record i, standard deviation within one sample [N]."""
+        return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
+
+    def reading_noise(self, i: int = 0) -> float:
+        """Noise of a reading in record i, standard deviation."""
+        return math.sqrt(self.problem.noises(self.z, i)[1] / NORMAL)

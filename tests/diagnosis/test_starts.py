@@ -1,0 +1,68 @@
+"""Where the fits of candidates start."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.diagnosis.starts import Start, in_valleys
+
+NAMES = ["mass", "backlash.gap", "backlash.load_fraction"]
+
+
+def start(cost_of, gap, share):
+    """A start of a backlash whose cost is a function of gap and share."""
+    same = SimpleNamespace(search=lambda v: v, value=lambda z: z)
+    problem = SimpleNamespace(
+        names=NAMES, parameters=[same] * 3, low=np.zeros(3), high=np.full(3, 10.0),
+        tried=lambda z: SimpleNamespace(cost=cost_of(z[1], z[2])),
+    )  # fmt: skip
+    return Start(cost_of(gap, share), problem, np.array([1.0, gap, share]), "backlash")
+
+
+def never():
+    return False
+
+
+@pytest.mark.parametrize(("gap", "share"), [(0.013, 0.44), (0.0052, 0.83), (0.031, 0.12)])
+def test_a_net_finds_a_valley_between_the_guesses(gap, share):
+    def cost(g, s):
+        return -100.0 * math.exp(-((math.log(g / gap) / 0.1) ** 2) - ((s - share) / 0.04) ** 2)
+
+    guesses = [start(cost, 0.004 * 2.0**k, s) for k in range(4) for s in (0.35, 0.65)]
+    assert min(one.cost for one in guesses) > -50.0
+    best = in_valleys(guesses, NAMES[1:], never)[0]
+    assert best.cost < -90.0
+    assert best.value(NAMES[1]) == pytest.approx(gap, rel=0.05)
+    assert best.value(NAMES[2]) == pytest.approx(share, abs=0.02)
+
+
+def test_a_net_that_hangs_nowhere_leaves_the_guesses():
+    """Costs are infinite where the parts are stiffer than the samples show."""
+    guesses = [
+        start(lambda g, s: 1.0 if s in (0.363, 0.637) else math.inf, 0.01, s)
+        for s in (0.363, 0.637)
+    ]
+    assert list(map(id, in_valleys(guesses, NAMES[1:], never))) == list(map(id, guesses))
+
+
+def test_of_one_part_there_is_no_net():
+    guesses = [start(lambda g, s: 1.0, 0.01, 0.35)]
+    assert in_valleys(guesses, NAMES[1:2], never) is guesses
+
+
+@pytest.mark.parametrize("samples", [400, 401])
+def test_inputs_are_smoothed_over_no_more_than_the_record(samples):
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    t = 1e-3 * np.arange(samples)
+    u = 20.0 * np.sin(40.0 * t)
+    search = Search(axis, [dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0])])
+    (short,), (long,) = search._smooth(0.005), search._smooth(1.6)
+    assert short.u.size == long.u.size == samples
+    np.testing.assert_allclose(short.u, u, atol=0.05)
+    assert np.ptp(long.u) < np.ptp(u)

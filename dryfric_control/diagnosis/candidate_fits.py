@@ -10,7 +10,13 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import BASE, effect_class, guesses, with_effect
+from dryfric_control.diagnosis.candidates import (
+    BASE,
+    effect_class,
+    guesses,
+    own_names,
+    with_effect,
+)
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.parameters import (
     Parameter,
@@ -31,6 +37,7 @@ from dryfric_control.estimation.problem import (
 from dryfric_control.estimation.windows import ROBUST, Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import KINDS
+from dryfric_control.model.effects.naming import named
 from dryfric_control.ties import SQUARES, ranked
 
 FloatArray = NDArray[np.float64]
@@ -137,6 +144,8 @@ class Race:
         self.jobs = jobs
         names = list(BASE.values())
         self.known, self.tolerance = tuple(known), dict(tolerance or {})
+        # Axes with causes from elsewhere, from which fits of the same ones start too.
+        self.hints: Sequence[FrictionAxis] = ()
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
         # What was asked before: the same question comes up on several ways, and all
         # of a search again where another follows.
@@ -322,6 +331,11 @@ class Race:
                 losses = [self.bench.loss(at.costs, self.fit) for at in runs]
                 some = [some[i] for i in ranked(losses, SQUARES)[:_MANY]]
             options += some
+        present = named(base.axis)
+        for axis in self.hints:
+            if name not in present and set(named(axis)) == {*present, name}:
+                h = self.hypothesis(axis, [*free, *own_names(name)])
+                options.append(("hint", h, h.start, axis))
         # Where the base is next to the floor its start states are the true ones.
         starts = base.starts if settled else None
         tried = []

@@ -457,6 +457,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     """The diagnosis that free runs make."""
     selector, part, record = trial.selector, trial.part, trial.records[0]
     axis, race, bench = selector.axis, selector.race, selector.bench
+    race.hints = trial.gate.hints
     before = race.judged(race.alone(axis, (), base=()))
     floor_before = selector.floor_of(before)
     if floor_before.nothing(before.scores, selector.known):

@@ -42,8 +42,9 @@ from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
-# Samples of all records together on which candidates are compared.
-_SOME = 8000
+# Samples of all records together on which candidates are compared, and those on which a net
+# of starts is hung.
+_SOME, _NET = 8000, 4000
 # Guesses of a candidate that are refined, candidates that are refined to the end, and
 # those that are fitted in full.
 _REFINED, _AHEAD, _FITTED = 2, 10, 8
@@ -76,7 +77,8 @@ _CLOSE = 0.25
 _OVER = (2.0, 4.0, 8.0, 16.0)
 # Part of a sample below which nothing is late.
 _SOONEST = 0.02
-# Least share of two parts: less is one part alone, of which another effect speaks.
+# Least share of two parts: less is one part alone, of which another effect speaks, and one
+# so light rattles by the thousand where the other stands.
 _SPLIT = 0.01
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
@@ -180,7 +182,10 @@ class Search:
         self.believed = self.believed.effective()
         self.runs: list[Run] = [prepare(r) for r in self.records]
         whole = sum(len(r) for r in self.records)
-        self.few = [some_of(r, max(_SOME * len(r.record) // whole, 500)) for r in self.runs]
+        self.few, self.fewer = (
+            [some_of(r, max(most * len(r.record) // whole, 500)) for r in self.runs]
+            for most in (_SOME, _NET)
+        )
         self.samples = sum(int(r.active.sum()) for r in self.few)
         self.whole = whole
         self.part = self.samples / whole
@@ -225,6 +230,9 @@ class Search:
         )  # fmt: skip
         if self.clock:
             problem.high[problem.names.index(SHIFT)] = 0.0
+        for j, p in enumerate(problem.parameters):
+            if p.kind == "share":
+                problem.low[j], problem.high[j] = p.search(_SPLIT), p.search(1.0 - _SPLIT)
         return problem
 
     def fit(
@@ -274,7 +282,7 @@ class Search:
     def _look_at_the_force(self) -> None:
         """Go on with the force that the motion needs, as the motion itself says nothing."""
         self.view = ForceView
-        self.runs = self.few = [prepare_force(r, self.hold) for r in self.records]
+        self.runs = self.few = self.fewer = [prepare_force(r, self.hold) for r in self.records]
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
 
@@ -489,7 +497,8 @@ class Search:
         helps it changed.
         """
         own = [n for n in guessed[0].problem.names if n not in now.problem.names]
-        guessed = in_valleys(guessed, own, lambda: self.late)[: _HARD_TRIED[0 if first else 1]]
+        guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
+        guessed = guessed[: _HARD_TRIED[0 if first else 1]]
         if not first:
             guessed = [one for one in guessed if not self.late and self._helps(now, one)]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
@@ -695,7 +704,7 @@ class Search:
                 return False
             if kind == "time" and value < _SOONEST * self.scales.step:
                 return False
-            if kind == "share" and not _SPLIT <= value <= 1.0 - _SPLIT:
+            if kind == "share" and name in fit.at_bound:
                 return False
             # Of what acts at breakaway alone the cost is too rough for standard errors: that it
             # gains is what says that it is there.

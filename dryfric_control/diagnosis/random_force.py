@@ -79,6 +79,11 @@ class Gate:
         Windows that free runs are fitted to and judged by.
     settings : dict
         Those of `Race`.
+
+    Attributes
+    ----------
+    hints : list of FrictionAxis
+        What the likelihood has made of the candidates it was asked about.
     """
 
     windows: Windows
@@ -86,6 +91,7 @@ class Gate:
     fit: BoolArray
     judge: BoolArray
     settings: dict[str, Any]
+    hints: list[FrictionAxis] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.race = Race(
@@ -121,14 +127,11 @@ class Gate:
         """Whether the axis with its causes and one candidate more reaches it."""
         if len(state.causes) >= _TOGETHER:
             return False
-        names = state.names
-        if any(self.at(c.axis, (*names, *c.free)) for c in candidates[:_LIKELY]):
-            return True
-        if state.causes:
-            return False
-        # Also those that the likelihood has given up.
-        slow = [slug for slug in catalogue(self.axis, ()) if hard(slug)]
-        return any(map(self._reached, self._beside(self.race.alone(self.axis, ()), slow)))
+        self.hints += [c.axis for c in candidates]
+        likely = list(candidates[:_LIKELY])
+        # Slopes tell little of effects with states of their own: they may lie behind.
+        likely += [c for c in candidates[_LIKELY:] if hard(c.slug)]
+        return any(self.at(c.axis, (*state.names, *c.free)) for c in likely)
 
     def opens_wide(self) -> bool:
         """Whether one or two of all effects reach it, where the likelihood has left something."""

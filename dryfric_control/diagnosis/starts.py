@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import effect_class
-from dryfric_control.estimation.likelihood import Likelihood
+from dryfric_control.estimation.likelihood import Likelihood, Run
 
 # Steps from one guess to the next, shares that are tried with each; of how many of the best
 # values near by are tried, in which parts of a range: changes of logarithms, a fifth for a share.
@@ -59,7 +59,7 @@ class Start(NamedTuple):
 
 
 def in_valleys(
-    starts: Sequence[Start], own: Sequence[str], late: Callable[[], bool]
+    starts: Sequence[Start], own: Sequence[str], late: Callable[[], bool], runs: Sequence[Run]
 ) -> Sequence[Start]:
     """Starts of two parts, best first, with the best of a net between them.
 
@@ -74,6 +74,8 @@ def in_valleys(
         Its free parameters.
     late : callable
         Whether time is over.
+    runs : sequence of Run
+        Samples of the records on which the net is hung.
     """
     kinds = effect_class(starts[0].slug).parameters()
     shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
@@ -83,12 +85,13 @@ def in_valleys(
     values = [[one.value(n) for n in others] for one in starts]
     rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
     best: list[Start] = []
+    whole, few = starts[0].problem, starts[0].problem.on(runs)
     for place in np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG):
         if late():
             break
         k = min(int(place), max(len(rows) - 2, 0))
         row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
-        one = starts[0]
+        one = starts[0]._replace(problem=few)
         for name, value in zip(others, np.exp(row), strict=True):
             one = one.moved(name, value)
         best.append(one.best_of(shares[0], _SHARES))
@@ -103,5 +106,5 @@ def in_valleys(
                 value, by = one.value(name), part * _ASIDE
                 close = value + 0.2 * by if name in shares else value * np.exp(by)
                 one = one.best_of(name, close)
-        best[i] = one
+        best[i] = one._replace(cost=whole.tried(one.z).cost, problem=whole)
     return sorted([*best, *starts], key=lambda one: one.cost)

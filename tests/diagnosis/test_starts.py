@@ -22,6 +22,7 @@ def start(cost_of, gap, share):
         names=NAMES, parameters=[same] * 3, low=np.zeros(3), high=np.full(3, 10.0),
         tried=lambda z: SimpleNamespace(cost=cost_of(z[1], z[2])),
     )  # fmt: skip
+    problem.on = lambda runs: problem
     return Start(cost_of(gap, share), problem, np.array([1.0, gap, share]), "backlash")
 
 
@@ -36,7 +37,7 @@ def test_a_net_finds_a_valley_between_the_guesses(gap, share):
 
     guesses = [start(cost, 0.004 * 2.0**k, s) for k in range(4) for s in (0.35, 0.65)]
     assert min(one.cost for one in guesses) > -50.0
-    best = in_valleys(guesses, NAMES[1:], never)[0]
+    best = in_valleys(guesses, NAMES[1:], never, ())[0]
     assert best.cost < -90.0
     assert best.value(NAMES[1]) == pytest.approx(gap, rel=0.05)
     assert best.value(NAMES[2]) == pytest.approx(share, abs=0.02)
@@ -48,12 +49,12 @@ def test_a_net_that_hangs_nowhere_leaves_the_guesses():
         start(lambda g, s: 1.0 if s in (0.363, 0.637) else math.inf, 0.01, s)
         for s in (0.363, 0.637)
     ]
-    assert list(map(id, in_valleys(guesses, NAMES[1:], never))) == list(map(id, guesses))
+    assert list(map(id, in_valleys(guesses, NAMES[1:], never, ()))) == list(map(id, guesses))
 
 
 def test_of_one_part_there_is_no_net():
     guesses = [start(lambda g, s: 1.0, 0.01, 0.35)]
-    assert in_valleys(guesses, NAMES[1:2], never) is guesses
+    assert in_valleys(guesses, NAMES[1:2], never, ()) is guesses
 
 
 @pytest.mark.parametrize("samples", [400, 401])
@@ -66,3 +67,16 @@ def test_inputs_are_smoothed_over_no_more_than_the_record(samples):
     assert short.u.size == long.u.size == samples
     np.testing.assert_allclose(short.u, u, atol=0.05)
     assert np.ptp(long.u) < np.ptp(u)
+
+
+@pytest.mark.parametrize("share", [1e-5, 1.0 - 1e-5])
+def test_a_part_too_light_to_be_seen_is_not_tried(share):
+    """It would rattle by the thousand where the other stands."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    light = axis.replace(effects=(dfc.effects.Backlash(gap=1e-4, load_fraction=share),))
+    t = 1e-3 * np.arange(800)
+    u = 20.0 * np.sin(40.0 * t)
+    search = Search(axis, [dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0])])
+    problem = search.problem(light, ["backlash.load_fraction"])
+    tried = problem.axis_at(problem.start()).effects[0].load_fraction
+    assert min(tried, 1.0 - tried) == pytest.approx(0.01)

@@ -18,12 +18,13 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import BASE
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
-from dryfric_control.model.effects.naming import class_of
+from dryfric_control.model.effects.naming import class_of, put
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
 
 DT, QUANTUM = 1e-3, 1e-7
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 parameter = dfc.effects.parameter
+
 
 
 class Foreign(dfc.effects.Effect):
@@ -328,3 +329,13 @@ def test_a_diagnosis_finds_a_second_cogging(believed):
     assert d.causes[-1].parameters["amplitude"] == pytest.approx(SECOND.amplitude, rel=0.05)
     periods = sorted(e.period for e in d.extended.effects)
     assert periods == pytest.approx([SECOND.period, FIRST.period], rel=0.01)
+
+
+def test_an_effect_that_is_there_keeps_its_place():
+    """A gain before a limit does not do what one behind it does."""
+    gain, limit = dfc.effects.InputGain(0.2), dfc.effects.Saturation(5.0)
+    play, other = dfc.effects.Backlash(1e-4, 0.3), dfc.effects.InputGain(0.3)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(gain, limit))
+    assert put(axis, "input_gain", other).effects == (other, limit)
+    assert put(axis, "input_gain", None).effects == (limit,)
+    assert put(axis, "backlash", play).effects == (gain, limit, play)

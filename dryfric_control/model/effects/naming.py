@@ -86,18 +86,18 @@ def with_named(axis: Any, changed: dict[str, Effect]) -> Any:
 
 
 def put(axis: Any, name: str, effect: Effect | None) -> Any:
-    """The axis with an effect in place of the one of a name, or as one more; None: less it.
+    """The axis with an effect in place of the one of a name, or behind all others; None: less it.
 
-    Those of one kind stand behind all others, in their order.
+    An effect that is there keeps its place: a limit before a gain is not one behind it.
     """
     cls = class_of(name)
     assert cls is not None
-    alike = {n: e for n, e in zip(_listed(axis), axis.effects, strict=True) if e.slug == cls.slug}
-    if cls.axis_field and not alike:
+    names, effects = _listed(axis), list(axis.effects)
+    if cls.axis_field and cls.slug not in names:
         return axis.replace(**{cls.axis_field: None}) if effect is None else effect.alter(axis)
-    alike.pop(name, None) if effect is None else alike.update({name: effect})
-    others = tuple(e for e in axis.effects if e.slug != cls.slug)
-    return axis.replace(effects=(*others, *alike.values()))
+    place = names.index(name) if name in names else len(names)
+    effects[place : place + 1] = [] if effect is None else [effect]
+    return axis.replace(effects=tuple(effects))
 
 
 def _listed(axis: BaseAxis) -> list[str]:

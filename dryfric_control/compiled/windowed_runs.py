@@ -455,6 +455,15 @@ def accelerations(numbers, integers, t, x, v, u, direction, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def strained(x, distance, share, out):
+    """Deflection of an elastic contact along a motion over that at which it slides."""
+    for k in range(x.shape[0]):
+        if k > 0:
+            share = min(max(share + (x[k] - x[k - 1]) / distance, -1.0), 1.0)
+        out[k] = share
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def behind_drive_and_encoder(axis, t0, dt, u, first, y, force, x):
     """Mean drive force of each sample behind input map, delay and lag, into `force`.
 

@@ -89,7 +89,7 @@ _LATE = ("delay", "lag")
 # of the drive that the force which the motion needs may then leave.
 _FORESEEN, _IMPOSED = 0.1, 0.25
 # Actions of effects that show as a force in a motion that is imposed.
-_FORCES = ("force", "friction")
+_FORCES = ("force", "friction", "contact")
 # Samples by which the recorded input may be late, tried first.
 _EARLIER = (0.5, 1.0, 2.0, 4.0, 8.0)
 
@@ -200,6 +200,8 @@ class Search:
         self.clock: tuple[str, ...] = ()
         self.shift = 0.0
         self.view: type[Likelihood] = Likelihood
+        # What each record has of its own, by parameter and number of the record.
+        self.each: dict[tuple[str, int], float] = {}
 
     @property
     def late(self) -> bool:
@@ -225,8 +227,8 @@ class Search:
         base = self.base if base is None else base
         problem = self.view(
             axis, (*base, *self.clock, *free), self.few if runs is None else runs,
-            believed=self.believed, tolerance=self.tolerance, own=self.own, hold=self.hold,
-            scales=self.scales, wonder=wonder, shift=self.shift,
+            believed=self.believed, tolerance=self.tolerance, own=self.own, each=self.each,
+            hold=self.hold, scales=self.scales, wonder=wonder, shift=self.shift,
         )  # fmt: skip
         if self.clock:
             problem.high[problem.names.index(SHIFT)] = 0.0
@@ -390,10 +392,14 @@ class Search:
 
     def screen(self, now: Solution, first: bool = True) -> list[Candidate]:
         """Every effect of the catalogue beside a model, quickly refined, best first."""
+        rows = zip(now.problem.parameters, now.problem.place, now.z, strict=False)
+        self.each = {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
         present = named(now.axis)
         effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
         if self.imposed:
-            effects = tuple(e for e in effects if effect_class(e).action in _FORCES and not hard(e))
+            # Of what remembers, a contact shows in a motion as it is: since the last turn.
+            shown = [e for e in effects if not hard(e) or effect_class(e).action == "contact"]
+            effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
         if self.clock:
             # An input that may be early cannot tell a delay, and with a lag it is smoothed.
             effects = tuple(e for e in effects if effect_class(e).action not in _LATE)
@@ -499,7 +505,7 @@ class Search:
         own = [n for n in guessed[0].problem.names if n not in now.problem.names]
         guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
         guessed = guessed[: _HARD_TRIED[0 if first else 1]]
-        if not first:
+        if not first and not self.own:  # by itself it would have one record's values in all
             guessed = [one for one in guessed if not self.late and self._helps(now, one)]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
 

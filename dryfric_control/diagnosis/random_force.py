@@ -527,9 +527,17 @@ def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
 
 
 def _apart(less: Solution, more: Solution) -> bool:
-    """Whether what each record has of its own is told as well beside one parameter more."""
+    """Whether what each record has of its own is told as well beside one parameter more.
+
+    And whether no record tells that parameter worse than the records differ.
+    """
     before, after = less.standard_errors(), more.standard_errors()
-    return all(after[n] < _BLURRED * before[n] for n in before if "@" in n)
+    values = more.values()
+    new = [n for n in after if "@" in n and n not in before]
+    differ = max(values[n] for n in new) - min(values[n] for n in new)
+    return all(after[n] < _BLURRED * before[n] for n in before if "@" in n) and all(
+        after[n] < differ for n in new
+    )
 
 
 def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]]:

@@ -91,13 +91,16 @@ class Sliding:
         self.v, self.a, self.u = smooth.v[pick], smooth.a[pick], drive[pick]
         self.direction = moving[pick].astype(np.int64)
 
-    def accelerations(self, axis: FrictionAxis) -> FloatArray:
-        """Acceleration of an axis' sliding mode in these states, shape (n,)."""
-        return _accelerations(axis, self.t, self.x, self.v, self.u, self.direction)
+    def force_residual(
+        self, axis: FrictionAxis, direction: NDArray[np.int64] | None = None
+    ) -> FloatArray:
+        """Drive that the axis would need less the drive it had, shape (n,).
 
-    def force_residual(self, axis: FrictionAxis) -> FloatArray:
-        """Drive that the axis would need less the drive it had, shape (n,)."""
-        return np.asarray(axis.mass * (self.a - self.accelerations(axis)))
+        `direction`: of the friction, as measured by default.
+        """
+        direction = self.direction if direction is None else direction
+        model = _accelerations(axis, self.t, self.x, self.v, self.u, direction)
+        return np.asarray(axis.mass * (self.a - model))
 
     def answer_to_drive(self, axis: FrictionAxis) -> FloatArray:
         """Force on an axis in these states over a small change of its drive, shape (n,)."""

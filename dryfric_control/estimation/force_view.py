@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled.likelihood import FIRST
+from dryfric_control.compiled.windowed_runs import strained
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +44,22 @@ class ForceRun(Run):
 
     sliding: Sliding
     index: NDArray[np.int64]
+
+    def force_residual(self, axis: FrictionAxis) -> FloatArray:
+        """Drive that the axis would need less the drive it had, shape (nsliding,).
+
+        An elastic contact carries the part of the friction to which the motion has
+        strained it, since the last turn.
+        """
+        one, contact = self.sliding, max((e.inner(axis).contact for e in axis.effects), default=0.0)
+        if contact == 0.0:
+            return one.force_residual(axis)
+        level = 0.5 * sum(float(axis.coulomb(np.mean(self.record.x), s)) for s in (1, -1))
+        share = np.empty(len(self.record))
+        strained(self.record.x, level / contact, float(one.direction[0]), share)
+        share = share[self.index]
+        ahead, back = (one.force_residual(axis, s * np.ones_like(one.direction)) for s in (1, -1))
+        return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))
 
 
 def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
@@ -76,7 +94,7 @@ class ForceView(Likelihood):
         """Innovations of record i, and its motion in place of filtered states."""
         run = self.runs[i]
         axis, n = self.axis_at(z, i), len(run.record)
-        left = run.sliding.force_residual(axis) / run.sliding.answer_to_drive(axis)
+        left = run.force_residual(axis) / run.sliding.answer_to_drive(axis)
         out, state = np.zeros((2, n)), np.zeros((4, n))
         out[0, run.index], out[1, run.index] = left, self.noises(z, i)[0]
         state[0], state[1, run.index] = run.record.x, run.sliding.v

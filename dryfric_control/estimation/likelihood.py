@@ -175,6 +175,8 @@ class Likelihood:
         Whether base parameters that are off cost as assumptions do.
     own : sequence of str, optional
         Free parameters of which every record has its own value.
+    each : mapping of tuple to float, optional
+        First guesses of such a value, by name and number of the record.
     hold : {"zero", "first"}, optional
     scales : Scales, optional
         Typical sizes; of the records by default.
@@ -192,11 +194,12 @@ class Likelihood:
         tolerance: Mapping[str, float] | None = None,
         wonder: bool = False,
         own: Sequence[str] = (),
+        each: Mapping[tuple[str, int], float] | None = None,
         hold: str = "zero",
         scales: Scales | None = None,
         shift: float = 0.0,
     ) -> None:
-        self.runs, self.shift = tuple(runs), shift
+        self.runs, self.shift, self.each = tuple(runs), shift, dict(each or {})
         records = [r.record for r in self.runs]
         found: tuple[Parameter, ...] = ()
         axis = axis.effective()
@@ -258,9 +261,11 @@ class Likelihood:
 
     def start(self, force: float = 0.1) -> FloatArray:
         """Search coordinates of the axis itself, the random force a part of the drive."""
+        here = {n: float(values_of(self.axis, [n])[0]) for n in self.names if n != SHIFT}
+        here[SHIFT] = self.shift
         z = [
-            p.search(self.shift if p.name == SHIFT else float(values_of(self.axis, [p.name])[0]))
-            for p in self.parameters
+            p.search(self.each.get((p.name, i), here[p.name]))
+            for p, i in zip(self.parameters, self.place, strict=True)
         ]
         for run in self.runs:
             z += [

@@ -111,13 +111,23 @@ class Solution:
         costs = np.zeros(half.size)
         size = np.sqrt(np.maximum(np.diag(h), 1e-12))
         far = problem.reach(np.arange(problem.size), size) / size
-        # What ended at a bound stays: clipped afterwards it would leave its partners astray.
-        free = np.flatnonzero((self.z > problem.low) & (self.z < problem.high))
+        inside = (self.z > problem.low) & (self.z < problem.high)
         for k in (0, 1):
             mine = half == k
             rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
             pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
-            step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], pull[free], rcond=1e-12)[0]
+            free = inside.copy()
+            while np.any(free):
+                # What is at a bound, or comes to one, stays there: clipped afterwards it would
+                # leave its partners astray.
+                left = pull[free] - rest[np.ix_(free, ~free)] @ step[~free]
+                step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], left, rcond=1e-12)[0]
+                there = np.clip(self.z + step, problem.low, problem.high)
+                beyond = free & (there != self.z + step)
+                if not np.any(beyond):
+                    break
+                step[beyond] = (there - self.z)[beyond]
+                free &= ~beyond
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
             point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
             if not math.isfinite(point.cost):

@@ -11,13 +11,18 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.random_force import IMPOSED
 
 
-def walked(level: float, cogging: float = 0.0, seed: int = 0) -> dfc.Record:
-    """An axis that a bench walks to and fro; its force is measured, with noise of 0.1 N."""
+def walked(level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0) -> dfc.Record:
+    """An axis that a bench walks to and fro; its force is measured, with noise of 0.1 N.
+
+    After a turn the friction builds up over twice the way `soft`; it slides at the start.
+    """
     rng = np.random.default_rng(seed)
     t = 1e-2 * np.arange(4000)
     phase = t / 8.0 % 1.0
     x = 0.04 * np.where(phase < 0.5, 2.0 * phase, 2.0 - 2.0 * phase)
-    u = level * np.where(phase < 0.5, 1.0, -1.0) + cogging * np.sin(2.0 * np.pi * x / 7e-3)
+    since = np.where(phase < 0.5, x, 0.04 - x)  # way since the last turn
+    part = np.where(t < 4.0, 1.0, np.minimum(since / soft - 1.0, 1.0)) if soft else 1.0
+    u = level * part * np.where(phase < 0.5, 1.0, -1.0) + cogging * np.sin(2.0 * np.pi * x / 7e-3)
     u += 0.1 * rng.standard_normal(t.size)
     return dfc.Record(t, u, 4e-6 * np.round(x / 4e-6), quantum=4e-6)
 
@@ -41,6 +46,28 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     assert [cause.effect for cause in d.causes] == ["cogging"]
     assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
     assert d.causes[0].parameters["period"] == pytest.approx(7e-3, rel=1e-3)
+    assert d.verdict == "explained"
+
+
+def test_causes_are_found_beside_levels_of_each_record() -> None:
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    levels = (5.4, 7.3, 8.8)
+    records = [walked(f, 1.5, seed=i) for i, f in enumerate(levels)]
+    with among("cogging", "drift", "bias_force"):
+        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.causes] == ["cogging"]
+    assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
+    assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
+
+
+def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
+    # Without it the force after a turn would pass for viscous friction or a falling level.
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    record = walked(7.0, soft=1.5e-3)
+    d = dfc.diagnose(axis, record, known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.causes] == ["presliding"]
+    assert d.causes[0].parameters["distance"] == pytest.approx(1.5e-3, rel=0.05)
+    assert d.extended.coulomb.plus[0] == pytest.approx(7.0, rel=0.01)
     assert d.verdict == "explained"
 
 

@@ -18,6 +18,10 @@ from dryfric_control.model.effects.effect import (
 from dryfric_control.model.effects.guesses import Guess, View
 
 
+# Lengths over which a soft contact may build up, in parts of the travel.
+_SOFT = np.array([0.003, 0.01, 0.03, 0.1])
+
+
 def _elastic_length(view: View) -> float:
     """Length over which a contact or a play acts, from resolution and travel."""
     return max(3.0 * view.quantum, 5e-5 * view.span)
@@ -89,9 +93,10 @@ class Presliding(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
-        # Elastic lengths over a decade and a half.
-        for part in np.geomspace(0.7, 20.0, 8):
-            yield {"distance": part * _elastic_length(view)}, {}
+        # Elastic lengths over a decade and a half, of metal, and soft ones, as of a seal.
+        metal = _elastic_length(view) * np.geomspace(0.7, 20.0, 8)
+        for distance in (*metal, *(d for d in _SOFT * view.span if d > metal[-1])):
+            yield {"distance": float(distance)}, {}
 
 
 @register_effect

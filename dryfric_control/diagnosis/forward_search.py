@@ -12,9 +12,10 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered
 
-# Part of the whole gain that a further cause must bring: where a model leaves something
-# out, that is not white, and likelihood counts what follows it as evidence.
-_FURTHER = 0.02
+# Part of the whole gain that a further cause must bring, or part of the random force that it
+# must explain: where a model leaves something out, that is not white, and likelihood counts
+# what follows it as evidence.
+_FURTHER, _QUIETER = 0.02, 0.02
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
 _PAIRED, _HOPE = 4, 3.0
@@ -104,7 +105,8 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         if not ranked:
             break
         _, chosen, fit = _plainest(ranked)
-        if state.causes and now.cost - fit.cost < _FURTHER * (first - fit.cost):
+        least = min(_FURTHER * (first - fit.cost), _QUIETER * search.samples)
+        if state.causes and now.cost - fit.cost < least:
             break
         state.causes.append(chosen.slug)
         state.free[chosen.slug] = chosen.free

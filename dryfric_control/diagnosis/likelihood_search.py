@@ -36,6 +36,7 @@ from dryfric_control.estimation.parameters import SHIFT, typical, values_of, wit
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import KINDS
 from dryfric_control.model.effects.naming import named, put
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
@@ -77,9 +78,6 @@ _CLOSE = 0.25
 _OVER = (2.0, 4.0, 8.0, 16.0)
 # Part of a sample below which nothing is late.
 _SOONEST = 0.02
-# Least share of two parts: less is one part alone, of which another effect speaks, and one
-# so light rattles by the thousand where the other stands.
-_SPLIT = 0.01
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _BIAS = "bias_force"
@@ -234,7 +232,8 @@ class Search:
             problem.high[problem.names.index(SHIFT)] = 0.0
         for j, p in enumerate(problem.parameters):
             if p.kind == "share":
-                problem.low[j], problem.high[j] = p.search(_SPLIT), p.search(1.0 - _SPLIT)
+                # One so light rattles by the thousand steps where the other stands.
+                problem.low[j], problem.high[j] = map(p.search, KINDS["share"])
         return problem
 
     def fit(
@@ -288,25 +287,19 @@ class Search:
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
 
-    def alone(self) -> Solution:
-        """The believed structure, its base parameters free: best of several starts.
-
-        Where a straight line does better, of the force that the motion needs.
-        """
-        found = self._alone()
-        if self.imposed or found.cost - self._line(self.few) < _FORESEEN * self.samples:
-            return found
+    def _by_force(self) -> Solution | None:
+        """The fit to the force that the motion needs, where the drive follows it."""
         before = dict(self.__dict__)
         self._look_at_the_force()
-        by_force = self._alone()
+        found = self._alone()
         if len(self.records) > 1:
-            by_force = self._apart(by_force)
-        runs = by_force.problem.runs
-        if max(by_force.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED:
-            return by_force
+            found = self._apart(found)
+        runs = found.problem.runs
+        if max(found.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED:
+            return found
         # The drive does not follow the motion either: a cause is what is missing.
         self.__dict__.update(before)
-        return found
+        return None
 
     def _apart(self, now: Solution) -> Solution:
         """The same with levels and offsets of each record's own, where they differ."""
@@ -324,6 +317,7 @@ class Search:
         return now
 
     def _alone(self) -> Solution:
+        """The believed structure, its base parameters free: best of several starts."""
         starts = [self.believed]
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
         if other:
@@ -333,11 +327,21 @@ class Search:
 
     @cached_property
     def first(self) -> tuple[Solution, list[Candidate]]:
-        """The fit without causes, and every candidate beside it, best first."""
+        """The fit without causes, and every candidate beside it, best first.
+
+        Where a straight line does better than any, of the force that the motion needs.
+        """
         self.tell("base parameters")
-        now = self.alone()
+        now = self._alone()
+        imposed = self._line(self.few) + _FORESEEN * self.samples
         self.tell("first cause")
-        return now, self.screen(now)
+        found = self.screen(now)
+        # A drive with a limit is no match for the line either, until that is tried.
+        if min([now.cost, *(c.cost for c in found)]) > imposed and not self.late:
+            by_force = self._by_force()
+            if by_force is not None:
+                return by_force, self.screen(by_force)
+        return now, found
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
         if self.jobs == 1 or len(tasks) < 2:
@@ -532,6 +536,12 @@ class Search:
             fits = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]
+        # Two parts one of which is too light to be seen are one: that is no cause.
+        fits = [
+            f for f in fits
+            if not any(f.problem.parameters[f.problem.names.index(n)].kind == "share"
+                       for n in f.at_bound)
+        ]  # fmt: skip
         if not fits:
             return None
         best, slug = min(fits, key=lambda f: f.cost), guessed[0].slug

@@ -61,10 +61,11 @@ class Start(NamedTuple):
 def in_valleys(
     starts: Sequence[Start], own: Sequence[str], late: Callable[[], bool], runs: Sequence[Run]
 ) -> Sequence[Start]:
-    """Starts of two parts, best first, with the best of a net between them.
+    """Starts of two parts or of a contact, best first, with the best of a net between them.
 
     With a share or a play slightly wrong the parts meet and part at other times than
-    they did: within a tenth of the right ones alone the cost falls.
+    they did, with a length slightly wrong a contact slides at others: within a tenth of
+    the right ones alone the cost falls.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def in_valleys(
     kinds = effect_class(starts[0].slug).parameters()
     shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
     others = [n for n in own if n not in shares]
-    if not shares or not others:
+    if not others or (not shares and len(others) > 1):
         return starts
     values = [[one.value(n) for n in others] for one in starts]
     rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
@@ -94,13 +95,16 @@ def in_valleys(
         one = starts[0]._replace(problem=few)
         for name, value in zip(others, np.exp(row), strict=True):
             one = one.moved(name, value)
-        best.append(one.best_of(shares[0], _SHARES))
+        if shares:
+            best.append(one.best_of(shares[0], _SHARES))
+        else:
+            best.append(one._replace(cost=few.tried(one.z).cost))
     # A net may hang where the parts are stiffer than the samples show.
     best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
     best = best[:_VALLEYS]
     for i, one in enumerate(best):
         for part in _CLOSER:
-            for name in (*others, shares[0]):
+            for name in (*others, *shares):
                 if late():
                     break
                 value, by = one.value(name), part * _ASIDE

@@ -84,6 +84,16 @@ def test_the_same_on_records_of_the_bench(slug):
 
 
 @pytest.mark.slow
+def test_a_limited_drive_is_no_imposed_motion():
+    # A straight line foresees this record better than any axis without a limit does.
+    case = truth.make_case("saturation", 12, "noisy")
+    with among(*RIVALS, "saturation"):
+        search = Search(believed(case), [record(case)])
+        assert forward(search, most=1).causes == ["saturation"]
+    assert not search.imposed
+
+
+@pytest.mark.slow
 def test_finds_nothing_in_noise_alone():
     d = dfc.diagnose(AXIS, noisy(AXIS, 2), jobs=1)
     assert (d.verdict, d.causes) == ("nothing to find", ())

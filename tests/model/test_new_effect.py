@@ -26,7 +26,6 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 parameter = dfc.effects.parameter
 
 
-
 class Foreign(dfc.effects.Effect):
     """What all of them say of themselves."""
 

@@ -17,7 +17,6 @@ from dryfric_control.model.effects.effect import (
 )
 from dryfric_control.model.effects.guesses import Guess, View
 
-
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 

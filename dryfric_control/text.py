@@ -69,6 +69,10 @@ def percent(share: float, sign: str = "") -> str:
     return f"{value:{sign}.0f} %" if abs(value) >= 10.0 else f"{value:{sign}.2g} %"
 
 
+# Units that take a prefix, alone or at the head of a product.
+_WITH_PREFIX = ("m", "rad", "deg", "N", "s", "A", "V", "W", "J", "Hz")
+
+
 def length_text(value: float, unit: str) -> str:
     """A small length with a readable prefix."""
     if abs(value) < 1e-13:  # round-off: no prefix makes it readable
@@ -80,12 +84,16 @@ def length_text(value: float, unit: str) -> str:
 def prefixed(value: float, unit: str) -> tuple[float, str]:
     """Factor and name of the unit with the prefix in which a small value is readable.
 
+    Counts and increments have none.
+
     Examples
     --------
     >>> from dryfric_control.text import prefixed
-    >>> prefixed(3e-6, "m"), prefixed(0.2, "rad")
-    ((1e-06, 'um'), (1.0, 'rad'))
+    >>> prefixed(3e-6, "m"), prefixed(0.2, "rad"), prefixed(0.03, "inc")
+    ((1e-06, 'um'), (1.0, 'rad'), (1.0, 'inc'))
     """
+    if unit.partition(" ")[0].partition("/")[0] not in _WITH_PREFIX:
+        return 1.0, unit
     for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
         if abs(value) >= 0.1 * factor:
             return factor, f"{prefix}{unit}"

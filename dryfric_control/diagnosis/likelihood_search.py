@@ -111,6 +111,13 @@ def hard(slug: str) -> bool:
     return effect.remembers and effect.action not in _LATE
 
 
+def _hidden_shares(fit: Solution) -> list[str]:
+    """Shares that ended at a bound: one of the two parts is too light to be seen."""
+    p = fit.problem
+    rows = zip(p.names, p.parameters, strict=True)
+    return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
+
+
 def _time_of(fit: Solution) -> float:
     """Time constant of the lag in a fit."""
     return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
@@ -333,11 +340,11 @@ class Search:
         """
         self.tell("base parameters")
         now = self._alone()
-        imposed = self._line(self.few) + _FORESEEN * self.samples
+        lost = self._line(self.few) + _FORESEEN * self.samples
         self.tell("first cause")
         found = self.screen(now)
         # A drive with a limit is no match for the line either, until that is tried.
-        if min([now.cost, *(c.cost for c in found)]) > imposed and not self.late:
+        if min([now.cost, *(c.cost for c in found)]) > lost and not self.late:
             by_force = self._by_force()
             if by_force is not None:
                 return by_force, self.screen(by_force)
@@ -536,12 +543,7 @@ class Search:
             fits = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]
-        # Two parts one of which is too light to be seen are one: that is no cause.
-        fits = [
-            f for f in fits
-            if not any(f.problem.parameters[f.problem.names.index(n)].kind == "share"
-                       for n in f.at_bound)
-        ]  # fmt: skip
+        fits = [f for f in fits if not _hidden_shares(f)]
         if not fits:
             return None
         best, slug = min(fits, key=lambda f: f.cost), guessed[0].slug
@@ -709,7 +711,7 @@ class Search:
         low = min(float(r.x.min()) for r in self.records)
         high = max(float(r.x.max()) for r in self.records)
         room = _OUTSIDE * (high - low)
-        amounts = []
+        amounts, hidden = [], _hidden_shares(fit)
         for name in free:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
@@ -720,7 +722,7 @@ class Search:
                 return False
             if kind == "time" and value < _SOONEST * self.scales.step:
                 return False
-            if kind == "share" and name in fit.at_bound:
+            if name in hidden:
                 return False
             # Of what acts at breakaway alone the cost is too rough for standard errors: that it
             # gains is what says that it is there.

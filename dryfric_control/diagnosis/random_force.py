@@ -115,12 +115,11 @@ class Gate:
     def _reached(self, one: Fitted) -> bool:
         return self.windows.reached(one.scores, self.seen)
 
-    def _beside(self, base: Fitted, effects: Sequence[str] | None = None) -> list[Fitted]:
-        """A fit with each of some effects, or of all, added."""
+    def _beside(self, base: Fitted) -> list[Fitted]:
+        """A fit with each effect of the catalogue added."""
         free = [n for n in base.hypothesis.names if n not in BASE]
-        if effects is None:
-            found = dict.fromkeys(n.partition(".")[0] for n in free)
-            effects = catalogue(base.axis, list(found))
+        found = dict.fromkeys(n.partition(".")[0] for n in free)
+        effects = catalogue(base.axis, list(found))
         return [r for r in self.race.among(base, free, effects) if r.scores.size]
 
     def opens(self, state: State, candidates: Sequence[Candidate]) -> bool:

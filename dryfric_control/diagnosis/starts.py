@@ -111,4 +111,5 @@ def in_valleys(
                 close = value + 0.2 * by if name in shares else value * np.exp(by)
                 one = one.best_of(name, close)
         best[i] = one._replace(cost=whole.tried(one.z).cost, problem=whole)
+    best = [one for one in best if math.isfinite(one.cost)]  # on all samples too
     return sorted([*best, *starts], key=lambda one: one.cost)

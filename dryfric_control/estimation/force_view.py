@@ -58,7 +58,7 @@ class ForceRun(Run):
         share = np.empty(len(self.record))
         strained(self.record.x, level / contact, float(one.direction[0]), share)
         share = share[self.index]
-        ahead, back = (one.force_residual(axis, s * np.ones_like(one.direction)) for s in (1, -1))
+        ahead, back = (one.force_residual(axis, np.full_like(one.direction, s)) for s in (1, -1))
         return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))
 
 

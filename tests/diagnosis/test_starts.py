@@ -58,6 +58,15 @@ def test_a_net_of_one_parameter_lies_along_it():
     assert best.value(NAMES[1]) == pytest.approx(0.013, rel=0.05)
 
 
+def test_a_net_that_hangs_on_its_samples_alone_is_not_started_from():
+    guesses = [start(lambda g, s: 1.0, 0.004 * 4.0**k, 0.5) for k in range(3)]
+    whole = guesses[0].problem
+    whole.on = lambda runs: SimpleNamespace(**(vars(whole) | {"tried": whole.tried}))
+    few = whole.on(())
+    whole.on, whole.tried = lambda runs: few, lambda z: SimpleNamespace(cost=math.inf)
+    assert all(math.isfinite(one.cost) for one in in_valleys(guesses, NAMES[1:2], never, ()))
+
+
 def test_of_a_share_alone_there_is_no_net():
     guesses = [start(lambda g, s: 1.0, 0.01, 0.35)]
     assert in_valleys(guesses, NAMES[2:], never, ()) is guesses

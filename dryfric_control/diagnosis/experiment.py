@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 # the largest left out (one mistimed breakaway is no evidence): a window in
 # thirty off by five quanta, or all of them by a third of one.
 _SEPARATE = 0.1
+# RMS of the same, in quanta, below which no drive parts them.
+_SEEN = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -279,12 +281,12 @@ def next_experiment(
             worth = _worth(parts)
             if best is None or above(worth, best[0]):
                 best = (worth, stages[k], parts, scores)
-        if best is not None and min(best[2]) > _SEPARATE:
+        if best is not None and all(map(_separate, *best[2:])):
             break
-    if best is None or max(best[2]) <= _SEPARATE:
+    if best is None or not any(map(_separate, *best[2:])):
         return _change_of_bench(names, tried, axis.units)
     _, chosen, parts, scores = best
-    separate = [part > _SEPARATE for part in parts]
+    separate = list(map(_separate, parts, scores))
     return Experiment(
         name=chosen.excitation.name,
         title=chosen.excitation.title,
@@ -300,6 +302,11 @@ def next_experiment(
         drives={n: trial.u for n, trial in zip(names, chosen.trials, strict=True)},
         units=axis.units,
     )
+
+
+def _separate(part: float, score: float) -> bool:
+    """Whether two hypotheses stay apart by what is seen."""
+    return part > _SEPARATE and score > _SEEN
 
 
 def _worth(parts: Sequence[float]) -> float:

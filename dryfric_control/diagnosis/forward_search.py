@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from dryfric_control.diagnosis.candidates import effect_class, holds
-from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Candidate, Search
+from dryfric_control.diagnosis.likelihood_search import EQUAL, LATE, SLACK, Candidate, Search
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered
@@ -19,6 +19,11 @@ _FURTHER, _QUIETER = 0.02, 0.02
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
 _PAIRED, _HOPE = 4, 3.0
+# Candidates beside the chosen one that are tried in its place later, and the part of its
+# worth that they must have had.
+_REMEMBERED, _CLOSE = 3, 0.5
+# Turns of such a fit after which it must promise to be better.
+_SOME_TURNS = 5
 
 
 @dataclass(eq=False)
@@ -35,6 +40,8 @@ class State:
         What does equally well in a cause's place.
     rivals : dict of str to dict of str to FrictionAxis
         Axes with those in its place.
+    close : dict of str to list of Candidate
+        What was nearly as good when a cause was chosen, with no more parameters.
     first : dict of str to float
         Quick gain of every candidate of the first round, "" the fit without.
     late : bool
@@ -46,6 +53,7 @@ class State:
     free: dict[str, tuple[str, ...]] = field(default_factory=dict)
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
+    close: dict[str, list[Candidate]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
     late: bool = False
 
@@ -57,9 +65,17 @@ class State:
     def drop(self, slug: str, less: Solution) -> None:
         """Go on without a cause, from the fit without it."""
         self.causes.remove(slug)
-        for table in (self.free, self.alternatives, self.rivals):
+        for table in (self.free, self.alternatives, self.rivals, self.close):
             table.pop(slug)
         self.fit = less
+
+    def add(self, candidate: Candidate, fit: Solution, at: int | None = None) -> None:
+        """Go on with one cause more, the last or at a place among them."""
+        slug = candidate.slug
+        self.causes.insert(len(self.causes) if at is None else at, slug)
+        self.free[slug] = candidate.free
+        self.alternatives[slug], self.rivals[slug], self.close[slug] = (), {}, []
+        self.fit = fit
 
 
 #: What may end a search: asked with the state and the candidates of every round.
@@ -72,7 +88,8 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     None where `end`, which is asked about every round's candidates, says that the
     likelihood is not the judge.
     """
-    state = State(search.first[0])
+    # Inputs that were found to be early before stay so.
+    state = State(search.alone() if search.clock else search.first[0])
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
         now = state.fit
@@ -97,27 +114,34 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
             if pair is None:
                 break
             for c in pair[0]:
-                state.causes.append(c.slug)
-                state.free[c.slug] = c.free
-                state.alternatives[c.slug], state.rivals[c.slug] = (), {}
-            state.fit = pair[1]
+                state.add(c, pair[1])
             continue
         if not ranked:
             break
         _, chosen, fit = _plainest(ranked)
-        least = min(_FURTHER * (first - fit.cost), _QUIETER * search.samples)
-        if state.causes and now.cost - fit.cost < least:
+        if state.causes and not notable(now.cost - fit.cost, first - fit.cost, search.samples):
             break
-        state.causes.append(chosen.slug)
-        state.free[chosen.slug] = chosen.free
+        state.add(chosen, fit)
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
         state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
         state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
-        state.fit = fit
+        state.close[chosen.slug] = [
+            replace(c, axis=s.axis) for w, c, s in ranked
+            if c is not chosen and w > _CLOSE * ranked[0][0] and len(c.free) <= len(chosen.free)
+        ][:_REMEMBERED]  # fmt: skip
         if len(state.causes) > 1:
             _backward(search, state)
+            _exchange(search, state)
     state.late = search.late
     return state
+
+
+def notable(gain: float, whole: float, samples: int) -> bool:
+    """Whether a further cause gains more than what a model leaves out may feign.
+
+    `whole`: the gain of all causes, this one among them.
+    """
+    return gain >= min(_FURTHER * whole, _QUIETER * samples)
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]
@@ -172,6 +196,43 @@ def _backward(search: Search, state: State) -> None:
         gain = less.cost - state.fit.cost
         if search.worth(gain, len(state.free[slug])) < 0.0:
             state.drop(slug, less)
+
+
+def _exchange(search: Search, state: State) -> None:
+    """Put what was nearly as good when a cause was chosen in its place, where it is better now.
+
+    The first cause is chosen while the others are missing, and more parameters take up some
+    of what those do: gravity looks like a bias, cogging of one turn like gravity.
+    """
+    for slug in list(state.causes):
+        # A lag smooths the noise of a recorded input, which speaks for none.
+        if followed(slug, state.causes) or effect_class(slug).action in LATE:
+            continue
+        for other in state.close[slug]:
+            if search.late:
+                return
+            if other.slug in state.causes or effect_class(other.slug).action in LATE:
+                continue
+            fit, own = state.fit, state.free[slug]
+            try:
+                less = search.less(fit.axis, slug)
+                axis = put(less, other.slug, named(other.axis)[other.slug])
+            except (ValueError, KeyError):
+                continue
+            free = (*names_without(search, fit, slug, own), *other.free)
+            ahead = search.penalty(len(own)) - search.penalty(len(other.free))
+            most = fit.cost + (ahead if ahead else -EQUAL)
+            noises = fit.z[len(fit.problem.names) :]
+            found = search.fit(axis, free, noises, _SOME_TURNS)
+            if found.cost - found.promised > most:
+                continue
+            found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
+            if found.cost < most and search.sound(found, other.slug, other.free):
+                place = state.causes.index(slug)
+                state.drop(slug, found)
+                state.add(other, found, place)
+                break
+    _backward(search, state)
 
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:

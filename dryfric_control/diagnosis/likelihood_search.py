@@ -76,13 +76,16 @@ _OUTSIDE = 0.1
 _CLOSE = 0.25
 # Time constants over which the input is smoothed where causes are compared with a lag.
 _OVER = (2.0, 4.0, 8.0, 16.0)
+# Part of the gain on few samples that must be clear for a doubt to be followed, and the turns
+# of the fits that follow it.
+_DOUBTED, _DOUBTED_TURNS = 0.2, 8
 # Part of a sample below which nothing is late.
 _SOONEST = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _BIAS = "bias_force"
-# Actions of effects that move the drive in time.
-_LATE = ("delay", "lag")
+#: Actions of effects that move the drive in time.
+LATE = ("delay", "lag")
 # Units a sample by which a straight line is ahead where the motion is imposed, and the part
 # of the drive that the force which the motion needs may then leave.
 _FORESEEN, _IMPOSED = 0.1, 0.25
@@ -108,7 +111,7 @@ def hard(slug: str) -> bool:
     Then slopes tell little far from the best values.
     """
     effect = effect_class(slug)
-    return effect.remembers and effect.action not in _LATE
+    return effect.remembers and effect.action not in LATE
 
 
 def _hidden_shares(fit: Solution) -> list[str]:
@@ -195,6 +198,7 @@ class Search:
         self.whole = whole
         self.part = self.samples / whole
         self._costs: dict[Solution, FloatArray] = {}
+        self._whole: dict[Solution, Solution] = {}
         self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
@@ -298,7 +302,7 @@ class Search:
         """The fit to the force that the motion needs, where the drive follows it."""
         before = dict(self.__dict__)
         self._look_at_the_force()
-        found = self._alone()
+        found = self.alone()
         if len(self.records) > 1:
             found = self._apart(found)
         runs = found.problem.runs
@@ -316,14 +320,14 @@ class Search:
                 continue
             self.base = tuple(n for n in base if n not in names)
             self.also, self.own = (*also, *names), (*own, *names)
-            fit = self._alone()
+            fit = self.alone()
             more = len(names) * len(self.records) - 1
             if self.worth(now.cost - fit.cost, more) > 0.0 and self.held_out(now, fit).sure:
                 return fit
         self.base, self.also, self.own = base, also, own
         return now
 
-    def _alone(self) -> Solution:
+    def alone(self) -> Solution:
         """The believed structure, its base parameters free: best of several starts."""
         starts = [self.believed]
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
@@ -339,7 +343,7 @@ class Search:
         Where a straight line does better than any, of the force that the motion needs.
         """
         self.tell("base parameters")
-        now = self._alone()
+        now = self.alone()
         lost = self._line(self.few) + _FORESEEN * self.samples
         self.tell("first cause")
         found = self.screen(now)
@@ -360,7 +364,7 @@ class Search:
 
     def earlier(self, now: Solution) -> Solution | None:
         """A model beside inputs that act before their time stamps, where data ask for it."""
-        if self.imposed or self.clock or any(e.action in _LATE for e in now.axis.effects):
+        if self.imposed or self.clock or any(e.action in LATE for e in now.axis.effects):
             return None
         noises = now.z[len(now.problem.names) :]
         self.clock = (SHIFT,)
@@ -413,7 +417,7 @@ class Search:
             effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
         if self.clock:
             # An input that may be early cannot tell a delay, and with a lag it is smoothed.
-            effects = tuple(e for e in effects if effect_class(e).action not in _LATE)
+            effects = tuple(e for e in effects if effect_class(e).action not in LATE)
         besides = [now]
         if self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
@@ -433,7 +437,7 @@ class Search:
                 if hard(one[0].slug):
                     if beside is besides[-1]:
                         stiff.append(one)
-                elif beside is not now or effect_class(one[0].slug).action in _LATE:
+                elif beside is not now or effect_class(one[0].slug).action in LATE:
                     # What the base has bent for shows where all is free; so does what moves
                     # the drive in time, and every other parameter with it.
                     led.append(one)
@@ -685,11 +689,30 @@ class Search:
         return _HARD_SHARE if hard(slug) else _SHARE
 
     def held_out(self, less: Solution, fit: Solution) -> HeldOut:
-        """Gain of a fit over another on all samples of the records."""
-        for one in (less, fit):
-            if one not in self._costs:
-                self._costs[one] = one.held_out(None if self.part == 1.0 else self.runs)
-        return HeldOut.of(self._costs[less], self._costs[fit])
+        """Gain of a fit over another on all samples of the records.
+
+        What a few samples say of the noises may be far off: where they leave doubt about a
+        cause that may be there, both are fitted to all.
+        """
+        found = HeldOut.of(*(self._costs_of(one) for one in (less, fit)))
+        likely = max(found.gain, _DOUBTED * (less.cost - fit.cost)) > LEAST
+        if found.sure or self.part == 1.0 or not likely or self.late:
+            return found
+        return HeldOut.of(*(self._costs_of(self._on_all(one)) for one in (less, fit)))
+
+    def _costs_of(self, one: Solution) -> FloatArray:
+        """Cost of each block under parameters to which it did not contribute."""
+        if one not in self._costs:
+            whole = one.problem.runs[0] is self.runs[0]
+            self._costs[one] = one.held_out(None if whole else self.runs)
+        return self._costs[one]
+
+    def _on_all(self, one: Solution) -> Solution:
+        """A fit to few samples, fitted to all."""
+        if one not in self._whole:
+            problem = one.problem.on(self.runs)
+            self._whole[one] = maximise(problem, one.z, _DOUBTED_TURNS, self.until)
+        return self._whole[one]
 
     def off(self, fit: Solution) -> list[str]:
         """Base parameters that a fit surely moves."""

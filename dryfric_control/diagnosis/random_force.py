@@ -18,7 +18,7 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
-from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
+from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.estimation.likelihood import BASE
@@ -37,8 +37,9 @@ _GATE_FIT, _GATE_JUDGE = 8, 4
 _TOGETHER, _LIKELY = 2, 6
 # Part of the score that the first of two causes must leave at most.
 _HELPS = 0.95
-# Windows of each record that are replayed.
-_REPLAYED = 40
+# Windows of each record that are replayed, and how often: one that breaks away now and then
+# must have done so in a replay too.
+_REPLAYED, _REPLAYS = 40, 20
 # A base parameter off by less than this is what anybody would call right.
 _RIGHT = 0.004
 # Part of the random force that a wrong base parameter must make to be named.
@@ -465,7 +466,7 @@ def _motion(
         before = w.evaluate(search.believed, active)
         at = w.evaluate(axis, active)
         floor: Floor = noise_floor(
-            w, axis, [axis] * REPLAYS, at, active, force=final.random_force(i)
+            w, axis, [axis] * _REPLAYS, at, active, force=final.random_force(i)
         )
         for row, one in zip(squares, (before, at), strict=False):
             row.append(w.mean_squares(one.errors)[active])

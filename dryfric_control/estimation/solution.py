@@ -15,6 +15,20 @@ from dryfric_control.model.axis import FrictionAxis
 
 FloatArray = NDArray[np.float64]
 
+# Eigenvalue of information, of unit diagonal, that slopes by differences do not tell from 0.
+_OPEN = 1e-9
+# Root of information below which there is none.
+_NOTHING = 1e-100
+
+
+def _inverse(h: FloatArray) -> FloatArray:
+    """Inverse of an information matrix; what it leaves open has a large variance, not none."""
+    size = np.sqrt(np.maximum(np.diag(h), 0.0))
+    size[size < _NOTHING] = 1.0
+    values, vectors = np.linalg.eigh(h / np.outer(size, size))
+    inverse = (vectors / np.maximum(values, _OPEN)) @ vectors.T
+    return np.asarray(inverse / np.outer(size, size))
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -85,15 +99,18 @@ class Solution:
         """Sandwich covariance of the search coordinates."""
         h = self.information.sum(axis=0) * self.curvature()
         h += np.diag(self.problem.prior_terms(self.z)[2])
-        inverse = np.linalg.pinv(h, rcond=1e-14, hermitian=True)
+        inverse = _inverse(h)
         g = self.gradients
         blocks = max(len(g) - 1, 1)
         meat = g.T @ g * (len(g) / blocks)
         # The information itself where blocks say less: few blocks may agree by chance.
         sandwich = inverse @ meat @ inverse
         scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
-        own = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
-        return sandwich * np.outer(scale / own, scale / own)
+        own = np.sqrt(np.maximum(np.diag(sandwich), 0.0))
+        own[own < _NOTHING] = 1.0
+        found = sandwich * np.outer(scale / own, scale / own)
+        np.fill_diagonal(found, scale**2)
+        return found
 
     def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
         """Cost of each block of some runs under parameters to which it did not contribute.

@@ -18,6 +18,7 @@ from dryfric_control.estimation.likelihood import (
     some_of,
 )
 from dryfric_control.estimation.scoring import maximise, within_reach
+from dryfric_control.estimation.solution import _inverse
 from dryfric_control.model.effects.naming import class_of
 
 DT = 1e-3
@@ -397,3 +398,13 @@ def test_held_out_cost_leaves_alone_what_ended_at_a_bound():
     seen = sum(view.blocks(0, found.point.out[0]))
     assert found.values()["coulomb"] == pytest.approx(5.0, abs=0.05)
     assert abs(found.held_out().sum() - seen) < 20.0
+
+
+@pytest.mark.parametrize("open_", [0.0, 1e-17])
+def test_what_a_record_leaves_open_has_a_large_error(open_):
+    # Viscous friction and a level at one speed alone, and a noise that nothing shows.
+    h = np.diag([4.0, 9.0, 0.0, 1.0])
+    h[0, 1] = h[1, 0] = 6.0 * (1.0 - open_)
+    variances = np.diag(_inverse(h))
+    assert np.all(variances[:3] > 1e6)
+    assert variances[3] == pytest.approx(1.0)

@@ -1,0 +1,76 @@
+"""Causes one after the other: what takes another's place, and what is too small to name."""
+
+import pytest
+from diagnosis_cases import among, believed, record
+from truth import make_machine
+
+from dryfric_control.diagnosis.candidates import own_names, with_effect
+from dryfric_control.diagnosis.forward_search import State, _exchange, forward, notable
+from dryfric_control.diagnosis.likelihood_search import Candidate, Search
+from dryfric_control.estimation.parameters import SHIFT
+
+DT = 1e-3
+PEAK = {"excess": 0.3, "speed": 0.02}
+BIAS = {"force": 1.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "named", "close"),
+    [
+        # Nearly a constant force on a short way, with a parameter more.
+        (
+            "bias_force",
+            ("gravity", {"amplitude": 1.0, "phase": -1.6}),
+            ("bias_force", {"force": -1.0}),
+        ),
+        # As many parameters; the peak grows with the level of each direction.
+        ("coulomb_asymmetry", ("bias_force", BIAS), ("coulomb_asymmetry", BIAS)),
+        # The right one stays.
+        ("coulomb_asymmetry", ("coulomb_asymmetry", BIAS), ("bias_force", {"force": -1.0})),
+    ],
+)
+def test_a_cause_chosen_in_haste_makes_room(hidden, named, close):
+    # The stand-in was chosen before the peak was there.
+    case = make_machine(2, (hidden, "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    state = State(search.fit(search.believed, ()))
+
+    def candidate(slug, values):
+        return Candidate(slug, own_names(slug), with_effect(state.fit.axis, slug, values).axis, 0.0)
+
+    before = candidate(*close)
+    for slug, values in (named, ("stribeck", PEAK)):
+        one = candidate(slug, dict(values))
+        state.add(one, search.fit(one.axis, (*state.names, *one.free)))
+    state.close[named[0]] = [before]
+    _exchange(search, state)
+    assert state.causes == [hidden, "stribeck"]
+    values = state.fit.values()
+    true = case.truth["stribeck"]["excess"]
+    assert values["stribeck.excess"] == pytest.approx(true, rel=0.05)
+    assert set(state.names) < set(values)
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_with_inputs_that_act_early():
+    case = make_machine(2, ("bias_force", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    search.clock = (SHIFT,)
+    with among("backlash", "bias_force"):
+        state = forward(search, most=1)
+    assert state.causes == ["bias_force"]
+    assert abs(state.fit.values()[SHIFT]) < 0.1 * DT
+
+
+@pytest.mark.parametrize(
+    ("gain", "whole", "expected"),
+    [
+        (190.0, 10_000.0, True),  # 2 % of 8000 samples' random force, though 1.9 % of the gain
+        (150.0, 10_000.0, False),
+        (21.0, 1000.0, True),  # 2 % of a small gain
+        (19.0, 1000.0, False),
+    ],
+)
+def test_a_further_cause_must_explain_a_part_of_the_gain_or_of_the_force(gain, whole, expected):
+    assert notable(gain, whole, 8000) is expected

@@ -290,6 +290,9 @@ def innovations(
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side, kept = 0, 0.0, False
+    # Of a contact that sticks the place at which it is not strained is not known better than
+    # the position was when it stopped: its covariances with position and velocity, its variance.
+    strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -408,6 +411,10 @@ def innovations(
                 f01 = dt * (1.0 + 0.5 * z)
             h = min(max(by_x * dt * dt, -1.0), 1.0)
             f00, f10 = 1.0 + 0.5 * h, h / dt * (f01 / dt)
+            sticking = contact and not sliding and not two
+            if sticking and not strained:
+                c0, c1, anchor = p, g * p, p
+            strained = sticking
             along, across = f00 + f01 * g, f10 + f11 * g
             m00 = along * along * p + f01 * f01 * d
             m01 = along * across * p + f01 * f11 * d
@@ -416,6 +423,16 @@ def innovations(
                 # Creep at rest keeps the filter awake.
                 det += _CREEP * reading * (across * across * p + f11 * f11 * d)
                 m00 += _CREEP * reading
+            if sticking:
+                # The force grows with the way from a place that is itself unsure.
+                pull0, pull1 = 1.0 - f00, -f10
+                own0, own1 = pull0 * anchor, pull1 * anchor
+                to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
+                m11 = across * across * p + f11 * f11 * d + pull1 * (2.0 * to1 + own1)
+                m00 += pull0 * (2.0 * to0 + own0)
+                m01 += pull0 * to1 + pull1 * to0 + pull0 * own1
+                c0, c1 = to0 + own0, to1 + own1
+                det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
             g = m01 / m00
             d = det / m00
             b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
@@ -476,13 +493,19 @@ def innovations(
                 d = p * g * g
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
-            gain = p / (p + noise)
+            if row == 0 and noise == 0.0:
+                strained = False
+            gain, to_anchor = p / (p + noise), 0.0
+            if strained:
+                to_anchor = c0 / (p + noise)
+                anchor = max(anchor - to_anchor * c0, 0.0)
+                c0, c1 = c0 - gain * c0, c1 - gain * g * c0
             p = gain * noise
             x += gain * e
             v += gain * g * e
             memory[step.X], memory[step.V] = x, v
             if contact and memory[step.MODE] == 0.0:
-                memory[step.DEFLECTION] += gain * e
+                memory[step.DEFLECTION] += (gain - to_anchor) * e
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             for i in range(k, n):
                 out[0, i], out[1, i] = np.inf, 1.0

@@ -22,7 +22,7 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
 )
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
-from dryfric_control.diagnosis.starts import Start, in_valleys
+from dryfric_control.diagnosis.starts import Start, beside_jumps, in_valleys
 from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
@@ -119,6 +119,15 @@ def _hidden_shares(fit: Solution) -> list[str]:
     p = fit.problem
     rows = zip(p.names, p.parameters, strict=True)
     return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
+
+
+def _rough(name: str) -> bool:
+    """Whether a parameter acts at breakaway alone, and by a memory."""
+    slug, dot, short = name.partition(".")
+    if not dot:
+        return False
+    effect = effect_class(slug)
+    return effect.remembers and bool(effect.parameters()[short]["breaks_away"])
 
 
 def _time_of(fit: Solution) -> float:
@@ -256,7 +265,12 @@ class Search:
         z = problem.start(1.0)
         if noises is not None:
             z[len(problem.names) :] = noises
-        return maximise(problem, z, iterations, self.until)
+        found = maximise(problem, z, iterations, self.until)
+        rough = [n for n in free if n not in self.own and _rough(n)]
+        if not rough or iterations < _ITERATIONS or self.late:
+            return found
+        z = beside_jumps(problem, found.z, rough, lambda: self.late)
+        return min(found, maximise(problem, z, iterations, self.until), key=lambda s: s.cost)
 
     def possible(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
         """Whether there is a fit from an axis: it may be stiffer than the samples show."""

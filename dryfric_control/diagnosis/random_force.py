@@ -57,6 +57,7 @@ _BLURRED = 2.0
 # RMS of the force left over that of its changes from sample to sample beyond which it has
 # structure.
 _SMOOTH = 1.5
+_GAIN = "input_gain"
 # What is said where the force decides.
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
@@ -234,7 +235,7 @@ def answer(
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
-    causes += _wrong_base(search, final, kept)
+    causes += _or_a_gain(search, state, _wrong_base(search, final, kept))
     messages += _warnings(final, causes)
     if search.imposed:
         messages.append(IMPOSED)
@@ -412,6 +413,22 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Ca
         )
         found.append((gain, cause))
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
+
+
+def _or_a_gain(search: Search, state: State, wrong: list[Cause]) -> list[Cause]:
+    """Wrong base parameters with what does the very same where all of them are wrong.
+
+    The motion follows from all forces over the gain of the drive: with another gain, either
+    of them may be right.
+    """
+    slugs = [cause.effect for cause in wrong]
+    believed = search.believed.effects or {*search.known, *search.tolerance} & {*BASE}
+    if believed or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
+        return wrong
+    return [
+        replace(c, alternatives=("+".join([_GAIN, *(s for s in slugs if s != c.effect)]),))
+        for c in wrong
+    ]
 
 
 def _sizes(search: Search) -> dict[str, float]:

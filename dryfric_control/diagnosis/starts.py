@@ -18,6 +18,10 @@ _RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
 
 
+# The same beside where a fit has ended whose cost has jumps.
+_FAR_AND_CLOSE = (4.0, 1.0, 0.3)
+
+
 class Start(NamedTuple):
     """Where a fit may start.
 
@@ -56,6 +60,30 @@ class Start(NamedTuple):
             if cost < best.cost:
                 best = one._replace(cost=cost)
         return best
+
+
+def beside_jumps(
+    problem: Likelihood, z: NDArray[np.float64], names: Sequence[str], late: Callable[[], bool]
+) -> NDArray[np.float64]:
+    """The best coordinates near some, of parameters that act at breakaway alone.
+
+    Each breakaway comes a sample earlier or later at some value: between such jumps the cost
+    hardly slopes, and a descent along slopes ends at the first.
+    """
+    best = Start(problem.tried(z).cost, problem, z, "")
+    for part in _FAR_AND_CLOSE:
+        for group in (names, *((n,) for n in names)) if len(names) > 1 else (names,):
+            if late():
+                break
+            begin = best
+            for by in part * _ASIDE[_ASIDE != 0.0]:
+                one = begin
+                for name in group:
+                    one = one.moved(name, begin.value(name) * math.exp(by))
+                cost = problem.tried(one.z).cost
+                if cost < best.cost:
+                    best = one._replace(cost=cost)
+    return best.z
 
 
 def in_valleys(

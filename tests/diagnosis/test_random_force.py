@@ -94,6 +94,21 @@ def test_a_limited_drive_is_no_imposed_motion():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("known", [(), ("mass",)])
+def test_three_wrong_base_parameters_may_be_a_gain_and_two(known):
+    # All forces over the gain make the motion: nothing but knowledge tells which is right.
+    machine = AXIS.replace(mass=1.15 * AXIS.mass, viscous=0.8 * AXIS.viscous, coulomb=9.6)
+    with among("input_gain", "stribeck"):
+        d = dfc.diagnose(AXIS, noisy(machine, 7), known=known, jobs=1)
+    alternatives = {c.effect: c.alternatives for c in d.causes}
+    if known:
+        assert not any("input_gain+" in a for one in alternatives.values() for a in one)
+    else:
+        assert set(alternatives) == {"inertia", "viscous", "coulomb"}
+        assert {*alternatives["inertia"][0].split("+")} == {"input_gain", "viscous", "coulomb"}
+
+
+@pytest.mark.slow
 def test_finds_nothing_in_noise_alone():
     d = dfc.diagnose(AXIS, noisy(AXIS, 2), jobs=1)
     assert (d.verdict, d.causes) == ("nothing to find", ())

@@ -58,6 +58,8 @@ _BLURRED = 2.0
 # structure.
 _SMOOTH = 1.5
 _GAIN = "input_gain"
+# Change of a base parameter that is a correction and no cause.
+_CORRECTED = 0.05
 # What is said where the force decides.
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
@@ -326,7 +328,28 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
                 state.drop(slug, without(search, state, slug))
                 break
         else:
-            return final, kept, judged
+            if not _gain_is_choice(search, state, final, kept, judged):
+                return final, kept, judged
+            state.drop(_GAIN, without(search, state, _GAIN))
+
+
+def _unknown(search: Search) -> bool:
+    """Whether nothing that is believed of the axis tells a gain from wrong base parameters."""
+    return not (search.believed.effects or {*search.known, *search.tolerance} & {*BASE})
+
+
+def _gain_is_choice(
+    search: Search, state: State, final: Solution, kept: Sequence[str], judged: dict[str, Judged]
+) -> bool:
+    """Whether a gain is found that leaves base parameters wrong, while they alone do the same.
+
+    Then they are named: that they are wrong is certain, that the gain is as well is not.
+    """
+    if _GAIN not in state.causes or not _unknown(search):
+        return False
+    values = final.values()
+    left = any(abs(values[n] - search.nominal[n]) > _CORRECTED * search.nominal[n] for n in kept)
+    return left and {*judged[_GAIN].others.split("+")} == {*SLUGS.values()}
 
 
 def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
@@ -422,8 +445,7 @@ def _or_a_gain(search: Search, state: State, wrong: list[Cause]) -> list[Cause]:
     of them may be right.
     """
     slugs = [cause.effect for cause in wrong]
-    believed = search.believed.effects or {*search.known, *search.tolerance} & {*BASE}
-    if believed or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
+    if not _unknown(search) or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
         return wrong
     return [
         replace(c, alternatives=("+".join([_GAIN, *(s for s in slugs if s != c.effect)]),))

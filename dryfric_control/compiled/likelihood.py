@@ -410,7 +410,7 @@ def innovations(
                 f11 = 1.0 + z * (1.0 + 0.5 * z)
                 f01 = dt * (1.0 + 0.5 * z)
             h = min(max(by_x * dt * dt, -1.0), 1.0)
-            f00, f10 = 1.0 + 0.5 * h, h / dt * (f01 / dt)
+            f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
             sticking = contact and not sliding and not two
             if sticking and not strained:
                 c0, c1, anchor = p, g * p, p
@@ -497,7 +497,7 @@ def innovations(
                 strained = False
             gain, to_anchor = p / (p + noise), 0.0
             if strained:
-                to_anchor = c0 / (p + noise)
+                to_anchor = counts * c0 / (p + noise)
                 anchor = max(anchor - to_anchor * c0, 0.0)
                 c0, c1 = c0 - gain * c0, c1 - gain * g * c0
             p = gain * noise
@@ -505,7 +505,7 @@ def innovations(
             v += gain * g * e
             memory[step.X], memory[step.V] = x, v
             if contact and memory[step.MODE] == 0.0:
-                memory[step.DEFLECTION] += (gain - to_anchor) * e
+                memory[step.DEFLECTION] += gain * e - to_anchor * outside
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             for i in range(k, n):
                 out[0, i], out[1, i] = np.inf, 1.0

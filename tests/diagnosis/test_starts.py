@@ -10,7 +10,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.starts import Start, in_valleys
+from dryfric_control.diagnosis.starts import Start, beside_jumps, in_valleys
 
 NAMES = ["mass", "backlash.gap", "backlash.load_fraction"]
 
@@ -95,3 +95,20 @@ def test_a_part_too_light_to_be_seen_is_not_tried(share):
     problem = search.problem(light, ["backlash.load_fraction"])
     tried = problem.axis_at(problem.start()).effects[0].load_fraction
     assert min(tried, 1.0 - tried) == pytest.approx(0.05)
+
+
+def test_parameters_of_breakaways_are_found_across_jumps():
+    # The cost is flat between whole breakaways and tells the ratio of both best, as short rests do.
+    def cost(rise, time):
+        return round(8.0 * abs(math.log(rise / time))) + round(4.0 * abs(math.log(time / 0.4)))
+
+    one = start(cost, 0.8, 0.8)
+    found = beside_jumps(one.problem, one.z, NAMES[1:], never)
+    assert found[0] == one.z[0]
+    assert cost(found[1], found[2]) == 0
+    assert found[1:] == pytest.approx([0.4, 0.4], rel=0.2)
+
+
+def test_no_jump_is_crossed_when_time_is_over():
+    one = start(lambda gap, share: gap + share, 0.8, 0.8)
+    assert np.array_equal(beside_jumps(one.problem, one.z, NAMES[1:], lambda: True), one.z)

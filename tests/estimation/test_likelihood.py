@@ -411,10 +411,9 @@ def test_what_a_record_leaves_open_has_a_large_error(open_):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [5, 13])
-def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly(seed):
-    # Taken as known, the true axis seems to be pushed by 1.14 times the noise that the input has (13).
-    case = truth.make_case("presliding", seed, "noisy")
+def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
+    # Taken as known, the true axis seems to be pushed by 1.14 times the noise that the input has.
+    case = truth.make_case("presliding", 13, "noisy")
     contact = dfc.effects.Presliding(**case.truth["presliding"])
     axis, r = believed(case).replace(effects=(contact,)), record(case)
     problem = Likelihood(axis, (), [prepare(r)])

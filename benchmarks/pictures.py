@@ -10,6 +10,14 @@ import numpy as np
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from dryfric_control.model.effects.naming import title_of
+
+
+def _words(answer: str) -> str:
+    """A hidden or named cause as a reader calls it; of several the first, and how many more."""
+    slug, _, more = answer.partition("+")
+    return title_of(slug) + (f" and {more} more" if more else "")
+
 
 def confusion(
     answers: Sequence[tuple[str, str]], truths: Sequence[str], title: str, path: Path
@@ -44,8 +52,8 @@ def confusion(
     for i, j in zip(*np.nonzero(table), strict=True):
         dark = "white" if share[i, j] > 0.6 else "black"
         ax.text(j, i, table[i, j], ha="center", va="center", fontsize=8, color=dark)
-    ax.set_xticks(range(len(columns)), columns, rotation=90, fontsize=8)
-    ax.set_yticks(range(len(rows)), rows, fontsize=8)
+    ax.set_xticks(range(len(columns)), map(_words, columns), rotation=90, fontsize=8)
+    ax.set_yticks(range(len(rows)), map(_words, rows), fontsize=8)
     ax.set_xticks(np.arange(len(columns)) - 0.5, minor=True)
     ax.set_yticks(np.arange(len(rows)) - 0.5, minor=True)
     ax.grid(which="minor", color="0.9", linewidth=0.5)

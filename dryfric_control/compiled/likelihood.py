@@ -4,7 +4,8 @@ The prediction of position and velocity is the axis' own exact step, switches
 located inside the sample, with every effect and its memory.  Beside it runs
 the covariance of (x, v), held as P = p [1 g; g g^2] + d [0 0; 0 1]: variance of
 the position, slope of the velocity over it, and variance of the velocity given
-the position.  A reading changes p alone, so that P stays positive.
+the position.  A reading changes p alone, so that P stays positive.  While a contact
+sticks, the place at which it is not strained is a third state.
 
 Noises: the force is off by N(0, force) in every sample, held over it; a
 reading is off by N(0, reading).  Innovations follow Student's t.
@@ -480,7 +481,7 @@ def innovations(
                 memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
             elif row == _IN_A_ROW and structure != 0:
                 # Its inner states are others.
-                row, noise = 0, 0.0
+                row, noise, strained = 0, 0.0, False
                 off = _settle(plant, t + dt, dt, m, end, y, k, alike)
                 x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
                 v, e = memory[step.V], 0.0
@@ -493,8 +494,6 @@ def innovations(
                 d = p * g * g
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
-            if row == 0 and noise == 0.0:
-                strained = False
             gain, to_anchor = p / (p + noise), 0.0
             if strained:
                 to_anchor = counts * c0 / (p + noise)

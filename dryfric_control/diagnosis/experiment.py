@@ -25,10 +25,10 @@ from dryfric_control.units import check_units
 FloatArray = NDArray[np.float64]
 
 # Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses differ,
-# the largest left out (one mistimed breakaway is no evidence): a window in
-# thirty off by five quanta, or all of them by a third of one.
+# the largest left out (one mistimed breakaway is no evidence): two windows in
+# thirty off by five quanta.
 _SEPARATE = 0.1
-# RMS of the same, in quanta, below which no drive parts them.
+# RMS of all windows, in quanta, below which no drive parts them.
 _SEEN = 1.0
 
 

@@ -121,15 +121,6 @@ def _hidden_shares(fit: Solution) -> list[str]:
     return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
 
 
-def _rough(name: str) -> bool:
-    """Whether a parameter acts at breakaway alone, and by a memory."""
-    slug, dot, short = name.partition(".")
-    if not dot:
-        return False
-    effect = effect_class(slug)
-    return effect.remembers and bool(effect.parameters()[short]["breaks_away"])
-
-
 def _time_of(fit: Solution) -> float:
     """Time constant of the lag in a fit."""
     return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
@@ -266,7 +257,11 @@ class Search:
         if noises is not None:
             z[len(problem.names) :] = noises
         found = maximise(problem, z, iterations, self.until)
-        rough = [n for n in free if n not in self.own and _rough(n)]
+        # What acts at breakaway alone, and by a memory.
+        rough = [
+            p.name for p in problem.parameters
+            if p.breaks_away and p.name not in self.own and hard(p.name.partition(".")[0])
+        ]  # fmt: skip
         if not rough or iterations < _ITERATIONS or self.late:
             return found
         z = beside_jumps(problem, found.z, rough, lambda: self.late)

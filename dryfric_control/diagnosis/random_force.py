@@ -20,7 +20,7 @@ from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
 from dryfric_control.diagnosis.remaining import Remaining, remaining
-from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import SMALL, Cause, Gain, Unexplained
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import typical, with_values
 from dryfric_control.estimation.solution import Solution
@@ -57,9 +57,8 @@ _BLURRED = 2.0
 # RMS of the force left over that of its changes from sample to sample beyond which it has
 # structure.
 _SMOOTH = 1.5
+# The effect that scales every force of the drive.
 _GAIN = "input_gain"
-# Change of a base parameter that is a correction and no cause.
-_CORRECTED = 0.05
 # What is said where the force decides.
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
@@ -348,7 +347,7 @@ def _gain_is_choice(
     if _GAIN not in state.causes or not _unknown(search):
         return False
     values = final.values()
-    left = any(abs(values[n] - search.nominal[n]) > _CORRECTED * search.nominal[n] for n in kept)
+    left = any(abs(values[n] - search.nominal[n]) > SMALL * search.nominal[n] for n in kept)
     return left and {*judged[_GAIN].others.split("+")} == {*SLUGS.values()}
 
 

@@ -16,8 +16,6 @@ from dryfric_control.estimation.likelihood import Likelihood, Run
 # values near by are tried, in which parts of a range: changes of logarithms, a fifth for a share.
 _RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
-
-
 # The same beside where a fit has ended whose cost has jumps.
 _FAR_AND_CLOSE = (4.0, 1.0, 0.3)
 

@@ -88,6 +88,7 @@ CASES: dict[str, tuple[effects.Effect, View | None]] = {
         (effects.CoulombFriction(factor=1.35), POSITION),
         (effects.StribeckPeak(excess=0.5, speed=0.015), SLOW),
         (effects.StribeckAsymmetry(difference=0.4, speed=0.015), SLOW),
+        (effects.VelocityStrengthening(deficit=0.5, speed=0.03), SLOW),
         (effects.ViscousAsymmetry(viscous=7.0), POSITION),
         (effects.QuadraticDrag(drag=14.0), POSITION),
         (effects.BiasForce(force=3.0), POSITION),

@@ -14,8 +14,9 @@ LEAST = 6.0
 #: Standard errors by which what is sure must differ from zero.
 CLEAR = 3.0
 # Separate stretches of blocks that must gain where most say nothing, and the part of their
-# gain that others may lose.
-_EVENTS, _LOST = 3, 0.15
+# gain that others may lose: of a small gain, and of one so large that it is no chance
+# (causes that were not there gained up to 50, and lost 0.33 of it and more).
+_EVENTS, _LOST, _LARGE, _LOST_OF_LARGE = 3, 0.15, 300.0, 0.3
 
 
 class HeldOut(NamedTuple):
@@ -32,8 +33,8 @@ class HeldOut(NamedTuple):
         Gain over its standard error where no block counts for more than the upper quartile
         does: a few that gain most widen the spread and say all the more.
     events : int
-        Separate stretches of blocks that each gain, where hardly any loses: a drive that
-        is limited now and then says nothing in between.
+        Separate stretches of blocks that each gain, where the others lose little: a drive
+        that is limited now and then says nothing in between.
     """
 
     gain: float
@@ -52,7 +53,8 @@ class HeldOut(NamedTuple):
             return cls(0.0, 0.0, 0.0)
         chance = wilcoxon(fall, alternative="greater").pvalue
         error = float(np.std(fall) * math.sqrt(fall.size))
-        lost = -fall[fall < 0.0].sum() > _LOST * fall[fall > 0.0].sum()
+        most = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
+        lost = -fall[fall < 0.0].sum() > most * fall[fall > 0.0].sum()
         events = 0 if lost else int(np.sum(rise > 0))
         most = np.quantile(np.abs(fall), 0.75)
         limited = np.clip(fall, -most, most)

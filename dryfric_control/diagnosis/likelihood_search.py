@@ -628,16 +628,7 @@ class Search:
 
     def extend(self, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
         """Fits of the most promising candidates beside a model: worth, candidate, fit."""
-        if not candidates:
-            return []
-        best = now.cost - candidates[0].cost
-        chosen = [
-            c for c in candidates[:_FITTED]
-            if now.cost - c.cost > max(self._share(c.slug) * best - SLACK, 0.0)
-            and self.worth(now.cost - c.cost, len(c.free)) > -SLACK
-        ]  # fmt: skip
         noises = now.z[len(now.problem.names) :]
-
         names = [n for n in self.base if n in now.problem.names]
         bent = list(map(now.values().__getitem__, names))
 
@@ -650,14 +641,28 @@ class Search:
             fits = [self.fit(axis, free, noises, _ITERATIONS) for axis in starts]
             return min(fits, key=lambda s: s.cost)
 
-        fits = self._parallel([(one, (c,)) for c in chosen])
-        found = [
-            (self.worth(now.cost - s.cost, len(c.free)), c, s)
-            for c, s in zip(chosen, fits, strict=True)
-            if self.sound(s, c.slug, c.free)
-            and (self.simpler(s, now) or self.held_out(now, s).sure)
-        ]
-        return self._ranked(sorted(found, key=lambda one: -one[0]))
+        left = list(candidates[:_FITTED])
+        while left and not self.late:
+            best = now.cost - left[0].cost
+            chosen = [
+                c for c in left
+                if now.cost - c.cost > max(self._share(c.slug) * best - SLACK, 0.0)
+                and self.worth(now.cost - c.cost, len(c.free)) > -SLACK
+            ]  # fmt: skip
+            if not chosen:
+                break
+            fits = self._parallel([(one, (c,)) for c in chosen])
+            found = [
+                (self.worth(now.cost - s.cost, len(c.free)), c, s)
+                for c, s in zip(chosen, fits, strict=True)
+                if self.sound(s, c.slug, c.free)
+                and (self.simpler(s, now) or self.held_out(now, s).sure)
+            ]
+            if found:
+                return self._ranked(sorted(found, key=lambda one: -one[0]))
+            # What gains most may be refused: then it is no measure for the others.
+            left = [c for c in left if c not in chosen]
+        return []
 
     def _ranked(self, found):  # type: ignore[no-untyped-def]
         """Fits with a cause, those that are close to the best by all samples of the records.
@@ -743,7 +748,7 @@ class Search:
         low = min(float(r.x.min()) for r in self.records)
         high = max(float(r.x.max()) for r in self.records)
         room = _OUTSIDE * (high - low)
-        amounts, hidden = [], _hidden_shares(fit)
+        needed, further, hidden = [], [], _hidden_shares(fit)
         for name in free:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
@@ -761,5 +766,7 @@ class Search:
             smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
             if kind == "amount" and smooth:
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]
-                amounts.append(abs(value - parameter.neutral) > _SURE * errors[name])
-        return all(amounts)
+                there = abs(value - parameter.neutral) > _SURE * errors[name]
+                (further if of_kind["optional"] else needed).append(there)
+        # What may be left out is one term of a sum, and one of them is enough.
+        return all(needed) or any(further)

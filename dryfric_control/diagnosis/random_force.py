@@ -488,7 +488,8 @@ def _motion(
 ) -> tuple[Gain, Unexplained, bool]:
     """Errors of free runs, beside replays in which the random force acts.
 
-    Last, whether by their median or their RMS they are larger than those of the nominal axis.
+    Last, whether by their median or their RMS they are larger than those of the nominal axis,
+    and than the random force makes them.
     """
     squares: list[list[FloatArray]] = [[], [], []]
     structured, places = False, list[str]()
@@ -521,8 +522,11 @@ def _motion(
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     gain = _gain(rows, search.believed.units[0])
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
-    by_median = bool(np.median(rows[1]) > _WORSE**2 * np.median(rows[0]))
-    return gain, left_over, by_median or gain.after > _WORSE * gain.before
+    before, after, floor = (math.sqrt(float(np.median(row))) for row in rows)
+    worse = after > max(_WORSE * before, floor) or gain.after > max(
+        _WORSE * gain.before, gain.floor
+    )
+    return gain, left_over, worse
 
 
 def _needed(

@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 _OPEN = 1e-9
 # Root of information below which there is none.
 _NOTHING = 1e-100
+# Parts of a Newton step that are tried until one lowers a cost.
+_PARTS = (1.0, 0.3, 0.1, 0.0)
 
 
 def _inverse(h: FloatArray) -> FloatArray:
@@ -119,9 +121,12 @@ class Solution:
         by one Newton step.  `runs`: the fitted ones by default, or more of the same records.
         """
         problem, gradients, information = self.problem, self.gradients, self.information
+        point = self.point
         if runs is not None:
             problem = problem.on(runs)
-            gradients, information = problem.terms(self.z, problem.at(self.z))
+            point = problem.at(self.z)
+            gradients, information = problem.terms(self.z, point)
+        before = np.concatenate([problem.blocks(i, out) for i, out in enumerate(point.out)])
         _, slope, curvature = problem.prior_terms(self.z)
         g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
@@ -146,12 +151,17 @@ class Solution:
                 step[beyond] = (there - self.z)[beyond]
                 free &= ~beyond
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
-            point = problem.tried(np.clip(self.z + step, problem.low, problem.high))
-            if not math.isfinite(point.cost):
-                costs[mine] = math.inf
-                continue
-            every = [problem.blocks(i, out) for i, out in enumerate(point.out)]
-            costs[mine] = np.concatenate(every)[mine]
+            # Where the cost is rough a step may miss: then a part of it, as its own half says.
+            for part in _PARTS:
+                there = np.clip(self.z + part * step, problem.low, problem.high)
+                point = problem.tried(there)
+                if not point.out:
+                    continue
+                every = np.concatenate([problem.blocks(i, out) for i, out in enumerate(point.out)])
+                costs[mine] = every[mine]
+                seen = every[~mine].sum() + problem.prior(there)
+                if seen <= before[~mine].sum() + problem.prior(self.z):
+                    break
         return costs
 
     def standard_errors(self) -> dict[str, float]:

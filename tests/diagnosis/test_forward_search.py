@@ -1,9 +1,11 @@
 """Causes one after the other: what takes another's place, and what is too small to name."""
 
+import numpy as np
 import pytest
 from diagnosis_cases import among, believed, record
 from truth import make_machine
 
+import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
 from dryfric_control.diagnosis.forward_search import State, _exchange, forward, notable
 from dryfric_control.diagnosis.likelihood_search import Candidate, Search
@@ -74,3 +76,38 @@ def test_a_search_goes_on_with_inputs_that_act_early():
 )
 def test_a_further_cause_must_explain_a_part_of_the_gain_or_of_the_force(gain, whole, expected):
     assert notable(gain, whole, 8000) is expected
+
+
+@pytest.mark.slow
+def test_one_term_of_a_sum_is_enough():
+    # Its level changes along the way, by a straight line.
+    middle = dfc.effects.PositionDependence(slope=2.0, centre=0.0)
+    t = DT * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    measured = dfc.Record(
+        t, u, 1e-6 * np.round(axis.replace(effects=(middle,)).simulate(u, DT).y[0] * 1e6)
+    )
+    search = Search(axis, [measured])
+    for slug, values, there in (
+        ("position_dependence", {"slope": 2.0, "curvature": 0.0, "centre": 0.0}, True),
+        # All of these are needed.
+        ("cogging", {"amplitude": 0.01, "period": 0.02, "phase": 0.0}, False),
+    ):
+        one = with_effect(search.believed, slug, dict(values))
+        fit = search.fit(one.axis, one.free)
+        assert search.sound(fit, slug, one.free) is there, fit.values()
+
+
+@pytest.mark.slow
+def test_what_gains_most_and_is_refused_is_no_measure_for_others(monkeypatch):
+    case = make_machine(2, ("bias_force", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    with among("coulomb_asymmetry", "stribeck"):
+        now, candidates = search.first
+    gains = {c.slug: now.cost - c.cost for c in candidates}
+    assert [c.slug for c in candidates] == ["stribeck", "coulomb_asymmetry"]
+    assert gains["coulomb_asymmetry"] < 0.4 * gains["stribeck"]
+    monkeypatch.setattr(search, "sound", lambda fit, slug, free: slug == "coulomb_asymmetry")
+    monkeypatch.setattr(search, "simpler", lambda fit, less: True)
+    assert [c.slug for _, c, _ in search.extend(now, candidates)] == ["coulomb_asymmetry"]

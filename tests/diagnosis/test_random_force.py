@@ -174,6 +174,9 @@ def test_bad_knowledge_is_refused(settings, words):
         # Most gain, few of them by far.
         ([5, 6, -4, 7, 5, -3, 6, 900, 5, -4, 2500, 6, -4, 5, 6, -3], True),
         ([5, -6, 4, -7, 5, -3, 6, -9, 5, -4], False),
+        # So much in so many places is no chance, though others lose a quarter of it.
+        ([600, -80, 0, -90, 500, 2, -60, 200, -70, 0, 1, -50, 3, 0, -10], True),
+        ([60, -8, 0, -9, 50, 2, -6, 20, -7, 0, 1, -5, 3, 0, -1], False),
     ],
 )
 def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -398,6 +399,15 @@ def test_held_out_cost_leaves_alone_what_ended_at_a_bound():
     seen = sum(view.blocks(0, found.point.out[0]))
     assert found.values()["coulomb"] == pytest.approx(5.0, abs=0.05)
     assert abs(found.held_out().sum() - seen) < 20.0
+
+
+def test_a_step_that_misses_does_not_speak_against_a_fit(sliding):
+    found, _ = sliding
+    here = np.concatenate([found.problem.blocks(0, found.point.out[0])])
+    # As from a rough cost: the slopes point uphill, and far.
+    astray = replace(found, gradients=-1e3 * found.gradients)
+    np.testing.assert_allclose(astray.held_out(), here, rtol=0, atol=1e-9)
+    assert np.abs(found.held_out() - here).max() > 1e-3
 
 
 @pytest.mark.parametrize("open_", [0.0, 1e-17])

@@ -22,6 +22,7 @@ fx = dfc.effects
 ADDED = {
     "warm_up": (fx.WarmUp, (fx.Drift, fx.PositionDependence)),
     "stribeck_asymmetry": (fx.StribeckAsymmetry, (fx.StribeckPeak, fx.CoulombAsymmetry)),
+    "velocity_strengthening": (fx.VelocityStrengthening, (fx.StribeckPeak, fx.ViscousFriction)),
     "load_asymmetry": (fx.LoadAsymmetry, (fx.LoadDependence, fx.BiasForce, fx.CoulombAsymmetry)),
     "eccentric_encoder": (fx.EccentricEncoder, (fx.Cogging, fx.Compliance)),
     "load_encoder_backlash": (fx.LoadEncoderBacklash, (fx.Backlash, fx.InputDelay)),

@@ -57,6 +57,7 @@ EFFECTS = tuple(FIELDS)
 ADDED_FIELDS: dict[str, dict[str, str]] = {
     "warm_up": {"rise": "warm_rise", "time_constant": "warm_time"},
     "stribeck_asymmetry": {"difference": "excess_difference", "speed": "difference_speed"},
+    "velocity_strengthening": {"deficit": "deficit", "speed": "deficit_speed"},
     "load_asymmetry": {"coefficient": "load_difference"},
     "eccentric_encoder": {
         "amplitude": "eccentricity",
@@ -208,6 +209,11 @@ class Bands:
             return {
                 "difference": difference,
                 "speed": max(float(uniform(0.006, 0.025) * scale), least),
+            }
+        if slug == "velocity_strengthening":
+            return {
+                "deficit": min(float(uniform(0.15, 0.4) * stretch), 0.9),
+                "speed": float(uniform(0.01, 0.04) * scale),
             }
         if slug == "load_asymmetry":
             return {"coefficient": signed(0.05, 0.2) * stretch}

@@ -55,6 +55,7 @@ Added to the catalogue later, and no part of the blind conditions:
 
     warm_up             g = Fc (1 + rise exp(-t/time_constant)) S
     stribeck_asymmetry  g + s Fc difference exp(-(v/speed)^2); breakaway: at v = 0
+    velocity_strengthening  g - Fc deficit (1 - tanh(speed/deficit_speed))
     load_asymmetry      g + s coefficient |w|
     eccentric_encoder   the encoder reads x + amplitude sin(2 pi x/period + phase)
     load_encoder_backlash  as backlash, the encoder reads the load's position
@@ -133,6 +134,8 @@ class Plant(NamedTuple):
     eccentricity_period: float = 1.0
     eccentricity_phase: float = 0.0
     load_difference: float = 0.0
+    deficit: float = 0.0
+    deficit_speed: float = 1.0
     excess_difference: float = 0.0
     difference_speed: float = 1.0
     warm_rise: float = 0.0
@@ -200,6 +203,9 @@ def _level(p, t, x, speed, w, s, wander):
     if p.excess_difference != 0.0:
         ratio = max(speed, 0.0) / p.difference_speed
         g += s * p.coulomb * p.excess_difference * exp(-ratio * ratio)
+    if p.deficit != 0.0:
+        fall = exp(-2.0 * max(speed, 0.0) / p.deficit_speed)
+        g -= p.coulomb * p.deficit * 2.0 * fall / (1.0 + fall)
     if p.load_difference != 0.0:
         g += s * p.load_difference * abs(w)
     return max(g, 0.0)

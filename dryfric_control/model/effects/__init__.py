@@ -43,6 +43,7 @@ from dryfric_control.model.effects.levels import (
     LoadDependence,
     PositionDependence,
     StribeckAsymmetry,
+    VelocityStrengthening,
     WarmUp,
 )
 
@@ -75,6 +76,7 @@ __all__ = [
     "StribeckAsymmetry",
     "StribeckPeak",
     "TimePeriodic",
+    "VelocityStrengthening",
     "ViscousAsymmetry",
     "ViscousFriction",
     "WarmUp",

@@ -122,6 +122,7 @@ def parameter(
     metadata = {
         "unit": unit, "doc": doc, "bounds": (low, high), "kind": kind, "free": free,
         "breaks_away": breaks_away, "logarithmic": logarithmic, "neutral": neutral, "size": size,
+        "optional": default is not None,
     }  # fmt: skip
     return field(default=MISSING if default is None else default, metadata=metadata)
 

@@ -98,9 +98,12 @@ def linear(view: View, force: FloatArray, name: str, least: float = -math.inf) -
         With the base parameters fitted along, and alone: the base may be right,
         and all but the same on this record.
     """
+    size = float(force @ force)
+    if size == 0.0:
+        return
     c, base = view.regress([force])
     yield {name: max(float(c[0]), least)}, base
-    yield {name: max(float(force @ view.residual / (force @ force)), least)}, {}
+    yield {name: max(float(force @ view.residual) / size, least)}, {}
 
 
 def tried(effect: type[Effect], view: View) -> Iterator[Guess]:

@@ -325,6 +325,74 @@ class StribeckAsymmetry(Effect):
 
 @register_effect
 @dataclass(frozen=True)
+class VelocityStrengthening(Effect):
+    r"""Friction that is lower at the slowest motion and rises to its level with speed.
+
+    Parameters
+    ----------
+    deficit : float
+        Share of the Coulomb level that is missing at rest [1].
+    speed : float
+        Speed over which friction reaches its level [m/s].
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 - \text{deficit} \cdot
+        (1 - \tanh({|v|}/\text{speed}))\right)
+
+    The opposite of a Stribeck peak: at constant force motion is stable at every speed, and
+    an axis does not stick and slip.
+
+    Examples
+    --------
+    Five newtons move an axis whose friction is 8 N at speed:
+
+    >>> import dryfric_control as dfc
+    >>> film = dfc.effects.VelocityStrengthening(deficit=0.5, speed=0.02)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(film,))
+    >>> run = axis.simulate([5.0] * 4000, dt=1e-3)
+    >>> int(run.mode[-1]), bool(run.y[1, -1] < 0.01)
+    (1, True)
+    """
+
+    deficit: float = parameter("1", "share of the level missing at rest", bounds=(0.0, 0.95))
+    speed: float = parameter(
+        "m/s", "speed over which it rises", bounds=(1e-300, math.inf), logarithmic=True
+    )
+
+    slug = "velocity_strengthening"
+    title = "velocity strengthening"
+    action = "friction"
+    depends_on_place = False
+    within_peak = False
+    rank = 9.5
+    explanation = (
+        "Friction rises with speed from a lower level at rest: a film of grease, or a soft seal, "
+        "that resists the more the faster it is sheared."
+    )
+    experiment = "Crawl slower and slower both ways: the level falls towards rest."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -level * p[0] * (1.0 - math.tanh(abs(v) / p[1]))
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> VelocityStrengthening:
+        # None yet, within a part of the speeds of the record.
+        return cls(0.0, max(axis.stick_speed, 0.1 * size("m/s")))
+
+    @classmethod
+    def guess(cls, view: View) -> Iterator[Guess]:
+        # Friction that is missing, over parts of the speed in the record.
+        fast = float(np.quantile(np.abs(view.v), 0.9))
+        for part in (0.03, 0.1, 0.3):
+            missing = view.level * view.direction * (1.0 - np.tanh(np.abs(view.v) / (part * fast)))
+            for guess, base in linear(view, missing, "deficit", 0.0):
+                yield {"deficit": min(guess["deficit"], 0.9), "speed": part * fast}, base
+
+
+@register_effect
+@dataclass(frozen=True)
 class WarmUp(Effect):
     r"""Friction that falls exponentially while the machine warms up.
 

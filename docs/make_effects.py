@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.signal import savgol_filter
@@ -223,7 +224,8 @@ def thumbnail(slug: str, seen: Seen) -> plt.Figure:
 
 def overview(all_seen: dict[str, Seen]) -> plt.Figure:
     """The best view of every effect, one beside the other."""
-    figure, axes = plt.subplots(6, 5, figsize=(10.0, 10.2), layout="constrained")
+    rows = -(-len(CASES) // 5)
+    figure, axes = plt.subplots(rows, 5, figsize=(10.0, 1.75 * rows), layout="constrained")
     for ax, (slug, (effect, view)) in zip(axes.ravel(), CASES.items(), strict=False):
         if view is None:
             SPECIAL[slug](ax)
@@ -235,11 +237,14 @@ def overview(all_seen: dict[str, Seen]) -> plt.Figure:
             ax.tick_params(labelleft=ax.get_subplotspec().is_first_col() or view.height != HEIGHT)
         title = effect.title[0].upper() + effect.title[1:]
         ax.set_title(textwrap.fill(title, 24), fontsize=8.5)
-    for way, colour in (("forwards", FORWARDS), ("backwards", BACKWARDS)):
-        axes[-1, -1].plot([], [], ".", color=colour, label=way)
-    axes[-1, -1].plot([], [], color="0.3", lw=0.7, label="nominal model")
-    axes[-1, -1].legend(loc="center", frameon=False, fontsize=9, markerscale=1.5)
-    axes[-1, -1].set_axis_off()
+    for ax in axes.ravel()[len(CASES) :]:
+        ax.set_axis_off()
+    marks = [
+        Line2D([], [], linestyle="", marker=".", color=FORWARDS, label="forwards"),
+        Line2D([], [], linestyle="", marker=".", color=BACKWARDS, label="backwards"),
+        Line2D([], [], color="0.3", lw=0.7, label="nominal model"),
+    ]
+    figure.legend(handles=marks, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 

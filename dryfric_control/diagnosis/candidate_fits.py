@@ -282,6 +282,38 @@ class Race:
         left = {r.slug: r for r in reversed(runners) if r.slug not in first}
         return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
 
+    def instead(self, nominal: Fitted, names: Sequence[str], enough: Fitted) -> list[Fitted]:
+        """Effects of one parameter that by themselves, the base as it is, come near a fit.
+
+        With two, a cold machine that takes for ever to warm up has a higher level, too.
+        """
+        self.sieve = self.bench.sieve(self.fit, nominal.scores)
+        seen = View(nominal.axis, self.bench.record, self.believed)
+        plain = [n for n in names if len(own_names(n)) == 1]
+        runs = self._run(self._quick, ((nominal, seen, n) for n in plain))
+        at = self.bench.evaluate(enough.axis, self.sieve, None, enough.starts, 1)
+        most = _NEAR * self.bench.loss(at.costs, self.sieve)
+        near = [r for r in runs if r and r.loss < most]
+        return [
+            self.alone(r.axis, [*r.hypothesis.names], r.slug, (), self.fit | self.judge)
+            for r in near
+        ]
+
+    def _quick(self, nominal: Fitted, seen: View, name: str) -> Fitted | None:
+        """The best guess of an effect beside the base as it is, after a few steps."""
+        best = None
+        for values, _ in guesses(name, seen):
+            try:
+                start = with_effect(nominal.axis, name, values)
+                h = self.hypothesis(start.axis, start.free, ())
+            except ValueError:
+                continue
+            at = self.bench.evaluate(h.axis_at(h.start), self.sieve, None, nominal.starts, 1)
+            loss = self.bench.loss(at.costs, self.sieve)
+            if best is None or loss < best.loss:
+                best = Fitted(name, h, h.start, h.axis_at(h.start), loss, at.starts, np.empty(0))
+        return None if best is None else self._on(best, _TURNS[True])
+
     def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
         """What first guesses look at, for a fitted axis and with the base as believed."""
         record = self.bench.record

@@ -18,12 +18,12 @@ from tqdm import tqdm
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import SLUGS
+from dryfric_control.diagnosis.candidates import SLUGS, catalogue
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.noise_floor import REPLAYS, noise_floor
+from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -482,7 +482,8 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     # Data that nothing was chosen on has the last word on a cause.
     explained = explained and (confirmed or not (free or kept))
     left = _unexplained(selector, final, floor, gain, explained)
-    causes = _causes(selector, found, best, final, kept)
+    alike = _alike(selector, before, final, found, kept, floor)
+    causes = _causes(selector, found, best, final, kept, tuple(alike))
     if causes:
         verdict = "explained" if explained else "partly explained"
     else:
@@ -502,6 +503,12 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
         }
         experiment = next_experiment(
             final.axis, list(rivals.values()), record, names=[doubtful, *rivals]
+        )
+    elif alike and not selector.late:
+        selector.tell("next experiment")
+        rivals = dict(list(alike.items())[:_RIVALS])
+        experiment = next_experiment(
+            final.axis, list(rivals.values()), record, names=[causes[0].effect, *rivals]
         )
     return Diagnosis(
         axis=axis,
@@ -529,9 +536,26 @@ def _remaining(search: Search, final: Fitted, left: Unexplained, explained: bool
     return remaining(search.reference(final.axis, runs=search.few), True, left.where, unit)
 
 
+def _alike(
+    selector: Selector, nominal: Fitted, final: Fitted, found: Selection, kept: list[str],
+    floor: Floor,
+) -> dict[str, FrictionAxis]:  # fmt: skip
+    """Axes with an effect each that do what one wrong base parameter does, on this record.
+
+    A search that is content with base parameters has tried no effect.
+    """
+    race = selector.race
+    if found.causes or selector.late or len(selector.wrong(final, kept)) != 1:
+        return {}
+    selector.tell("equivalents")
+    others = race.instead(nominal, catalogue(selector.axis, ()), final)
+    return {r.slug: r.axis for r in others if selector.ties(r.scores, final.scores, floor)}
+
+
 def _causes(
-    selector: Selector, found: Selection, best: Fitted, final: Fitted, kept: list[str]
-) -> list[Cause]:
+    selector: Selector, found: Selection, best: Fitted, final: Fitted, kept: list[str],
+    alike: Sequence[str],
+) -> list[Cause]:  # fmt: skip
     race, bench = selector.race, selector.bench
     at = bench.evaluate(final.axis, selector.known, None, final.starts)
     errors: dict[str, float] = {}
@@ -559,7 +583,7 @@ def _causes(
         free = [n for names in found.free.values() for n in names]
         less = race.alone(selector.hold(best.axis, [name]), free, base=rest)
         gain, own = selector.gain(less.scores, best.scores), {name: name}
-        bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain))
+        bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain, alike))
     return causes + [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
 
 

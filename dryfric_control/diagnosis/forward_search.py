@@ -226,15 +226,33 @@ def _exchange(search: Search, state: State) -> None:
             most = fit.cost + (ahead if ahead else -EQUAL)
             noises = fit.z[len(fit.problem.names) :]
             found = search.fit(axis, free, noises, _SOME_TURNS)
-            if found.cost - found.promised > most:
+            if found.cost - found.promised > max(most, fit.cost + EQUAL):
                 continue
             found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
-            if found.cost < most and search.sound(found, other.slug, other.free):
+            if not search.sound(found, other.slug, other.free):
+                continue
+            if found.cost < most or (
+                found.cost < fit.cost + EQUAL and _spares(search, state, found, slug)
+            ):
                 place = state.causes.index(slug)
+                # The others may be better still once further causes are there.
+                left = [c for c in state.close[slug] if c is not other]
                 state.drop(slug, found)
                 state.add(other, found, place)
+                state.close[other.slug] = left
                 break
     _backward(search, state)
+
+
+def _spares(search: Search, state: State, fit: Solution, slug: str) -> bool:
+    """Whether a fit with another cause in one's place does without the last, which mended it."""
+    last = state.causes[-1]
+    if last == slug or followed(last, state.causes):
+        return False
+    own = state.free[last]
+    names = names_without(search, fit, last, own)
+    less = search.fit(search.less(fit.axis, last), names, fit.z[len(fit.problem.names) :])
+    return search.worth(less.cost - fit.cost, len(own)) < 0.0
 
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:

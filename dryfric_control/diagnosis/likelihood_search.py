@@ -79,6 +79,8 @@ _OVER = (2.0, 4.0, 8.0, 16.0)
 # Part of the gain on few samples that must be clear for a doubt to be followed, and the turns
 # of the fits that follow it.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
+# Increments a sample below which no speed of sliding is told from rest.
+_SLOWEST = 0.1
 # Part of a sample below which nothing is late.
 _SOONEST = 0.02
 # Samples of corrections at which first guesses look.
@@ -245,6 +247,9 @@ class Search:
             if p.kind == "share":
                 # One so light rattles by the thousand steps where the other stands.
                 problem.low[j], problem.high[j] = map(p.search, KINDS["share"])
+            elif p.kind == "speed":
+                slowest = min(r.resolution.step / r.dt for r in self.records)
+                problem.low[j] = max(problem.low[j], p.search(max(_SLOWEST * slowest, p.low)))
         return problem
 
     def fit(
@@ -748,7 +753,9 @@ class Search:
         low = min(float(r.x.min()) for r in self.records)
         high = max(float(r.x.max()) for r in self.records)
         room = _OUTSIDE * (high - low)
-        needed, further, hidden = [], [], _hidden_shares(fit)
+        needed: list[bool] = []
+        further: list[bool] = []
+        hidden = _hidden_shares(fit)
         for name in free:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
@@ -759,7 +766,7 @@ class Search:
                 return False
             if kind == "time" and value < _SOONEST * self.scales.step:
                 return False
-            if name in hidden:
+            if name in hidden or (kind == "speed" and name in fit.at_bound):
                 return False
             # Of what acts at breakaway alone the cost is too rough for standard errors: that it
             # gains is what says that it is there.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds
+from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_effect
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
@@ -59,6 +59,8 @@ _BLURRED = 2.0
 _SMOOTH = 1.5
 # The effect that scales every force of the drive.
 _GAIN = "input_gain"
+# The one that scales them as long as it does not brake, and turns of a fit with it.
+_LOAD, _LOAD_TURNS = "load_dependence", 10
 # What is said where the force decides.
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
@@ -236,7 +238,7 @@ def answer(
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
-    causes += _or_a_gain(search, state, _wrong_base(search, final, kept))
+    causes += _or_a_gain(search, state, final, _wrong_base(search, final, kept))
     messages += _warnings(final, causes)
     if search.imposed:
         messages.append(IMPOSED)
@@ -437,19 +439,39 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Ca
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
 
 
-def _or_a_gain(search: Search, state: State, wrong: list[Cause]) -> list[Cause]:
+def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]) -> list[Cause]:
     """Wrong base parameters with what does the very same where all of them are wrong.
 
     The motion follows from all forces over the gain of the drive: with another gain, either
-    of them may be right.
+    of them may be right.  Friction that grows with the load is such a gain to a drive that
+    never brakes.
     """
     slugs = [cause.effect for cause in wrong]
     if not _unknown(search) or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
         return wrong
-    return [
-        replace(c, alternatives=("+".join([_GAIN, *(s for s in slugs if s != c.effect)]),))
-        for c in wrong
-    ]
+
+    def instead(slug: str) -> tuple[str, ...]:
+        scales = [_GAIN, *([_LOAD] if _load_does_the_same(search, state, final, slug) else [])]
+        return tuple("+".join([one, *(s for s in slugs if s != slug)]) for one in scales)
+
+    return [replace(c, alternatives=instead(c.effect)) for c in wrong]
+
+
+def _load_does_the_same(search: Search, state: State, final: Solution, slug: str) -> bool:
+    """Whether load-dependent friction fits as well, one base parameter as believed."""
+    values = final.values()
+    held = next(name for name, s in SLUGS.items() if s == slug)
+    scale = search.nominal[held] / values[held]
+    if _LOAD in state.causes or scale >= 1.0 or search.late:
+        return False
+    base = [n for n in search.base if n != held]
+    axis = with_values(final.axis, [*base, held], [scale * values[n] for n in (*base, held)])
+    start = with_effect(axis, _LOAD, {"coefficient": 1.0 - scale})
+    noises = final.z[len(final.problem.names) :]
+    runs, free = final.problem.runs, (*state.names, *start.free)
+    fit = search.fit(start.axis, free, noises, _LOAD_TURNS, runs=runs, base=base)
+    costs = [one.cost - one.problem.prior(one.z) for one in (fit, final)]
+    return costs[0] < costs[1] + EQUAL
 
 
 def _sizes(search: Search) -> dict[str, float]:
@@ -522,9 +544,10 @@ def _motion(
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     gain = _gain(rows, search.believed.units[0])
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
-    before, after, floor = (math.sqrt(float(np.median(row))) for row in rows)
-    worse = after > max(_WORSE * before, floor) or gain.after > max(
-        _WORSE * gain.before, gain.floor
+    medians = [math.sqrt(float(np.median(row))) for row in rows]
+    worse = any(
+        there > max(_WORSE * nominal, noise)
+        for nominal, there, noise in (medians, (gain.before, gain.after, gain.floor))
     )
     return gain, left_over, worse
 

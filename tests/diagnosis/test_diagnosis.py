@@ -26,7 +26,7 @@ DT = 1e-3
 # One record each: effect, seed, condition of the bench.  The benchmark has them all.
 HIDDEN = [
     ("inertia", 0, "short"),
-    ("coulomb", 0, "short"),
+    ("coulomb", 0, "off"),
     ("bias_force", 0, "short"),
     ("coulomb_asymmetry", 0, "short"),
     ("stribeck", 0, "exact"),
@@ -34,7 +34,7 @@ HIDDEN = [
     ("position_dependence", 0, "short"),
     ("spring", 0, "short"),
     ("gravity", 0, "short"),
-    ("cogging", 0, "off"),
+    ("cogging", 0, "short"),
     ("drift", 1, "short"),
     ("presliding", 0, "exact"),
     ("compliance", 2, "short"),
@@ -273,3 +273,16 @@ def test_the_answer_can_be_used(slug, seed, condition):
             assert np.isfinite(error) or any(name in text for text in found.messages)
     run = found.extended.simulate(case.u[:500], dt=DT, x0=float(case.x[0]))
     assert np.all(np.isfinite(run.y[:2]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "seed", "alternatives"),
+    # While it slides and is never braked, a dead zone takes off what a higher level does.
+    [("dead_zone", 0, ("dead_zone",)), ("coulomb", 1, ())],
+)
+def test_what_does_the_same_as_one_wrong_base_parameter_is_stated(hidden, seed, alternatives):
+    case = make_case(hidden, seed, "short")
+    found = diagnose(believed(case), record(case), jobs=1)
+    assert [(c.effect, c.alternatives) for c in found.causes] == [("coulomb", alternatives)]
+    assert (found.next_experiment is not None) is bool(alternatives)

@@ -111,3 +111,25 @@ def test_what_gains_most_and_is_refused_is_no_measure_for_others(monkeypatch):
     monkeypatch.setattr(search, "sound", lambda fit, slug, free: slug == "coulomb_asymmetry")
     monkeypatch.setattr(search, "simpler", lambda fit, less: True)
     assert [c.slug for _, c, _ in search.extend(now, candidates)] == ["coulomb_asymmetry"]
+
+
+@pytest.mark.slow
+def test_what_an_earlier_choice_is_mended_by_goes_with_it():
+    # A bias stood in for an asymmetry, and a second peak mended what it left.
+    case = make_machine(2, ("coulomb_asymmetry", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    state = State(search.fit(search.believed, ()))
+
+    def candidate(slug, values):
+        return Candidate(slug, own_names(slug), with_effect(state.fit.axis, slug, values).axis, 0.0)
+
+    before = candidate("coulomb_asymmetry", dict(BIAS))
+    for slug, values in (
+        ("stribeck", PEAK), ("bias_force", {"force": -1.0}),
+        ("stribeck_asymmetry", {"difference": 0.05, "speed": 0.02}),
+    ):  # fmt: skip
+        one = candidate(slug, dict(values))
+        state.add(one, search.fit(one.axis, (*state.names, *one.free)))
+    state.close["bias_force"] = [before]
+    _exchange(search, state)
+    assert sorted(state.causes) == ["coulomb_asymmetry", "stribeck"]

@@ -8,9 +8,10 @@ import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.forward_search import forward
+from dryfric_control.diagnosis.forward_search import State, forward
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.diagnosis.random_force import _or_a_gain, _wrong_base
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -186,3 +187,22 @@ def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):
 def test_no_records_are_refused():
     with pytest.raises(ValueError, match="list of records is empty"):
         dfc.diagnose(AXIS, [])
+
+
+@pytest.mark.parametrize(("most", "rate", "alike"), [(16.0, 2.0, True), (60.0, 12.0, False)])
+def test_a_load_is_a_gain_to_a_drive_that_never_brakes(most, rate, alike):
+    # Slow, friction stops it before the drive turns round; fast, the drive does.
+    machine = dfc.FrictionAxis(mass=2.5, viscous=18.75, coulomb=10.0)
+    rng = np.random.default_rng(4)
+    t = DT * np.arange(4000)
+    u = most * np.sin(rate * t)
+    x = np.round(machine.simulate(u, dt=DT).y[0] * 1e6) * 1e-6
+    search = Search(AXIS, [dfc.Record(t, u + 0.2 * rng.standard_normal(t.size), x)])
+    state = State(search.alone())
+    wrong = _wrong_base(search, state.fit, ("mass", "viscous", "coulomb"))
+    told = {c.effect: c.alternatives for c in _or_a_gain(search, state, state.fit, wrong)}
+    assert set(told) == {"inertia", "viscous", "coulomb"}
+    for slug, alternatives in told.items():
+        rest = {*told} - {slug}
+        scales = [{*a.split("+")} - rest for a in alternatives]
+        assert scales == ([{"input_gain"}, {"load_dependence"}] if alike else [{"input_gain"}])

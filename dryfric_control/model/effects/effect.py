@@ -40,6 +40,7 @@ KINDS: dict[str, tuple[float, float]] = {
     "angle": (-math.inf, math.inf),
     "share": (0.05, 0.95),
     "time": (0.0, 0.1),
+    "speed": (-math.inf, math.inf),
 }
 
 
@@ -68,10 +69,11 @@ def parameter(
         Smallest and largest allowed value.
     default : float, optional
         Value when the user gives none.
-    kind : {"amount", "place", "angle", "share", "time"}, optional
+    kind : {"amount", "place", "angle", "share", "time", "speed"}, optional
         "place": a position; "angle": a phase.  A change of either has no
         percentage.  "share": part of the mass, between 0 and 1.  "time": by how
-        much the drive acts late.  "amount": any other.
+        much the drive acts late.  "speed": that of sliding, over which something fades,
+        which a record cannot show far below an increment a sample.  "amount": any other.
     free : bool, optional
         Whether the effect's name stands for it among others, in a fit and in a
         diagnosis; else it stays where it is unless it is named itself.

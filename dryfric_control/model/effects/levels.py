@@ -155,7 +155,9 @@ class LoadDependence(Effect):
     1.0
     """
 
-    coefficient: float = parameter("1", "added friction over net force", bounds=(0.0, 1.0))
+    coefficient: float = parameter(
+        "1", "added friction over net force", bounds=(0.0, 1.0), size=0.1
+    )
 
     slug = "load_dependence"
     title = "load-dependent friction"
@@ -178,6 +180,11 @@ class LoadDependence(Effect):
     def guess(cls, view: View) -> Iterator[Guess]:
         # Friction with the drive force.
         yield from linear(view, -np.sign(view.v) * np.abs(view.u), "coefficient", 1e-3)
+        # To a drive that hardly brakes it is a gain, which wrong base parameters hide.
+        axis = view.axis
+        base = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": view.level}
+        for share in (0.1, 0.2):
+            yield {"coefficient": share}, {n: (1.0 - share) * value for n, value in base.items()}
 
 
 @register_effect
@@ -211,7 +218,7 @@ class LoadAsymmetry(Effect):
     """
 
     coefficient: float = parameter(
-        "1", "half the difference of added friction over net force", bounds=(-1.0, 1.0)
+        "1", "half the difference of added friction over net force", bounds=(-1.0, 1.0), size=0.1
     )
 
     slug = "load_asymmetry"
@@ -357,7 +364,11 @@ class VelocityStrengthening(Effect):
 
     deficit: float = parameter("1", "share of the level missing at rest", bounds=(0.0, 0.95))
     speed: float = parameter(
-        "m/s", "speed over which it rises", bounds=(1e-300, math.inf), logarithmic=True
+        "m/s",
+        "speed over which it rises",
+        bounds=(1e-300, math.inf),
+        logarithmic=True,
+        kind="speed",
     )
 
     slug = "velocity_strengthening"

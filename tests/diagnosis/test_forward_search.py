@@ -7,7 +7,7 @@ from truth import make_machine
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
-from dryfric_control.diagnosis.forward_search import State, _exchange, forward, notable
+from dryfric_control.diagnosis.forward_search import State, _exchange, _spares, forward, notable
 from dryfric_control.diagnosis.likelihood_search import Candidate, Search
 from dryfric_control.estimation.parameters import SHIFT
 
@@ -114,22 +114,24 @@ def test_what_gains_most_and_is_refused_is_no_measure_for_others(monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_an_earlier_choice_is_mended_by_goes_with_it():
-    # A bias stood in for an asymmetry, and a second peak mended what it left.
+@pytest.mark.parametrize(
+    ("last", "spared"),
+    [
+        # It mended what another in place of the asymmetry left.
+        (("stribeck_asymmetry", {"difference": 0.05, "speed": 0.02}), True),
+        (("stribeck", PEAK), False),
+    ],
+)
+def test_what_an_earlier_choice_is_mended_by_goes_with_it(last, spared):
     case = make_machine(2, ("coulomb_asymmetry", "stribeck"))[0]
     search = Search(believed(case), [record(case)])
+    peak = ("stribeck", PEAK)
     state = State(search.fit(search.believed, ()))
-
-    def candidate(slug, values):
-        return Candidate(slug, own_names(slug), with_effect(state.fit.axis, slug, values).axis, 0.0)
-
-    before = candidate("coulomb_asymmetry", dict(BIAS))
-    for slug, values in (
-        ("stribeck", PEAK), ("bias_force", {"force": -1.0}),
-        ("stribeck_asymmetry", {"difference": 0.05, "speed": 0.02}),
-    ):  # fmt: skip
-        one = candidate(slug, dict(values))
-        state.add(one, search.fit(one.axis, (*state.names, *one.free)))
-    state.close["bias_force"] = [before]
-    _exchange(search, state)
-    assert sorted(state.causes) == ["coulomb_asymmetry", "stribeck"]
+    for slug, values in dict([peak, ("coulomb_asymmetry", BIAS), last]).items():
+        one = with_effect(state.fit.axis, slug, dict(values))
+        free = (*state.names, *one.free)
+        fit = search.fit(one.axis, free)
+        state.add(Candidate(slug, own_names(slug), one.axis, fit.cost), fit)
+    state.causes.remove(last[0])
+    state.causes.append(last[0])
+    assert _spares(search, state, state.fit, "coulomb_asymmetry") is spared

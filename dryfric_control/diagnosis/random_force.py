@@ -26,7 +26,7 @@ from dryfric_control.estimation.parameters import typical, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import followed
+from dryfric_control.model.effects.naming import class_of, followed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -462,7 +462,7 @@ def _load_does_the_same(search: Search, state: State, final: Solution, slug: str
     values = final.values()
     held = next(name for name, s in SLUGS.items() if s == slug)
     scale = search.nominal[held] / values[held]
-    if _LOAD in state.causes or scale >= 1.0 or search.late:
+    if class_of(_LOAD) is None or _LOAD in state.causes or scale >= 1.0 or search.late:
         return False
     base = [n for n in search.base if n != held]
     axis = with_values(final.axis, [*base, held], [scale * values[n] for n in (*base, held)])

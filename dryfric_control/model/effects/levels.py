@@ -333,7 +333,7 @@ class StribeckAsymmetry(Effect):
 @register_effect
 @dataclass(frozen=True)
 class VelocityStrengthening(Effect):
-    r"""Friction that is lower at the slowest motion and rises to its level with speed.
+    r"""Friction that is lower at rest and rises to its level.
 
     Parameters
     ----------

@@ -494,21 +494,16 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     if selector.late:
         messages.append(LATE)
     messages += _left_out([record])
-    if doubtful is not None and not selector.late:
-        selector.tell("next experiment")
+    if doubtful is not None:
         rest = selector.without(final.axis, doubtful)
-        rivals = {
-            slug: in_place(rest, rival, slug)
-            for slug, rival in list(found.rivals[doubtful].items())[:_RIVALS]
-        }
-        experiment = next_experiment(
-            final.axis, list(rivals.values()), record, names=[doubtful, *rivals]
-        )
-    elif alike and not selector.late:
+        alike = {s: in_place(rest, r, s) for s, r in found.rivals[doubtful].items()}
+    elif alike:
+        doubtful = causes[0].effect
+    if doubtful is not None and not selector.late:
         selector.tell("next experiment")
         rivals = dict(list(alike.items())[:_RIVALS])
         experiment = next_experiment(
-            final.axis, list(rivals.values()), record, names=[causes[0].effect, *rivals]
+            final.axis, list(rivals.values()), record, names=[doubtful, *rivals]
         )
     return Diagnosis(
         axis=axis,

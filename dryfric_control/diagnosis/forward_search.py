@@ -119,10 +119,11 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         if not ranked:
             break
         _, chosen, fit = _plainest(ranked)
-        # Few samples may show little of what acts now and then.
-        gain = max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)
-        if state.causes and not notable(gain, first - now.cost + gain, search.samples):
-            break
+        if state.causes:
+            # Few samples may show little of what acts now and then.
+            gain = max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)
+            if not notable(gain, first - now.cost + gain, search.samples):
+                break
         state.add(chosen, fit)
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
         state.alternatives[chosen.slug] = tuple(c.slug for c in equal)

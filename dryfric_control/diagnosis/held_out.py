@@ -53,8 +53,8 @@ class HeldOut(NamedTuple):
             return cls(0.0, 0.0, 0.0)
         chance = wilcoxon(fall, alternative="greater").pvalue
         error = float(np.std(fall) * math.sqrt(fall.size))
-        most = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
-        lost = -fall[fall < 0.0].sum() > most * fall[fall > 0.0].sum()
+        part = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
+        lost = -fall[fall < 0.0].sum() > part * fall[fall > 0.0].sum()
         events = 0 if lost else int(np.sum(rise > 0))
         most = np.quantile(np.abs(fall), 0.75)
         limited = np.clip(fall, -most, most)

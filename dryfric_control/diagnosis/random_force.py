@@ -450,17 +450,17 @@ def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]
     if not _unknown(search) or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
         return wrong
 
-    def instead(slug: str) -> tuple[str, ...]:
-        scales = [_GAIN, *([_LOAD] if _load_does_the_same(search, state, final, slug) else [])]
-        return tuple("+".join([one, *(s for s in slugs if s != slug)]) for one in scales)
+    def instead(cause: Cause) -> tuple[str, ...]:
+        (held,) = cause.parameters
+        scales = [_GAIN, *([_LOAD] if _load_does_the_same(search, state, final, held) else [])]
+        return tuple("+".join([one, *(s for s in slugs if s != cause.effect)]) for one in scales)
 
-    return [replace(c, alternatives=instead(c.effect)) for c in wrong]
+    return [replace(c, alternatives=instead(c)) for c in wrong]
 
 
-def _load_does_the_same(search: Search, state: State, final: Solution, slug: str) -> bool:
+def _load_does_the_same(search: Search, state: State, final: Solution, held: str) -> bool:
     """Whether load-dependent friction fits as well, one base parameter as believed."""
     values = final.values()
-    held = next(name for name, s in SLUGS.items() if s == slug)
     scale = search.nominal[held] / values[held]
     if class_of(_LOAD) is None or _LOAD in state.causes or scale >= 1.0 or search.late:
         return False

@@ -20,7 +20,7 @@ _OPEN = 1e-9
 # Root of information below which there is none.
 _NOTHING = 1e-100
 # Parts of a Newton step that are tried until one lowers a cost.
-_PARTS = (1.0, 0.3, 0.1, 0.0)
+_PARTS = (1.0, 0.3, 0.1)
 
 
 def _inverse(h: FloatArray) -> FloatArray:
@@ -126,11 +126,15 @@ class Solution:
             problem = problem.on(runs)
             point = problem.at(self.z)
             gradients, information = problem.terms(self.z, point)
-        before = np.concatenate([problem.blocks(i, out) for i, out in enumerate(point.out)])
+
+        def blocks(at: Point) -> FloatArray:
+            return np.concatenate([problem.blocks(i, out) for i, out in enumerate(at.out)])
+
+        before = blocks(point)
         _, slope, curvature = problem.prior_terms(self.z)
         g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        costs = np.zeros(half.size)
+        costs = before.copy()
         size = np.sqrt(np.maximum(np.diag(h), 1e-12))
         far = problem.reach(np.arange(problem.size), size) / size
         inside = (self.z > problem.low) & (self.z < problem.high)
@@ -152,15 +156,15 @@ class Solution:
                 free &= ~beyond
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
             # Where the cost is rough a step may miss: then a part of it, as its own half says.
+            most = before[~mine].sum() + problem.prior(self.z)
             for part in _PARTS:
                 there = np.clip(self.z + part * step, problem.low, problem.high)
                 point = problem.tried(there)
                 if not point.out:
                     continue
-                every = np.concatenate([problem.blocks(i, out) for i, out in enumerate(point.out)])
-                costs[mine] = every[mine]
-                seen = every[~mine].sum() + problem.prior(there)
-                if seen <= before[~mine].sum() + problem.prior(self.z):
+                every = blocks(point)
+                if every[~mine].sum() + problem.prior(there) <= most:
+                    costs[mine] = every[mine]
                     break
         return costs
 

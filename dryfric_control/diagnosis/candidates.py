@@ -6,14 +6,17 @@ for a second of a kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+
+import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.guesses import Guess, View
 from dryfric_control.model.effects.naming import class_of, named, put
+from dryfric_control.records.record import Record
 
 #: Base parameters by the slug of the cause that a wrong value is.
 BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
@@ -22,6 +25,10 @@ SLUGS = {name: slug for slug, name in BASE.items()}
 
 # Sliding samples below which no regression is tried: three for each parameter of the largest.
 _LEAST_SLIDING = 15
+# Part of the travel of the records beyond its ends where a place is still in it.
+_OUTSIDE = 0.1
+# Part of a sample below which nothing is late.
+_SOONEST = 0.02
 # Actions of which an axis holds one.
 _SINGLE = ("delay", "lag", "contact", "transmission")
 
@@ -93,6 +100,25 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
         low, high = kinds[parameter]["bounds"]
         values[parameter] = min(max(values[parameter], low), high)
     return Start(put(axis, name, effect(**values)), own_names(name))
+
+
+def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
+    """Whether a cause acts at a place that the machine has been at, and over a time that shows.
+
+    `values`: by the names of its free parameters, those of a second of its kind with its own.
+    """
+    kinds = effect_class(name).parameters()
+    low = min(float(r.x.min()) for r in records)
+    high = max(float(r.x.max()) for r in records)
+    room = _OUTSIDE * (high - low)
+    shortest = _SOONEST * float(np.median([r.dt for r in records]))
+    for own, value in values.items():
+        kind = kinds[own.partition(".")[2]]["kind"]
+        if kind == "place" and not low - room <= value <= high + room:
+            return False
+        if kind == "time" and value < shortest:
+            return False
+    return True
 
 
 def own_names(name: str) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from dryfric_control.diagnosis.candidates import SLUGS, catalogue
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
+from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, left_open, or_a_gain
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
@@ -471,6 +472,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
                 break
         if not found.causes and not kept:
             best = before
+        best, kept = selector.without_a_gain(found, best, kept, floor)
     selector.tell("all data")
     free = [n for names in found.free.values() for n in names]
     final = best
@@ -480,7 +482,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     explained = floor.reached(final.scores, selector.known)
     gain, confirmed = _gain(selector, axis, final, part == MEASURE)
     # Data that nothing was chosen on has the last word on a cause.
-    explained = explained and (confirmed or not (free or kept))
+    explained = explained and ((confirmed and not gain.beyond) or not (free or kept))
     left = _unexplained(selector, final, floor, gain, explained)
     alike = _alike(selector, before, final, found, kept, floor)
     causes = _causes(selector, found, best, final, kept, tuple(alike))
@@ -561,6 +563,7 @@ def _causes(
             errors[p.name] = float(s * p.slope(p.value(c)))
     values = final.hypothesis.values(final.z)
     units = {p.name: p.unit for p in final.hypothesis.parameters}
+    open_gain = left_open(selector.axis, {*race.known, *race.tolerance})
     causes = []
     for slug in found.causes:
         less = race.alone(
@@ -571,6 +574,8 @@ def _causes(
         own = {n.partition(".")[2]: n for n in found.free[slug]}
         gain = selector.gain(less.scores, best.scores)
         others = found.alternatives.get(slug, ())
+        if slug == GAIN and open_gain:
+            others = (*others, EVERY)
         causes.append(cause_of(selector.axis, slug, own, values, errors, units, gain, others))
     bases = []
     for name in selector.wrong(final, kept):
@@ -579,7 +584,8 @@ def _causes(
         less = race.alone(selector.hold(best.axis, [name]), free, base=rest)
         gain, own = selector.gain(less.scores, best.scores), {name: name}
         bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain, alike))
-    return causes + [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
+    bases = [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
+    return causes + (or_a_gain(bases) if open_gain and GAIN not in found.causes else bases)
 
 
 def _unexplained(selector, final, floor, gain, explained):  # type: ignore[no-untyped-def]

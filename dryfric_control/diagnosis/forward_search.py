@@ -21,7 +21,7 @@ _FURTHER, _QUIETER = 0.02, 0.02
 _PAIRED, _HOPE = 4, 3.0
 # Candidates beside the chosen one that are tried in its place later, and the part of its
 # worth that they must have had.
-_REMEMBERED, _CLOSE = 3, 0.5
+_REMEMBERED, _CLOSE = 4, 0.5
 # Turns of such a fit after which it must promise to be better.
 _SOME_TURNS = 5
 
@@ -44,6 +44,8 @@ class State:
         What was nearly as good when a cause was chosen, with no more parameters.
     first : dict of str to float
         Quick gain of every candidate of the first round, "" the fit without.
+    refuted : set of str
+        Causes that fell when further ones were there.
     late : bool
         Whether time ran out.
     """
@@ -55,6 +57,7 @@ class State:
     rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
     close: dict[str, list[Candidate]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
+    refuted: set[str] = field(default_factory=set)
     late: bool = False
 
     @property
@@ -93,15 +96,20 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
         now = state.fit
-        if state.causes or search.clock:
+        if now is not search.first[0]:
             search.tell(f"cause {len(state.causes) + 1}")
             candidates = search.screen(now, not state.causes)
+            candidates = [c for c in candidates if c.slug not in state.refuted]
         else:
             candidates = list(search.first[1])
             state.first = {c.slug: now.cost - c.cost for c in candidates}
         if end is not None and end(state, candidates):
             return None
         ranked = search.extend(now, candidates)
+        better = _better(search, now, ranked)
+        if better is not None:
+            state.fit = better
+            continue
         early = search.earlier(now)
         if early is not None:
             gain = search.worth(now.cost - early.cost, 1)
@@ -128,13 +136,13 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
         state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
         state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
-        state.close[chosen.slug] = [
-            replace(c, axis=s.axis) for w, c, s in ranked
-            if c is not chosen and w > _CLOSE * ranked[0][0] and len(c.free) <= len(chosen.free)
-        ][:_REMEMBERED]  # fmt: skip
+        state.close[chosen.slug] = _close(search, now, chosen, candidates, ranked)
         if len(state.causes) > 1:
             _backward(search, state)
             _exchange(search, state)
+            _sift(search, state)
+    if len(state.causes) > 1:
+        _compare(search, state)
     state.late = search.late
     return state
 
@@ -145,6 +153,20 @@ def notable(gain: float, whole: float, samples: int) -> bool:
     `whole`: the gain of all causes, this one among them.
     """
     return gain >= min(_FURTHER * whole, _QUIETER * samples)
+
+
+def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: ignore[no-untyped-def]
+    """A fit without the best cause that its fit leads to, where the one so far ended early.
+
+    From there candidates gain what is theirs.
+    """
+    if not ranked or search.late:
+        return None
+    _, chosen, fit = ranked[0]
+    names = names_without(search, fit, chosen.slug, chosen.free)
+    noises = fit.z[len(fit.problem.names) :]
+    less = search.fit(search.less(fit.axis, chosen.slug), names, noises)
+    return less if less.cost < now.cost - SLACK else None
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]
@@ -190,6 +212,32 @@ def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # ty
     return None
 
 
+def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-def]
+    """What may do as well in a cause's place, with no more parameters, once others are known.
+
+    What unseen data do not confirm while they are missing may be among it.
+    """
+    fits = {c.slug: s for _, c, s in ranked}
+    some = [c for c in candidates if c.slug != chosen.slug and len(c.free) <= len(chosen.free)]
+    some = [replace(c, axis=fits[c.slug].axis) if c.slug in fits else c for c in some]
+    worth = {
+        c.slug: search.worth(now.cost - (fits[c.slug] if c.slug in fits else c).cost, len(c.free))
+        for c in some
+    }
+    least = _CLOSE * search.worth(now.cost - fits[chosen.slug].cost, len(chosen.free))
+    some = [c for c in some if worth[c.slug] > least]
+    return sorted(some, key=lambda c: -worth[c.slug])[:_REMEMBERED]
+
+
+def _sift(search: Search, state: State) -> None:
+    """Drop causes that further ones have left undetermined, or moved where nothing has been."""
+    for slug in list(state.causes):
+        alone = not followed(slug, state.causes)
+        if alone and not search.late and not search.sound(state.fit, slug, state.free[slug]):
+            state.refuted.add(slug)
+            state.drop(slug, without(search, state, slug))
+
+
 def _backward(search: Search, state: State) -> None:
     """Drop causes that a later one has made superfluous."""
     for slug in list(state.causes):
@@ -201,39 +249,53 @@ def _backward(search: Search, state: State) -> None:
             state.drop(slug, less)
 
 
+def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solution | None:
+    """The fit with another effect in a cause's place, where it promises to do as well."""
+    if search.late or other.slug in state.causes or effect_class(other.slug).action in LATE:
+        return None
+    fit, own = state.fit, state.free[slug]
+    try:
+        less = search.less(fit.axis, slug)
+        axis = put(less, other.slug, named(other.axis)[other.slug])
+    except (ValueError, KeyError):
+        return None
+    free = (*names_without(search, fit, slug, own), *other.free)
+    noises = fit.z[len(fit.problem.names) :]
+    found = search.fit(axis, free, noises, _SOME_TURNS)
+    if found.cost - found.promised > fit.cost + EQUAL + _fewer(search, own, other):
+        return None
+    found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
+    return found if search.sound(found, other.slug, other.free) else None
+
+
+def _fewer(search: Search, own: Sequence[str], other: Candidate) -> float:
+    """Cost by which another effect may lie higher, for its fewer parameters."""
+    return search.penalty(len(own)) - search.penalty(len(other.free))
+
+
+def _may_go(state: State, slug: str) -> bool:
+    """Whether another effect may take a cause's place.
+
+    A lag smooths the noise of a recorded input, which speaks for none.
+    """
+    return not followed(slug, state.causes) and effect_class(slug).action not in LATE
+
+
 def _exchange(search: Search, state: State) -> None:
     """Put what was nearly as good when a cause was chosen in its place, where it is better now.
 
     The first cause is chosen while the others are missing, and more parameters take up some
     of what those do: gravity looks like a bias, cogging of one turn like gravity.
     """
-    for slug in list(state.causes):
-        # A lag smooths the noise of a recorded input, which speaks for none.
-        if followed(slug, state.causes) or effect_class(slug).action in LATE:
-            continue
+    for slug in [one for one in state.causes if _may_go(state, one)]:
         for other in state.close[slug]:
-            if search.late:
-                return
-            if other.slug in state.causes or effect_class(other.slug).action in LATE:
+            found = _in_place(search, state, slug, other)
+            if found is None:
                 continue
-            fit, own = state.fit, state.free[slug]
-            try:
-                less = search.less(fit.axis, slug)
-                axis = put(less, other.slug, named(other.axis)[other.slug])
-            except (ValueError, KeyError):
-                continue
-            free = (*names_without(search, fit, slug, own), *other.free)
-            ahead = search.penalty(len(own)) - search.penalty(len(other.free))
-            most = fit.cost + (ahead if ahead else -EQUAL)
-            noises = fit.z[len(fit.problem.names) :]
-            found = search.fit(axis, free, noises, _SOME_TURNS)
-            if found.cost - found.promised > max(most, fit.cost + EQUAL):
-                continue
-            found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
-            if not search.sound(found, other.slug, other.free):
-                continue
-            if found.cost < most or (
-                found.cost < fit.cost + EQUAL and _spares(search, state, found, slug)
+            cost = state.fit.cost
+            ahead = _fewer(search, state.free[slug], other)
+            if found.cost < cost + (ahead if ahead else -EQUAL) or (
+                found.cost < cost + EQUAL and _spares(search, state, found, slug)
             ):
                 place = state.causes.index(slug)
                 # The others may be better still once further causes are there.
@@ -243,6 +305,15 @@ def _exchange(search: Search, state: State) -> None:
                 state.close[other.slug] = left
                 break
     _backward(search, state)
+
+
+def _compare(search: Search, state: State) -> None:
+    """What does as well as each cause beside all the others."""
+    search.tell("alternatives")
+    for slug in [one for one in state.causes if _may_go(state, one)]:
+        fits = {other.slug: _in_place(search, state, slug, other) for other in state.close[slug]}
+        equal = {s: f.axis for s, f in fits.items() if f and f.cost < state.fit.cost + EQUAL}
+        state.alternatives[slug], state.rivals[slug] = tuple(equal), equal
 
 
 def _spares(search: Search, state: State, fit: Solution, slug: str) -> bool:

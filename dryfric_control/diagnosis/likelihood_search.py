@@ -19,6 +19,7 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     guesses,
+    placed,
     with_effect,
 )
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
@@ -70,8 +71,6 @@ _ITERATIONS, _LAST = 15, 30
 _BENT, _BOLD = 0.1, math.log(2.0)
 # Errors of a parameter within which its neutral value means that nothing is there.
 _SURE = 2.0
-# Part of the travel of the record beyond its ends where a place is still in it.
-_OUTSIDE = 0.1
 # Part of the best worth within which causes are compared on all samples.
 _CLOSE = 0.25
 # Time constants over which the input is smoothed where causes are compared with a lag.
@@ -81,8 +80,6 @@ _OVER = (2.0, 4.0, 8.0, 16.0)
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
 # Increments a sample below which no speed of sliding is told from rest.
 _SLOWEST = 0.1
-# Part of a sample below which nothing is late.
-_SOONEST = 0.02
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _BIAS = "bias_force"
@@ -749,23 +746,16 @@ class Search:
     def sound(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
         """Whether a cause is determined, and where the machine has been."""
         values, errors = fit.values(), fit.standard_errors()
+        own = {n: values[n] for n in free if n in values}
+        if not placed(slug, own, self.records):
+            return False
         kinds = effect_class(slug).parameters()
-        low = min(float(r.x.min()) for r in self.records)
-        high = max(float(r.x.max()) for r in self.records)
-        room = _OUTSIDE * (high - low)
+        hidden = _hidden_shares(fit)
         needed: list[bool] = []
         further: list[bool] = []
-        hidden = _hidden_shares(fit)
-        for name in free:
+        for name, value in own.items():
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
-            value = values.get(name)
-            if value is None:
-                continue
-            if kind == "place" and not low - room <= value <= high + room:
-                return False
-            if kind == "time" and value < _SOONEST * self.scales.step:
-                return False
             if name in hidden or (kind == "speed" and name in fit.at_bound):
                 return False
             # Of what acts at breakaway alone the cost is too rough for standard errors: that it

@@ -16,11 +16,12 @@ from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_e
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
+from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
 from dryfric_control.diagnosis.remaining import Remaining, remaining
-from dryfric_control.diagnosis.report.findings import SMALL, Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import typical, with_values
 from dryfric_control.estimation.solution import Solution
@@ -57,17 +58,13 @@ _BLURRED = 2.0
 # RMS of the force left over that of its changes from sample to sample beyond which it has
 # structure.
 _SMOOTH = 1.5
-# The effect that scales every force of the drive.
-_GAIN = "input_gain"
-# The one that scales them as long as it does not brake, and turns of a fit with it.
+# The effect that scales every force of the drive that never brakes, and turns of a fit with it.
 _LOAD, _LOAD_TURNS = "load_dependence", 10
 # What is said where the force decides.
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
     "nothing of the forces, and the drive was held against the force that the motion needs"
 )
-# RMS error of free runs over that of the replays beyond which there is something to find.
-_BEYOND = 4.0
 
 
 @dataclass(eq=False)
@@ -233,8 +230,7 @@ def answer(
         kept, final = [], search.reference(search.believed)
         motion, left, _ = _judge(search)(search, windows, final)
     structured = left.significant
-    # A few windows may err beyond their replays, but not by orders of magnitude.
-    if not search.imposed and motion.after > _BEYOND * motion.floor:
+    if not search.imposed and motion.beyond:
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
@@ -331,26 +327,21 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
         else:
             if not _gain_is_choice(search, state, final, kept, judged):
                 return final, kept, judged
-            state.drop(_GAIN, without(search, state, _GAIN))
+            state.drop(GAIN, without(search, state, GAIN))
 
 
-def _unknown(search: Search) -> bool:
-    """Whether nothing that is believed of the axis tells a gain from wrong base parameters."""
-    return not (search.believed.effects or {*search.known, *search.tolerance} & {*BASE})
+def _left_open(search: Search) -> bool:
+    return left_open(search.believed, {*search.known, *search.tolerance})
 
 
 def _gain_is_choice(
     search: Search, state: State, final: Solution, kept: Sequence[str], judged: dict[str, Judged]
 ) -> bool:
-    """Whether a gain is found that leaves base parameters wrong, while they alone do the same.
-
-    Then they are named: that they are wrong is certain, that the gain is as well is not.
-    """
-    if _GAIN not in state.causes or not _unknown(search):
+    """Whether a gain is found that leaves base parameters far off, while they do the same."""
+    if GAIN not in state.causes or not _left_open(search):
         return False
-    values = final.values()
-    left = any(abs(values[n] - search.nominal[n]) > SMALL * search.nominal[n] for n in kept)
-    return left and {*judged[_GAIN].others.split("+")} == {*SLUGS.values()}
+    alike = {*judged[GAIN].others.split("+")} == {*EVERY.split("+")}
+    return alike and far_off(final.values(), search.nominal, kept)
 
 
 def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
@@ -442,20 +433,16 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Ca
 def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]) -> list[Cause]:
     """Wrong base parameters with what does the very same where all of them are wrong.
 
-    The motion follows from all forces over the gain of the drive: with another gain, either
-    of them may be right.  Friction that grows with the load is such a gain to a drive that
-    never brakes.
+    Friction that grows with the load is a gain to a drive that never brakes.
     """
-    slugs = [cause.effect for cause in wrong]
-    if not _unknown(search) or _GAIN in state.causes or not {*SLUGS.values()} <= {*slugs}:
+    if not _left_open(search) or GAIN in state.causes:
         return wrong
 
-    def instead(cause: Cause) -> tuple[str, ...]:
-        (held,) = cause.parameters
-        scales = [_GAIN, *([_LOAD] if _load_does_the_same(search, state, final, held) else [])]
-        return tuple("+".join([one, *(s for s in slugs if s != cause.effect)]) for one in scales)
+    def scales(cause: Cause) -> tuple[str, ...]:
+        alike = _load_does_the_same(search, state, final, *cause.parameters)
+        return (GAIN, _LOAD) if alike else (GAIN,)
 
-    return [replace(c, alternatives=instead(c)) for c in wrong]
+    return or_a_gain(wrong, scales)
 
 
 def _load_does_the_same(search: Search, state: State, final: Solution, held: str) -> bool:

@@ -17,9 +17,11 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     holds,
     own_names,
+    placed,
 )
+from dryfric_control.diagnosis.gain_or_base import GAIN, far_off, left_open
 from dryfric_control.diagnosis.noise_floor import NONE, REPLAYS, Floor, noise_floor
-from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.problem import CANDIDATE, base_cost, spreads_off
 from dryfric_control.estimation.uncertainty import block_labels, jackknife
 from dryfric_control.estimation.windows import ROBUST, Evaluation
@@ -75,6 +77,12 @@ class Selection:
     rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
     earlier: dict[frozenset[str], Fitted] = field(default_factory=dict)
+
+    def drop(self, slug: str) -> None:
+        """Go on without a cause."""
+        self.causes.remove(slug)
+        for table in (self.free, self.alternatives, self.rivals):
+            table.pop(slug, None)
 
 
 class Selector:
@@ -259,7 +267,7 @@ class Selector:
     def _step(self, found: Selection, floor: Floor) -> Fitted | None:
         candidates = catalogue(found.best.axis, (*found.causes, *self.refuted))
         runners = self.race.among(found.best, self.names(found), candidates)
-        judged = [r for r in runners if r.scores.size]
+        judged = [r for r in runners if r.scores.size and self._placed(r)]
         if not found.causes:
             for r in judged:
                 found.first[r.slug] = float(r.scores[self.race.judge].mean())
@@ -286,6 +294,12 @@ class Selector:
         found.alternatives[winner.slug] = tuple(r.slug for r in rivals if r.slug)
         found.rivals[winner.slug] = {r.slug: r.axis for r in rivals if r.slug}
         return winner
+
+    def _placed(self, fitted: Fitted) -> bool:
+        """Whether a cause acts where and when the record can tell."""
+        values = fitted.hypothesis.values(fitted.z)
+        own = {n: values[n] for n in self._own(fitted)}
+        return placed(fitted.slug, own, [self.bench.record])
 
     def _own(self, fitted: Fitted) -> tuple[str, ...]:
         return tuple(n for n in fitted.hypothesis.names if n.partition(".")[0] == fitted.slug)
@@ -360,9 +374,7 @@ class Selector:
                 if above(less.loss, earlier.loss + SQUARES):
                     less = earlier
                 if not self.earns(less, found.best, floor, len(found.causes)):
-                    found.causes.remove(slug)
-                    for table in (found.free, found.alternatives, found.rivals):
-                        table.pop(slug, None)
+                    found.drop(slug)
                     for one, rivals in found.rivals.items():
                         # A second of its kind is none without it.
                         for name in [n for n in rivals if followed(slug, [n])]:
@@ -431,6 +443,25 @@ class Selector:
             if not self.better(less.scores, best.scores, floor):
                 best, kept = less, left
         return best, kept
+
+    def without_a_gain(
+        self, found: Selection, best: Fitted, kept: list[str], floor: Floor
+    ) -> tuple[Fitted, list[str]]:
+        """Base parameters in place of a gain that leaves them far off, where they do the same."""
+        race = self.race
+        if GAIN not in found.causes or not left_open(self.axis, {*race.known, *race.tolerance}):
+            return best, kept
+        values = best.hypothesis.values(best.z)
+        if not far_off(values, race.believed, kept):
+            return best, kept
+        rest = self.without(best.axis, GAIN)
+        gain = values[f"{GAIN}.gain"]
+        scaled = with_values(rest, [*BASE.values()], values_of(rest, [*BASE.values()]) / gain)
+        less = race.alone(scaled, self.names(found, GAIN))
+        if not self.ties(less.scores, best.scores, floor):
+            return best, kept
+        found.drop(GAIN)
+        return less, [*BASE.values()]
 
     def refutes(self, found: Selection, best: Fitted, kept: Sequence[str], floor: Floor) -> bool:
         """Whether a cause falls once no more base parameters than needed are free.

@@ -7,8 +7,18 @@ from truth import make_machine
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
-from dryfric_control.diagnosis.forward_search import State, _exchange, _spares, forward, notable
-from dryfric_control.diagnosis.likelihood_search import Candidate, Search
+from dryfric_control.diagnosis.forward_search import (
+    State,
+    _better,
+    _close,
+    _compare,
+    _exchange,
+    _sift,
+    _spares,
+    forward,
+    notable,
+)
+from dryfric_control.diagnosis.likelihood_search import EQUAL, Candidate, Search
 from dryfric_control.estimation.parameters import SHIFT
 
 DT = 1e-3
@@ -135,3 +145,94 @@ def test_what_an_earlier_choice_is_mended_by_goes_with_it(last, spared):
     state.causes.remove(last[0])
     state.causes.append(last[0])
     assert _spares(search, state, state.fit, "coulomb_asymmetry") is spared
+
+
+@pytest.fixture(scope="module")
+def lopsided():
+    """A search on a record with an asymmetry and a peak, and the fit without either."""
+    case = make_machine(2, ("coulomb_asymmetry", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    return search, search.fit(search.believed, ())
+
+
+def state_with(search, first, *causes):
+    """What a search has found so far, by slug and first values."""
+    state = State(first)
+    for slug, values in causes:
+        one = with_effect(state.fit.axis, slug, dict(values))
+        fit = search.fit(one.axis, (*state.names, *one.free))
+        state.add(Candidate(slug, own_names(slug), one.axis, fit.cost), fit)
+    return state
+
+
+def tried(search, first, slug, values):
+    """A candidate as a screening leaves it: a guess, and its cost."""
+    one = with_effect(first.axis, slug, dict(values))
+    return Candidate(slug, one.free, one.axis, search.fit(one.axis, one.free).cost)
+
+
+@pytest.mark.slow
+def test_what_does_the_same_is_stated_beside_all_the_others():
+    # Without a peak a bias changes both levels by as much as an asymmetry.
+    t = DT * np.arange(6000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = axis.replace(
+        effects=(dfc.effects.CoulombAsymmetry(force=1.0), dfc.effects.QuadraticDrag(drag=20.0))
+    )
+    x = 1e-6 * np.round(machine.simulate(u, DT).y[0] * 1e6)
+    search = Search(
+        axis, [dfc.Record(t, u + 0.1 * np.random.default_rng(0).standard_normal(t.size), x)]
+    )
+    first = search.fit(axis, ())
+    drag = ("quadratic_drag", {"drag": 10.0})
+    state = state_with(search, first, ("coulomb_asymmetry", BIAS), drag)
+    state.close["coulomb_asymmetry"] = [
+        tried(search, first, "bias_force", {"force": -1.0}),
+        tried(search, first, "viscous_asymmetry", {"viscous": 1.0}),
+    ]
+    # Found when it was chosen, and no longer so.
+    state.alternatives["quadratic_drag"] = ("drift",)
+    _compare(search, state)
+    assert state.alternatives == {"coulomb_asymmetry": ("bias_force",), "quadratic_drag": ()}
+    rival = dict(state.rivals["coulomb_asymmetry"]["bias_force"].named_effects())["bias_force"]
+    assert rival.force == pytest.approx(-1.0, rel=0.02)
+
+
+@pytest.mark.slow
+def test_what_unseen_data_do_not_confirm_yet_is_remembered(lopsided):
+    search, first = lopsided
+    slugs = ("spring", {"stiffness": 10.0, "rest": 0.0}), ("bias_force", BIAS), ("stribeck", PEAK)
+    spring, bias, peak = (tried(search, first, *one) for one in slugs)
+    gain = first.cost - bias.cost
+    fit = search.fit(spring.axis, spring.free)
+    # Nothing but the spring was confirmed; of the others, what gains little is no stand-in.
+    ranked = [(1.5 * gain, spring, fit)]
+    small = Candidate("drift", ("drift.rate",), first.axis, first.cost - 0.1 * gain)
+    many = Candidate("cogging", own_names("cogging"), first.axis, first.cost - 2.0 * gain)
+    near = _close(search, first, spring, [spring, many, bias, peak, small], ranked)
+    slugs = [c.slug for c in near]
+    assert "bias_force" in slugs and not {"drift", "cogging", "spring"} & {*slugs}
+
+
+@pytest.mark.slow
+def test_a_place_that_further_causes_move_out_of_the_travel_is_none(lopsided):
+    search, first = lopsided
+    far = {"stiffness": 0.5, "rest": 2.0 * float(np.abs(search.records[0].x).max())}
+    state = state_with(search, first, ("stribeck", PEAK), ("spring", far))
+    assert not search.sound(state.fit, "spring", state.free["spring"])
+    _sift(search, state)
+    assert state.causes == ["stribeck"] and state.refuted == {"spring"}
+
+
+@pytest.mark.slow
+def test_a_fit_that_ended_early_is_gone_on_with_before_causes_are_compared(lopsided):
+    # Else the first cause that leads out of there gains what is not its own.
+    search, first = lopsided
+    stuck = search.fit(search.believed.replace(mass=3.0 * first.axis.mass), (), None, 0)
+    peak = tried(search, stuck, "stribeck", PEAK)
+    ranked = [(1.0, peak, search.fit(peak.axis, peak.free))]
+    better = _better(search, stuck, ranked)
+    assert better.cost == pytest.approx(first.cost, abs=EQUAL)
+    assert better.problem.names == first.problem.names
+    assert _better(search, better, ranked) is None and _better(search, stuck, []) is None

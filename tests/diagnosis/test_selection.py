@@ -377,6 +377,31 @@ def test_a_wrong_mass_is_kept_and_nothing_else():
     assert kept == ["mass"] and selector.wrong(best, kept) == ["mass"]
 
 
+def test_a_gain_that_leaves_base_parameters_far_off_is_named_as_these(both):
+    # All forces over the gain make the motion: that the base is wrong is certain then.
+    t = 1e-3 * np.arange(8000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    nominal = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    for machine, far in (((1.8, 13.5, 9.6), True), ((1.8, 13.5, 7.2), False)):
+        axis = dfc.FrictionAxis(mass=machine[0], viscous=machine[1], coulomb=machine[2])
+        measured = dfc.Record(t, u, 1e-6 * np.round(axis.simulate(u, 1e-3).y[0] * 1e6))
+        selector = selector_of(nominal, measured)
+        kept = ["coulomb"] if far else []
+        gain = nominal.replace(effects=(dfc.effects.InputGain(gain=1.1),))
+        names = ("input_gain.gain",)
+        best = selector.race.alone(gain, names, base=kept)
+        found = selection(best, input_gain=names)
+        ended, base = selector.without_a_gain(found, best, kept, selector.floor_of(best))
+        assert (found.causes == []) is far and base == (list(BASE.values()) if far else [])
+        if far:
+            values = ended.hypothesis.values(ended.z)
+            assert [values[n] for n in base] == pytest.approx(machine, rel=1e-3)
+        # What is known of the axis tells.
+        selector.race.known = ("mass",)
+        found = selection(best, input_gain=names)
+        assert selector.without_a_gain(found, best, kept, None) == (best, kept)
+
+
 def exchanged(selector, both, effect, names):
     """What becomes of a cause beside a drag when the spring is its alternative."""
     stand_in = fitted(selector, effect, dfc.effects.QuadraticDrag(0.1), free=(*names, *DRAG))
@@ -454,6 +479,15 @@ def test_an_alternative_brings_the_base_that_goes_with_it(sprung):
 
 
 @pytest.mark.slow
+def test_a_cause_at_a_place_where_nothing_has_been_is_not_judged(sprung):
+    def at(rest):
+        values = {"mass": 2.0, "spring.stiffness": 1.0, "spring.rest": rest}
+        hypothesis = SimpleNamespace(names=[*values], values=lambda z: values)
+        return SimpleNamespace(slug="spring", hypothesis=hypothesis, z=None)
+
+    assert sprung._placed(at(float(sprung.bench.record.x.mean()))) and not sprung._placed(at(50.0))
+
+
 def test_a_search_finds_the_spring_and_stops(sprung):
     words = []
     selector = Selector(sprung.race, sprung.axis, words.append)

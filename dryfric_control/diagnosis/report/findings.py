@@ -25,6 +25,8 @@ VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained")
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
+# RMS error of free runs over that of the replays beyond which there is something to find.
+_BEYOND = 4.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -113,6 +115,14 @@ class Gain:
     def ratio(self) -> float:
         """How many times smaller the error became, before/after."""
         return self.before / self.after
+
+    @property
+    def beyond(self) -> bool:
+        """Whether errors are several times the noise floor: something is left to find.
+
+        A few windows may err beyond their replays, but not by orders of magnitude.
+        """
+        return self.after > _BEYOND * self.floor
 
     @property
     def left(self) -> float:

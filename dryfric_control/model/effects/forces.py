@@ -11,6 +11,9 @@ import numpy as np
 from dryfric_control.model.effects.effect import Effect, parameter, register_effect
 from dryfric_control.model.effects.guesses import Guess, View, linear
 
+# Travel in metres below which no position is taken for an angle that has lost its unit.
+_ARC = 0.5
+
 
 @register_effect
 @dataclass(frozen=True)
@@ -239,6 +242,9 @@ class Gravity(Effect):
     -----
     .. math:: w \to w - \text{amplitude} \cdot \sin(x - \text{phase})
 
+    A diagnosis does not try it on an axis in metres that moves by less than 0.5 m: what a
+    linear axis shows there is a spring.
+
     Examples
     --------
     A level arm rests on friction, which carries its weight:
@@ -273,6 +279,8 @@ class Gravity(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
+        if view.axis.units[0] == "m" and view.span < _ARC:
+            return
         # A sine of the position.
         c, base = view.regress([-np.sin(view.x), np.cos(view.x)])
         amplitude = max(math.hypot(*c), 1e-3 * view.level)

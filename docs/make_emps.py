@@ -19,25 +19,34 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.evidence import Evidence, binned, evidence
+from dryfric_control.diagnosis.evidence import Evidence, evidence
 
 IMAGE = Path(__file__).resolve().parent / "images" / "emps.png"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 
 
+# Slower than this, friction is one of rest, and the smoothing of the readings shows [m/s].
+SLOW = 1e-3
+
+
 def draw(before: Evidence, after: Evidence) -> plt.Figure:
-    """Force residual over velocity, and errors, both before and after, on unseen data."""
+    """Friction over velocity, and errors, both before and after, on unseen data."""
     figure, (left, middle, right) = plt.subplots(
-        1, 3, figsize=(9.0, 3.2), width_ratios=(2.6, 1.0, 1.0), layout="constrained"
+        1, 3, figsize=(9.0, 3.4), width_ratios=(2.6, 1.0, 1.0), layout="constrained"
     )
     rows = ((before, "C3", "nominal model"), (after, "C0", "with the causes found"))
+    smooth, record = after.record.derivatives(), after.record
+    sliding = np.abs(smooth.v) > SLOW
+    friction = (record.u - after.axis.mass * smooth.a)[sliding][::4]
+    left.plot(1e3 * smooth.v[sliding][::4], friction, ".", color="0.7", markersize=1.5,
+              label="measured: drive force less inertia")  # fmt: skip
     for seen, colour, label in rows:
-        left.plot(1e3 * seen.v, seen.residual, ".", color=colour, markersize=1.0, alpha=0.3)
-        median = binned(seen.residual, seen.v, 24)
-        left.plot(1e3 * median.centre, median.median, color=colour, linewidth=2.0, label=label)
-    left.axhline(0.0, color="0.5", linewidth=0.6)
-    left.set(xlabel="velocity [mm/s]", ylabel="force residual [N]", ylim=(-12.0, 12.0))
-    left.legend(frameon=False, loc="upper center", ncols=2, fontsize="small")
+        drawn = seen.axis.plot_friction(speed=0.135).lines[0, 0][0]
+        plt.close(drawn.figure)
+        v, force = drawn.get_data()
+        left.plot(1e3 * v, force, color=colour, linewidth=1.5, label=label)
+    left.set(xlabel="velocity [mm/s]", ylabel="friction force [N]")
+    left.legend(frameon=False, loc="upper left", fontsize="small")
     pairs = (
         (middle, "force residual\nRMS [N]", [seen.force_rms for seen, *_ in rows], "%.2f"),
         (right, "free runs of 0.25 s\nmedian RMS [µm]",

@@ -6,7 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dryfric_control.diagnosis.candidates import effect_class, holds
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    holds,
+    own_names,
+    with_effect,
+)
 from dryfric_control.diagnosis.likelihood_search import EQUAL, LATE, SLACK, Candidate, Search
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -18,7 +24,7 @@ from dryfric_control.model.effects.naming import followed, named, put, renumbere
 _FURTHER, _QUIETER = 0.02, 0.02
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
-_PAIRED, _HOPE = 4, 3.0
+_PAIRED, _HOPE = 5, 3.0
 # Candidates beside the chosen one that are tried in its place later, and the part of its
 # worth that they must have had.
 _REMEMBERED, _CLOSE = 4, 0.5
@@ -109,6 +115,7 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         better = _better(search, now, ranked)
         if better is not None:
             state.fit = better
+            first = first if state.causes else better.cost
             continue
         early = search.earlier(now)
         if early is not None:
@@ -117,15 +124,16 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
                 search.shifted_by(early)
                 state.fit = early
                 continue
-        if (not ranked or ranked[0][0] < 0.0) and not search.late:
-            pair = _pair(search, now, candidates)
-            if pair is None:
+        least = ranked[0][0] if ranked else 0.0
+        if (least <= 0.0 or search.unsure - SLACK > least) and not search.late:
+            pair = _pair(search, now, candidates, max(least, 0.0))
+            if pair is not None:
+                for c in pair[0]:
+                    state.add(c, pair[1])
+                _tidy(search, state)
+                continue
+            if least <= 0.0:
                 break
-            for c in pair[0]:
-                state.add(c, pair[1])
-            continue
-        if not ranked:
-            break
         _, chosen, fit = _plainest(ranked)
         if state.causes:
             # Few samples may show little of what acts now and then.
@@ -138,10 +146,9 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
         state.close[chosen.slug] = _close(search, now, chosen, candidates, ranked)
         if len(state.causes) > 1:
-            _backward(search, state)
-            _exchange(search, state)
-            _sift(search, state)
+            _tidy(search, state)
     if len(state.causes) > 1:
+        _in_time(search, state)
         _compare(search, state)
     state.late = search.late
     return state
@@ -175,11 +182,18 @@ def _plainest(ranked):  # type: ignore[no-untyped-def]
     return min(level, key=lambda one: effect_class(one[1].slug).rank)
 
 
-def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
-    """The best two causes that only together are worth it."""
+def _tidy(search: Search, state: State) -> None:
+    """Weigh all causes once more, now that one more is there."""
+    _backward(search, state)
+    _exchange(search, state)
+    _sift(search, state)
+
+
+def _pair(search: Search, now: Solution, candidates: Sequence[Candidate], least: float):  # type: ignore[no-untyped-def]
+    """The best two causes that only together are sure, and worth more than any one that is."""
     some = candidates[:_PAIRED]
     gains = sum(now.cost - c.cost for c in some[:2])
-    if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < 0.0:
+    if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < least:
         return None
     search.tell("pairs")
     tasks = []
@@ -199,11 +213,11 @@ def _pair(search: Search, now: Solution, candidates: Sequence[Candidate]):  # ty
     for i in order[:1]:
         a, b, _ = tasks[i]
         names = (*a.free, *b.free)
-        if search.worth(now.cost - fits[i].cost, len(names), 2) < -SLACK:
+        if search.worth(now.cost - fits[i].cost, len(names), 2) < least - SLACK:
             return None
         fit = search.fit(fits[i].axis, (*free, *names), noises)
         if (
-            search.worth(now.cost - fit.cost, len(names), 2) > 0.0
+            search.worth(now.cost - fit.cost, len(names), 2) > least
             and search.sound(fit, a.slug, a.free)
             and search.sound(fit, b.slug, b.free)
             and (search.simpler(fit, now) or search.held_out(now, fit).sure)
@@ -262,15 +276,15 @@ def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solu
     free = (*names_without(search, fit, slug, own), *other.free)
     noises = fit.z[len(fit.problem.names) :]
     found = search.fit(axis, free, noises, _SOME_TURNS)
-    if found.cost - found.promised > fit.cost + EQUAL + _fewer(search, own, other):
+    if found.cost - found.promised > fit.cost + EQUAL + _fewer(search, own, other.free):
         return None
     found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
     return found if search.sound(found, other.slug, other.free) else None
 
 
-def _fewer(search: Search, own: Sequence[str], other: Candidate) -> float:
+def _fewer(search: Search, own: Sequence[str], others: Sequence[str]) -> float:
     """Cost by which another effect may lie higher, for its fewer parameters."""
-    return search.penalty(len(own)) - search.penalty(len(other.free))
+    return search.penalty(len(own)) - search.penalty(len(others))
 
 
 def _may_go(state: State, slug: str) -> bool:
@@ -293,7 +307,7 @@ def _exchange(search: Search, state: State) -> None:
             if found is None:
                 continue
             cost = state.fit.cost
-            ahead = _fewer(search, state.free[slug], other)
+            ahead = _fewer(search, state.free[slug], other.free)
             if found.cost < cost + (ahead if ahead else -EQUAL) or (
                 found.cost < cost + EQUAL and _spares(search, state, found, slug)
             ):
@@ -305,6 +319,32 @@ def _exchange(search: Search, state: State) -> None:
                 state.close[other.slug] = left
                 break
     _backward(search, state)
+
+
+def _in_time(search: Search, state: State) -> None:
+    """Whether a delay or a lag: one in the other's place, beside all other causes."""
+    for slug in [one for one in state.causes if effect_class(one).action in LATE]:
+        fit, own = state.fit, state.free[slug]
+        less, time = search.less(fit.axis, slug), fit.values()[own[0]]
+        ranked = [(0.0, Candidate(slug, own, fit.axis, fit.cost), fit)]
+        for other in [one for one in catalogue(less) if effect_class(one).action in LATE]:
+            if other == slug or other in state.causes or search.late:
+                continue
+            start = with_effect(less, other, {n.partition(".")[2]: time for n in own_names(other)})
+            free = (*names_without(search, fit, slug, own), *start.free)
+            found = search.fit(start.axis, free, fit.z[len(fit.problem.names) :])
+            if search.sound(found, other, start.free):
+                worth = fit.cost - found.cost + _fewer(search, own, start.free)
+                ranked.append((worth, Candidate(other, start.free, found.axis, found.cost), found))
+        ranked = search._ranked(sorted(ranked, key=lambda one: -one[0]))
+        level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+        _, chosen, best = next((one for one in level if one[1].slug == slug), ranked[0])
+        if chosen.slug != slug:
+            place = state.causes.index(slug)
+            state.drop(slug, best)
+            state.add(chosen, best, place)
+        equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
+        state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
 
 
 def _compare(search: Search, state: State) -> None:

@@ -210,6 +210,8 @@ class Search:
         self.view: type[Likelihood] = Likelihood
         # What each record has of its own, by parameter and number of the record.
         self.each: dict[tuple[str, int], float] = {}
+        # Worth of the best cause of the last round that unseen data do not confirm.
+        self.unsure = -math.inf
 
     @property
     def late(self) -> bool:
@@ -644,6 +646,7 @@ class Search:
             return min(fits, key=lambda s: s.cost)
 
         left = list(candidates[:_FITTED])
+        self.unsure = -math.inf
         while left and not self.late:
             best = now.cost - left[0].cost
             chosen = [
@@ -654,12 +657,16 @@ class Search:
             if not chosen:
                 break
             fits = self._parallel([(one, (c,)) for c in chosen])
-            found = [
+            whole = [
                 (self.worth(now.cost - s.cost, len(c.free)), c, s)
                 for c, s in zip(chosen, fits, strict=True)
                 if self.sound(s, c.slug, c.free)
-                and (self.simpler(s, now) or self.held_out(now, s).sure)
             ]
+            found = [
+                one for one in whole
+                if self.simpler(one[2], now) or self.held_out(now, one[2]).sure
+            ]  # fmt: skip
+            self.unsure = max([self.unsure, *(one[0] for one in whole if one not in found)])
             if found:
                 return self._ranked(sorted(found, key=lambda one: -one[0]))
             # What gains most may be refused: then it is no measure for the others.

@@ -104,13 +104,16 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         now = state.fit
         if now is not search.first[0]:
             search.tell(f"cause {len(state.causes) + 1}")
-            candidates = search.screen(now, not state.causes)
-            candidates = [c for c in candidates if c.slug not in state.refuted]
-        else:
-            candidates = list(search.first[1])
+        candidates: list[Candidate] = []
+        for stiff in (False, True):
+            some = search.screen(now, not state.causes, stiff)
+            some = [c for c in some if c.slug not in state.refuted]
+            if end is not None and end(state, some):
+                return None
+            candidates += some
+        candidates.sort(key=lambda c: c.cost)
+        if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
-        if end is not None and end(state, candidates):
-            return None
         ranked = search.extend(now, candidates)
         better = _better(search, now, ranked)
         if better is not None:

@@ -198,6 +198,7 @@ class Search:
         self.part = self.samples / whole
         self._costs: dict[Solution, FloatArray] = {}
         self._whole: dict[Solution, Solution] = {}
+        self._screened: dict[tuple[Solution, bool], list[Candidate]] = {}
         self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
@@ -351,7 +352,7 @@ class Search:
 
     @cached_property
     def first(self) -> tuple[Solution, list[Candidate]]:
-        """The fit without causes, and every candidate beside it, best first.
+        """The fit without causes, and every candidate beside it that is not hard, best first.
 
         Where a straight line does better than any, of the force that the motion needs.
         """
@@ -362,9 +363,10 @@ class Search:
         found = self.screen(now)
         # A drive with a limit is no match for the line either, until that is tried.
         if min([now.cost, *(c.cost for c in found)]) > lost and not self.late:
-            by_force = self._by_force()
-            if by_force is not None:
-                return by_force, self.screen(by_force)
+            if all(c.cost > lost for c in self.screen(now, stiff=True)):
+                by_force = self._by_force()
+                if by_force is not None:
+                    return by_force, self.screen(by_force)
         return now, found
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
@@ -418,8 +420,16 @@ class Search:
         noises = maximise(alone, alone.start(1.0), 6).z
         return self.fit(axis, self.free_of(now), noises, 0)
 
-    def screen(self, now: Solution, first: bool = True) -> list[Candidate]:
-        """Every effect of the catalogue beside a model, quickly refined, best first."""
+    def screen(self, now: Solution, first: bool = True, stiff: bool = False) -> list[Candidate]:
+        """Effects of the catalogue beside a model, quickly refined, best first.
+
+        Those that are `hard`, or all others: these take as long again.
+        """
+        if (now, stiff) not in self._screened:
+            self._screened[now, stiff] = self._screen(now, first, stiff)
+        return self._screened[now, stiff]
+
+    def _screen(self, now: Solution, first: bool, stiff: bool) -> list[Candidate]:
         rows = zip(now.problem.parameters, now.problem.place, now.z, strict=False)
         self.each = {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
         present = named(now.axis)
@@ -431,8 +441,9 @@ class Search:
         if self.clock:
             # An input that may be early cannot tell a delay, and with a lag it is smoothed.
             effects = tuple(e for e in effects if effect_class(e).action not in LATE)
+        effects = tuple(e for e in effects if hard(e) is stiff)
         besides = [now]
-        if self._bent(now, _BENT if first else _BOLD):
+        if effects and self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
         terms = now.problem._terms(now.z, now.point)
@@ -443,13 +454,13 @@ class Search:
                 Corrections(beside, self.nominal),
             ]
             starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
-            stiff, led, plain = [], [], []
+            last, led, plain = [], [], []
             for one in starts:
                 if not one:
                     continue
                 if hard(one[0].slug):
                     if beside is besides[-1]:
-                        stiff.append(one)
+                        last.append(one)
                 elif beside is not now or effect_class(one[0].slug).action in LATE:
                     # What the base has bent for shows where all is free; so does what moves
                     # the drive in time, and every other parameter with it.
@@ -458,7 +469,7 @@ class Search:
                     plain.append(one)
             found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
             found += self._quickly(now, terms, plain)
-            found += self._parallel([(self._patiently, (now, one, first)) for one in stiff])
+            found += self._parallel([(self._patiently, (now, one, first)) for one in last])
             for c in found:
                 if c and (c.slug not in best or c.cost < best[c.slug].cost):
                     best[c.slug] = c

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from dryfric_control.diagnosis.candidates import (
@@ -127,9 +129,12 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
                 search.shifted_by(early)
                 state.fit = early
                 continue
+        # The first cause is enough in itself.
+        so_far = first - now.cost if state.causes else -math.inf
+        enough = partial(_adds, so_far, search.samples)
         least = ranked[0][0] if ranked else 0.0
         if (least <= 0.0 or search.unsure - SLACK > least) and not search.late:
-            pair = _pair(search, now, candidates, max(least, 0.0))
+            pair = _pair(search, now, candidates, max(least, 0.0), enough)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
@@ -140,8 +145,7 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         _, chosen, fit = _plainest(ranked)
         if state.causes:
             # Few samples may show little of what acts now and then.
-            gain = max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)
-            if not notable(gain, first - now.cost + gain, search.samples):
+            if not enough(max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)):
                 break
         state.add(chosen, fit)
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
@@ -163,6 +167,11 @@ def notable(gain: float, whole: float, samples: int) -> bool:
     `whole`: the gain of all causes, this one among them.
     """
     return gain >= min(_FURTHER * whole, _QUIETER * samples)
+
+
+def _adds(so_far: float, samples: int, gain: float) -> bool:
+    """Whether a gain beside that so far is notable."""
+    return notable(gain, so_far + gain, samples)
 
 
 def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: ignore[no-untyped-def]
@@ -192,11 +201,16 @@ def _tidy(search: Search, state: State) -> None:
     _sift(search, state)
 
 
-def _pair(search: Search, now: Solution, candidates: Sequence[Candidate], least: float):  # type: ignore[no-untyped-def]
-    """The best two causes that only together are sure, and worth more than any one that is."""
+def _pair(search, now, candidates, least, enough):  # type: ignore[no-untyped-def]
+    """The best two causes that only together are sure, and worth more than any one that is.
+
+    `enough`: whether a gain is.
+    """
     some = candidates[:_PAIRED]
     gains = sum(now.cost - c.cost for c in some[:2])
     if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < least:
+        return None
+    if not enough(_HOPE * gains):
         return None
     search.tell("pairs")
     tasks = []
@@ -221,6 +235,7 @@ def _pair(search: Search, now: Solution, candidates: Sequence[Candidate], least:
         fit = search.fit(fits[i].axis, (*free, *names), noises)
         if (
             search.worth(now.cost - fit.cost, len(names), 2) > least
+            and enough(now.cost - fit.cost)
             and search.sound(fit, a.slug, a.free)
             and search.sound(fit, b.slug, b.free)
             and (search.simpler(fit, now) or search.held_out(now, fit).sure)

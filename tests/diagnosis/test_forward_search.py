@@ -1,5 +1,7 @@
 """Causes one after the other: what takes another's place, and what is too small to name."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_cases import among, believed, record
@@ -13,6 +15,7 @@ from dryfric_control.diagnosis.forward_search import (
     _close,
     _compare,
     _exchange,
+    _in_time,
     _sift,
     _spares,
     forward,
@@ -236,3 +239,36 @@ def test_a_fit_that_ended_early_is_gone_on_with_before_causes_are_compared(lopsi
     assert better.cost == pytest.approx(first.cost, abs=EQUAL)
     assert better.problem.names == first.problem.names
     assert _better(search, better, ranked) is None and _better(search, stuck, []) is None
+
+
+@pytest.mark.slow
+def test_two_causes_that_only_together_are_sure_come_before_a_lesser_one(monkeypatch):
+    case = make_machine(2, ("bias_force", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+
+    def held_out(less, fit):
+        slugs = {n.partition(".")[0] for n in search.free_of(fit)}
+        return SimpleNamespace(sure=slugs != {"stribeck"} and slugs != {"bias_force"}, gain=1e3)
+
+    monkeypatch.setattr(search, "held_out", held_out)
+    monkeypatch.setattr(search, "simpler", lambda fit, less: False)
+    with among("coulomb_asymmetry", "stribeck", "bias_force"):
+        now, candidates = search.first
+        ranked = search.extend(now, candidates)
+        assert [c.slug for _, c, _ in ranked] == ["coulomb_asymmetry"]
+        assert search.unsure > ranked[0][0]
+        assert sorted(forward(search).causes) == ["bias_force", "stribeck"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("found", ["actuator_lag", "input_delay"])
+def test_a_lag_found_beside_other_causes_may_be_a_delay(found):
+    case = make_machine(2, ("bias_force", "input_delay"))[0]
+    search = Search(believed(case), [record(case)])
+    time = case.truth["input_delay"]["delay"]
+    late = {"actuator_lag": "time_constant", "input_delay": "delay"}
+    causes = ("bias_force", BIAS), (found, {late[found]: time})
+    state = state_with(search, search.fit(search.believed, ()), *causes)
+    _in_time(search, state)
+    assert state.causes == ["bias_force", "input_delay"]
+    assert state.fit.values()["input_delay.delay"] == pytest.approx(time, rel=0.02)

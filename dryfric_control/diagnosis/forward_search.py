@@ -133,8 +133,12 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         so_far = first - now.cost if state.causes else -math.inf
         enough = partial(_adds, so_far, search.samples)
         least = ranked[0][0] if ranked else 0.0
-        if (least <= 0.0 or search.unsure - SLACK > least) and not search.late:
+        unsure = search.unsure
+        ahead = unsure is not None and unsure[0] - SLACK > max(least, 0.0)
+        if (least <= 0.0 or ahead) and not search.late:
             pair = _pair(search, now, candidates, max(least, 0.0), enough)
+            if pair is None and ahead:
+                pair = _ahead(search, now, unsure, max(least, 0.0), enough)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
@@ -239,6 +243,24 @@ def _pair(search, now, candidates, least, enough):  # type: ignore[no-untyped-de
             and search.sound(fit, a.slug, a.free)
             and search.sound(fit, b.slug, b.free)
             and (search.simpler(fit, now) or search.held_out(now, fit).sure)
+        ):
+            return (a, b), fit
+    return None
+
+
+def _ahead(search, now, unsure, least, enough):  # type: ignore[no-untyped-def]
+    """A cause that unseen data do not confirm by itself, with the next one beside it."""
+    _, a, half = unsure
+    search.tell(f"{a.slug} and another")
+    candidates = [c for stiff in (False, True) for c in search.screen(half, False, stiff)]
+    candidates.sort(key=lambda c: c.cost)
+    for _, b, fit in search.extend(half, candidates):
+        gain = now.cost - fit.cost
+        if (
+            search.worth(gain, len(a.free) + len(b.free), 2) > least
+            and enough(gain)
+            and search.sound(fit, a.slug, a.free)
+            and search.held_out(now, fit).sure
         ):
             return (a, b), fit
     return None

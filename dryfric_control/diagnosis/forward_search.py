@@ -27,6 +27,8 @@ _FURTHER, _QUIETER = 0.02, 0.02
 # Candidates of which pairs are tried, and by how much a pair may gain more than its
 # members one by one.
 _PAIRED, _HOPE = 5, 3.0
+# Causes that are unsure by themselves with which a search looks one round ahead.
+_UNSURE = 2
 # Candidates beside the chosen one that are tried in its place later, and the part of its
 # worth that they must have had.
 _REMEMBERED, _CLOSE = 4, 0.5
@@ -133,12 +135,11 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         so_far = first - now.cost if state.causes else -math.inf
         enough = partial(_adds, so_far, search.samples)
         least = ranked[0][0] if ranked else 0.0
-        unsure = search.unsure
-        ahead = unsure is not None and unsure[0] - SLACK > max(least, 0.0)
+        ahead = _apart(one for one in search.unsure if one[0] - SLACK > max(least, 0.0))
         if (least <= 0.0 or ahead) and not search.late:
             pair = _pair(search, now, candidates, max(least, 0.0), enough)
             if pair is None and ahead:
-                pair = _ahead(search, now, unsure, max(least, 0.0), enough)
+                pair = _ahead(search, now, ahead, max(least, 0.0), enough)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
@@ -250,20 +251,28 @@ def _pair(search, now, candidates, least, enough):  # type: ignore[no-untyped-de
 
 def _ahead(search, now, unsure, least, enough):  # type: ignore[no-untyped-def]
     """A cause that unseen data do not confirm by itself, with the next one beside it."""
-    _, a, half = unsure
-    search.tell(f"{a.slug} and another")
-    candidates = [c for stiff in (False, True) for c in search.screen(half, False, stiff)]
-    candidates.sort(key=lambda c: c.cost)
-    for _, b, fit in search.extend(half, candidates):
-        gain = now.cost - fit.cost
-        if (
-            search.worth(gain, len(a.free) + len(b.free), 2) > least
-            and enough(gain)
-            and search.sound(fit, a.slug, a.free)
-            and search.held_out(now, fit).sure
-        ):
-            return (a, b), fit
+    for _, a, half in unsure:
+        search.tell(f"{a.slug} and another")
+        for stiff in (False, True):
+            for _, b, fit in search.extend(half, search.screen(half, False, stiff)):
+                gain = now.cost - fit.cost
+                if (
+                    search.worth(gain, len(a.free) + len(b.free), 2) > least
+                    and enough(gain)
+                    and search.sound(fit, a.slug, a.free)
+                    and search.held_out(now, fit).sure
+                ):
+                    return (a, b), fit
     return None
+
+
+def _apart(unsure):  # type: ignore[no-untyped-def]
+    """The first few that do not all do the same."""
+    some: list[Any] = []
+    for one in unsure:
+        if all(abs(one[2].cost - other[2].cost) > EQUAL for other in some):
+            some.append(one)
+    return some[:_UNSURE]
 
 
 def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-def]

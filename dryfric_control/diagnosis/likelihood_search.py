@@ -211,8 +211,8 @@ class Search:
         self.view: type[Likelihood] = Likelihood
         # What each record has of its own, by parameter and number of the record.
         self.each: dict[tuple[str, int], float] = {}
-        # Best cause of the last round that unseen data do not confirm: worth, candidate, fit.
-        self.unsure: tuple[float, Candidate, Solution] | None = None
+        # Causes of the last round that unseen data do not confirm: worth, candidate, fit.
+        self.unsure: list[tuple[float, Candidate, Solution]] = []
 
     @property
     def late(self) -> bool:
@@ -657,7 +657,7 @@ class Search:
             return min(fits, key=lambda s: s.cost)
 
         left = list(candidates[:_FITTED])
-        self.unsure = None
+        self.unsure = []
         while left and not self.late:
             best = now.cost - left[0].cost
             chosen = [
@@ -677,8 +677,8 @@ class Search:
                 one for one in whole
                 if self.simpler(one[2], now) or self.held_out(now, one[2]).sure
             ]  # fmt: skip
-            doubted = [one for one in (self.unsure, *whole) if one and one not in found]
-            self.unsure = max(doubted, key=lambda one: one[0], default=None)
+            doubted = [*self.unsure, *(one for one in whole if one not in found)]
+            self.unsure = sorted(doubted, key=lambda one: -one[0])
             if found:
                 return self._ranked(sorted(found, key=lambda one: -one[0]))
             # What gains most may be refused: then it is no measure for the others.

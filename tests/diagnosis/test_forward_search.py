@@ -256,7 +256,7 @@ def test_two_causes_that_only_together_are_sure_come_before_a_lesser_one(monkeyp
         now, candidates = search.first
         ranked = search.extend(now, candidates)
         assert [c.slug for _, c, _ in ranked] == ["coulomb_asymmetry"]
-        assert search.unsure[0] > ranked[0][0]
+        assert search.unsure[0][0] > ranked[0][0]
         assert sorted(forward(search).causes) == ["bias_force", "stribeck"]
 
 

@@ -121,7 +121,9 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--to", required=True, choices=("c", "fmu"), help="what to write")
     export.add_argument("--out", default="export", metavar="DIR", help="folder for the files")
     export.add_argument("--name", metavar="NAME", help="prefix of the names in C")
-    export.add_argument("--dt", type=float, metavar="S", help="sampling time of an axis [s]")
+    export.add_argument(
+        "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
+    )
     export.add_argument(
         "--precision", choices=("double", "single"), default="double", help="of the C"
     )
@@ -177,6 +179,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = re.sub(
             r"Split there .*read_record\(\.\.\., dt=(\S+)\)", r"Fill them by --dt \1", words
         )
+        words = re.sub(
+            r"Use Record\.split_at_gaps\(\.\.\.\), or allow it with max_gap=(\S+)",
+            r"Allow it with --max-gap \1", words,
+        )  # fmt: skip
         print(f"{parser().prog}: {words}", file=sys.stderr)
         return 2
     return 0

@@ -27,6 +27,9 @@ SLUGS = {name: slug for slug, name in BASE.items()}
 _LEAST_SLIDING = 15
 # Part of the travel of the records beyond its ends where a place is still in it.
 _OUTSIDE = 0.1
+# Velocity over the largest of the records, that of nearly all samples, beyond which what depends
+# on it is the same for all.
+_FASTER, _NEARLY_ALL = 3.0, 0.995
 # Part of a sample below which nothing is late.
 _SOONEST = 0.02
 # Actions of which an axis holds one.
@@ -103,7 +106,7 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
 
 
 def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
-    """Whether a cause acts at a place that the machine has been at, and over a time that shows.
+    """Whether a cause acts at a place and a velocity that the machine had, over a time that shows.
 
     `values`: by the names of its free parameters, those of a second of its kind with its own.
     """
@@ -113,12 +116,19 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
     room = _OUTSIDE * (high - low)
     shortest = _SOONEST * float(np.median([r.dt for r in records]))
     for own, value in values.items():
-        kind = kinds[own.partition(".")[2]]["kind"]
+        of_kind = kinds[own.partition(".")[2]]
+        kind = of_kind["kind"]
         if kind == "place" and not low - room <= value <= high + room:
             return False
         if kind == "time" and value < shortest:
             return False
+        if of_kind["unit"] == "m/s" and value > _FASTER * max(_fastest(r) for r in records):
+            return False
     return True
+
+
+def _fastest(record: Record) -> float:
+    return float(np.quantile(np.abs(record.derivatives().v), _NEARLY_ALL))
 
 
 def own_names(name: str) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, left_open, or_a_gain
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor
+from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -617,7 +617,7 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
     gain = Gain(
         before=float(np.sqrt(rows[0].mean())),
         after=float(np.sqrt(rows[1].mean())),
-        floor=float(np.sqrt(floor.squares[:, measured].mean())),
+        floor=usual_rms([floor.squares[:, measured]]),
         interval=(float(low), float(high)),
         unit=axis.units[0],
     )

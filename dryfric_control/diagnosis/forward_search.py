@@ -143,6 +143,10 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
+                    # Alone they tell little: whatever is no more intricate may do as well.
+                    others = [o for o in candidates if o.slug != c.slug]
+                    others = [o for o in others if len(o.free) <= len(c.free)]
+                    state.close[c.slug] = others[:_REMEMBERED]
                 _tidy(search, state)
                 continue
             if least <= 0.0:

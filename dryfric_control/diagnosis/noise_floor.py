@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,6 +80,19 @@ class Floor:
             return 0.0, np.inf
         spread = float(np.std(above)) / np.sqrt(above.size)
         return float(above.mean()), max(spread, float(np.std(self.scores[:, active].mean(axis=1))))
+
+
+def usual_rms(squares: Sequence[FloatArray]) -> float:
+    """RMS error of a whole replay, the median of all.
+
+    In one replay or another a breakaway comes much later, which no mean should hang on.
+    `squares`: mean square errors of each record, each shape (nreplays, nwindows).
+    """
+    count = min(one.shape[0] for one in squares)
+    if not count:
+        return 0.0
+    whole = np.concatenate([one[:count] for one in squares], axis=1)
+    return float(np.sqrt(np.median(whole.mean(axis=1))))
 
 
 def noise_floor(

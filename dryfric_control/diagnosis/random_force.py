@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.forward_search import State, forward, names_witho
 from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
-from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
+from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.estimation.likelihood import BASE
@@ -501,6 +501,7 @@ def _motion(
     and than the random force makes them.
     """
     squares: list[list[FloatArray]] = [[], [], []]
+    replays: list[FloatArray] = []
     structured, places = False, list[str]()
     for i, w in enumerate(windows):
         axis = final.problem.axis_at(final.z, i)
@@ -519,6 +520,7 @@ def _motion(
         for row, one in zip(squares, (before, at), strict=False):
             row.append(w.mean_squares(one.errors)[active])
         squares[2].append(floor.squares[:, active].mean(axis=0))
+        replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
         if not _as_replayed(floor, scores, active):
             structured = True
@@ -530,6 +532,8 @@ def _motion(
             places += [f"{t}{which}" for t in here]
     rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
     gain = _gain(rows, search.believed.units[0])
+    if replays:
+        gain = replace(gain, floor=usual_rms(replays))
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     medians = [math.sqrt(float(np.median(row))) for row in rows]
     worse = any(

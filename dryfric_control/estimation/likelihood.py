@@ -65,6 +65,9 @@ _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
 # Radians that a contact turns in one sample, and a transmission with its damping, beyond
 # which they are rigid: more than the samples show, and steps by the dozen.
 _STIFF_CONTACT, _STIFF = 3.0, 4.0
+# Part of an increment within which no force changes that a reading shows: it would take steps
+# without end.
+_FINEST = 0.1
 # Longest step of a search coordinate of order 1, of one that is hardly known in standard
 # errors, and of a noise's logarithm.
 _REACH, _REACH_ERRORS, NOISE_REACH = 0.7, 2.0, 3.0
@@ -305,6 +308,9 @@ class Likelihood:
         contact = math.sqrt(numbers[CONTACT_STIFFNESS] * numbers[INVERSE_MASS])
         if contact * record.dt > _STIFF_CONTACT or turn * record.dt > _STIFF:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
+        finest = min((e.shortest_length for e in axis.effects), default=math.inf)
+        if finest < _FINEST * record.resolution.step:
+            raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
         # Steps need not be finer than what the random force hides.
         hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse

@@ -698,7 +698,7 @@ class Record:
             raise ValueError(
                 f"gap of {steps[k]:.4g} s after t[{k}] = {tv[k]:.6g} s, longer than "
                 f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
-                "allow it with max_gap="
+                f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
         if (period := options.pop("unwrap", None)) is not None:
             xv, rv = unwrapped(xv, rv, positive_number("unwrap", period))

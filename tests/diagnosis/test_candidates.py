@@ -29,6 +29,8 @@ def test_a_record_without_sliding_gives_no_guesses(name):
         ("spring", {"spring.stiffness": 3.0, "spring.rest": -0.02}, False),
         ("input_delay", {"input_delay.delay": 3e-5}, True),
         ("input_delay", {"input_delay.delay": 1e-5}, False),
+        ("stribeck", {"stribeck.excess": 0.3, "stribeck.speed": 0.44}, True),
+        ("stribeck_asymmetry", {"stribeck_asymmetry.speed": 0.47}, False),
         ("cogging_2", {"cogging_2.amplitude": 9.0, "cogging_2.phase": 50.0}, True),
     ],
 )

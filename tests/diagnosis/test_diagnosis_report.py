@@ -1144,3 +1144,27 @@ def test_report_is_written_whole_or_not_at_all(found, tmp_path, monkeypatch):
         write_report(found, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert matplotlib.pyplot.get_fignums() == []
+
+
+def test_records_that_were_diagnosed_together_are_named(found):
+    def called(name):
+        r = found.record
+        return dfc.Record(r.t, r.u, r.x, quantum=r.quantum, name=name)
+
+    more = replace(found, others=(called("b"), called("c")))
+    first = replace(more, record=called("a"))
+    assert wording.records_text(first) == "3 records: a, b, c"
+    assert str(first).startswith(f"verdict: {found.verdict} (of 3 records: a, b, c)")
+    assert "3 records: a, b, c" in html_page(first)
+    nameless = replace(more, record=called(""))
+    assert wording.records_text(nameless) == "3 records"
+
+
+def test_no_motion_is_advised_where_a_gain_does_the_same(found):
+    wrong = replace(
+        found.causes[0], effect="inertia", parameters={"mass": 2.5}, standard_errors={"mass": 0.1},
+        units={"mass": "kg"}, alternatives=("input_gain+viscous+coulomb",),
+    )  # fmt: skip
+    d = replace(found, causes=(wrong,), next_experiment=None)
+    (step,) = [one for one in wording.next_steps(d) if one.startswith("Separate")]
+    assert "known mass" in step and 'known=("mass",)' in step

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.noise_floor import Floor, noise_floor
+from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
@@ -158,3 +158,12 @@ def test_only_windows_asked_for_are_scored():
     floor, _ = floor_of(record, active=active)
     assert np.all(floor.scores[:, active] > 0.0)
     assert np.all(floor.scores[:, ~active] == 0.0)
+
+
+def test_one_late_breakaway_in_a_replay_moves_no_floor():
+    # Three replays of two records, of the first a fourth; one window errs a hundred times as much.
+    first, second = np.full((4, 3), 4.0), np.full((3, 1), 16.0)
+    assert usual_rms([first, second]) == pytest.approx(np.sqrt(7.0))
+    first[1, 2] = 4e4
+    assert usual_rms([first, second]) == pytest.approx(np.sqrt(7.0))
+    assert usual_rms([np.zeros((0, 3))]) == 0.0

@@ -434,3 +434,16 @@ def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
     found = maximise(problem, problem.start(1.0))
     noise = 0.03 * case.actual["coulomb"]
     assert found.random_force() == pytest.approx(noise, rel=0.1)
+
+
+def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_followed():
+    # A period that shrinks to its bound would take steps without end.
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+                            effects=(dfc.effects.Cogging(amplitude=0.1, period=1e-300),))  # fmt: skip
+    t = 1e-3 * np.arange(400)
+    x = np.round(1e6 * 0.05 * np.sin(3.0 * t)) * 1e-6
+    run = prepare(dfc.Record(t, 10.0 * np.cos(3.0 * t), x, quantum=1e-6))
+    problem = Likelihood(axis, ("mass",), [run])
+    assert problem.tried(problem.start()).cost == np.inf
+    with pytest.raises(ValueError, match="within a part of an increment"):
+        problem.at(problem.start())

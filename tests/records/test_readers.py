@@ -466,3 +466,27 @@ def test_a_gain_makes_no_numbers_of_true_and_false():
 def test_control_characters_do_not_reach_a_page():
     record = dfc.Record(T, U, X, name="a\x1b[31mb\x00", notes=["c\x07d", "\ud800"])
     assert record.name == "a\ufffd[31mb\ufffd" and record.notes == ("c\ufffdd", "\ufffd")
+
+
+def test_names_of_encoders_and_motors_are_known_where_no_usual_one_is_there(tmp_path):
+    t = np.arange(40)
+    rows = zip(t.tolist(), np.sin(t), np.round(100.0 * np.cos(0.1 * t)), strict=True)
+    lines = "\n".join(f"{a};{b:.3f};{c:.0f}" for a, b, c in rows)
+    sc = dfc.Scaling(counts_per_turn=4096, gear_ratio=20.0, torque_constant=0.05)
+    path = write(tmp_path, f"time_ms;motor_current_mA;encoder_counts\n{lines}\n")
+    record = dfc.read_record(path, gain=sc)
+    assert record.units["x"] == "rad" and record.units["u"] == "N m"
+    assert np.ptp(record.x) == pytest.approx(2 * np.pi * 200 / 4096 / 20.0, rel=0.01)
+    # A usual name comes first.
+    text = f"time_ms;force_N;position_m;encoder\n{lines.replace(chr(10), ';0' + chr(10))};0\n"
+    assert np.ptp(dfc.read_record(write(tmp_path, text)).x) == pytest.approx(200.0, rel=0.01)
+
+
+def test_a_gap_is_refused_with_what_allows_it():
+    t = np.delete(1e-3 * np.arange(400), slice(100, 112))
+    with pytest.raises(ValueError, match=r"or allow it with max_gap=(\S+)") as refused:
+        dfc.Record.from_irregular(t, np.cos(t), np.sin(20.0 * t), dt=1e-3)
+    enough = float(str(refused.value).rpartition("=")[2])
+    with pytest.warns(dfc.RecordWarning):
+        record = dfc.Record.from_irregular(t, np.cos(t), np.sin(20.0 * t), dt=1e-3, max_gap=enough)
+    assert len(record) == 400

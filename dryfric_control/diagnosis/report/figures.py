@@ -15,6 +15,7 @@ from dryfric_control.diagnosis.report.wording import (
     WAYS,
     headline,
     level_table,
+    records_text,
     summary_lines,
     times_smaller,
 )
@@ -111,7 +112,8 @@ def _page(d: Findings) -> NDArray[Any]:
     rows = min(text.count("\n") + 1, 14)
     if text.count("\n") + 1 > rows:
         text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
-    name = f"{d.record.name} \N{EN DASH} " if d.record.name else ""
+    names = records_text(d)
+    name = f"{names} \N{EN DASH} " if names else ""
     heading = textwrap.wrap(
         name + headline(d, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
     )

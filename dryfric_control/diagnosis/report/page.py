@@ -61,7 +61,7 @@ def html_page(d: Findings) -> str:
     return _TEMPLATES.get_template("page.html").render(
         _found(d),
         axis=d.axis.name,
-        record=r.name or "record",
+        record=wording.records_text(d) or "record",
         pictures=_pictures(d, before, after),
         steps=wording.next_steps(d),
         references=Markup(table(_reference_rows(d), as_html=True)) if d.references else "",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.diagnosis.gain_or_base import GAIN
 from dryfric_control.diagnosis.report.findings import (
     SMALL,
     Cause,
@@ -215,7 +216,9 @@ def next_steps(d: Findings) -> list[str]:
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
             others = " or ".join(map(titles_of, cause.alternatives))
-            steps.append(f"Separate {cause.title} from {others}. {cause.experiment}")
+            gain = any(GAIN in other.split("+") for other in (cause.effect, *cause.alternatives))
+            how = _BY_A_FORCE if gain else cause.experiment
+            steps.append(f"Separate {cause.title} from {others}. {how}")
         if not all(map(math.isfinite, cause.standard_errors.values())):
             steps.append(f"Determine {cause.title} better. {cause.experiment}")
     if d.next_experiment is not None:
@@ -236,9 +239,29 @@ def hidden_text(d: Findings, share: float) -> str:
     )
 
 
+# What tells a gain of the drive from base parameters that are all wrong.
+_BY_A_FORCE = (
+    "No motion does: clamp on a known mass or pull with a known force, and record again; or say "
+    'which value is right, such as known=("mass",).'
+)
+
+
+def records_text(d: Findings) -> str:
+    """Names of the records that were diagnosed together; how many, where they have none.
+
+    The first is the one that figures show.
+    """
+    names = [one.name for one in (d.record, *d.others) if one.name]
+    if not d.others:
+        return names[0] if names else ""
+    count = 1 + len(d.others)
+    return f"{count} records" + (f": {', '.join(names)}" if len(names) == count else "")
+
+
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
-    lines = [f"verdict: {d.verdict}"]
+    of = f" (of {records_text(d)})" if d.others else ""
+    lines = [f"verdict: {d.verdict}{of}"]
     for i, cause in enumerate(d.main_causes, start=1):
         lines.append(f"{i}. {cause_text(cause, d.axis)}")
         lines += [f"    {line}" for line in meaning(d, cause)]

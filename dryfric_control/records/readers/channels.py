@@ -32,6 +32,9 @@ ALIASES = {
     "x2": ("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
            "x_motor"),
 }  # fmt: skip
+# Names that a role has where no column has one of its usual names.
+_ELSE = {"x": ("counts", "encoder", "encoder_counts", "encoder_position"),
+         "u": ("motor_current", "motor_torque", "drive_force", "motor_force")}  # fmt: skip
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -66,7 +69,8 @@ def split_header(cell: str) -> tuple[str, str]:
     for mark in ("/", "_"):
         name, found, unit = cell.rpartition(mark)
         known = known_unit(unit) is not None
-        if found and known and any(name.strip().lower() in a for a in ALIASES.values()):
+        usual = (*ALIASES.values(), *_ELSE.values())
+        if found and known and any(name.strip().lower() in a for a in usual):
             return name.strip(), unit.strip()
     return cell, ""
 
@@ -193,7 +197,9 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
 def _recognise(role: str, names: list[str], where: str) -> int | None:
     """Index of the column whose name shows its role, if there is one."""
     exact = [k for k, n in enumerate(names) if n.lower() == role]
-    found = exact or [k for k, n in enumerate(names) if n.lower() in ALIASES[role]]
+    found = exact
+    for usual in (ALIASES[role], _ELSE.get(role, ())):
+        found = found or [k for k, n in enumerate(names) if n.lower() in usual]
     if len(found) > 1:
         raise ValueError(
             f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "

@@ -11,6 +11,8 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
 from dryfric_control.diagnosis.forward_search import (
     State,
+    _ahead,
+    _apart,
     _better,
     _close,
     _compare,
@@ -272,3 +274,25 @@ def test_a_lag_found_beside_other_causes_may_be_a_delay(found):
     _in_time(search, state)
     assert state.causes == ["bias_force", "input_delay"]
     assert state.fit.values()["input_delay.delay"] == pytest.approx(time, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_search_looks_one_round_ahead_of_what_is_unsure_by_itself():
+    case = make_machine(2, ("bias_force", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+    now = search.fit(search.believed, ())
+    bias = tried(search, now, "bias_force", {"force": -1.0})
+    half = search.fit(bias.axis, bias.free)
+    twin = tried(search, now, "coulomb_asymmetry", BIAS)
+    unsure = [(3.0, bias, half), (2.0, bias, half), (1.0, twin, now)]
+    # What costs the same does the same.
+    assert _apart(unsure) == [unsure[0], unsure[2]]
+    with among("stribeck", "bias_force"):
+        (a, b), fit = _ahead(search, now, unsure[:1], 0.0, lambda gain: True)
+        assert (a.slug, b.slug) == ("bias_force", "stribeck")
+        assert fit.cost < half.cost < now.cost
+        # Neither where there is more to be had, nor where it adds little.
+        assert (
+            _ahead(search, now, unsure[:1], 2.0 * (now.cost - fit.cost), lambda gain: True) is None
+        )
+        assert _ahead(search, now, unsure[:1], 0.0, lambda gain: False) is None

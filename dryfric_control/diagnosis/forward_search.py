@@ -134,23 +134,20 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         # The first cause is enough in itself.
         so_far = first - now.cost if state.causes else -math.inf
         enough = partial(_adds, so_far, search.samples)
-        least = ranked[0][0] if ranked else 0.0
-        ahead = _apart(one for one in search.unsure if one[0] - SLACK > max(least, 0.0))
-        if (least <= 0.0 or ahead) and not search.late:
-            pair = _pair(search, now, candidates, max(least, 0.0), enough)
-            if pair is None and ahead:
-                pair = _ahead(search, now, ahead, max(least, 0.0), enough)
+        least = max(ranked[0][0], 0.0) if ranked else 0.0
+        ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
+        if (least == 0.0 or ahead) and not search.late:
+            pair = _pair(search, now, candidates, least, enough)
+            pair = pair or _ahead(search, now, ahead, least, enough)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
                     # Alone they tell little: whatever is no more intricate may do as well.
-                    others = [o for o in candidates if o.slug != c.slug]
-                    others = [o for o in others if len(o.free) <= len(c.free)]
-                    state.close[c.slug] = others[:_REMEMBERED]
+                    state.close[c.slug] = _no_more(candidates, c)[:_REMEMBERED]
                 _tidy(search, state)
                 continue
-            if least <= 0.0:
-                break
+        if least == 0.0:
+            break
         _, chosen, fit = _plainest(ranked)
         if state.causes:
             # Few samples may show little of what acts now and then.
@@ -284,16 +281,19 @@ def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-
 
     What unseen data do not confirm while they are missing may be among it.
     """
-    fits = {c.slug: s for _, c, s in ranked}
-    some = [c for c in candidates if c.slug != chosen.slug and len(c.free) <= len(chosen.free)]
-    some = [replace(c, axis=fits[c.slug].axis) if c.slug in fits else c for c in some]
-    worth = {
-        c.slug: search.worth(now.cost - (fits[c.slug] if c.slug in fits else c).cost, len(c.free))
-        for c in some
-    }
-    least = _CLOSE * search.worth(now.cost - fits[chosen.slug].cost, len(chosen.free))
-    some = [c for c in some if worth[c.slug] > least]
-    return sorted(some, key=lambda c: -worth[c.slug])[:_REMEMBERED]
+    fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in ranked}
+
+    def worth(c: Candidate) -> float:
+        return search.worth(now.cost - c.cost, len(c.free))
+
+    least = _CLOSE * worth(fitted[chosen.slug])
+    some = [fitted.get(c.slug, c) for c in _no_more(candidates, chosen)]
+    return sorted([c for c in some if worth(c) > least], key=worth, reverse=True)[:_REMEMBERED]
+
+
+def _no_more(candidates: Sequence[Candidate], one: Candidate) -> list[Candidate]:
+    """Other candidates, of no more parameters."""
+    return [c for c in candidates if c.slug != one.slug and len(c.free) <= len(one.free)]
 
 
 def _sift(search: Search, state: State) -> None:

@@ -296,3 +296,17 @@ def test_a_search_looks_one_round_ahead_of_what_is_unsure_by_itself():
             _ahead(search, now, unsure[:1], 2.0 * (now.cost - fit.cost), lambda gain: True) is None
         )
         assert _ahead(search, now, unsure[:1], 0.0, lambda gain: False) is None
+
+
+def test_a_search_whose_time_is_over_while_it_compares_ends_with_what_it_has(monkeypatch):
+    case = make_machine(2, ("bias_force", "stribeck"))[0]
+    search = Search(believed(case), [record(case)])
+
+    def out_of_time(now, candidates):
+        search.until = 0.0
+        return []
+
+    monkeypatch.setattr(search, "extend", out_of_time)
+    with among("bias_force"):
+        state = forward(search)
+    assert state.late and state.causes == [] and state.fit is search.first[0]

@@ -20,6 +20,7 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.evidence import Evidence, evidence
+from dryfric_control.model.friction_curve import friction_over_velocity
 
 IMAGE = Path(__file__).resolve().parent / "images" / "emps.png"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -40,10 +41,10 @@ def draw(before: Evidence, after: Evidence) -> plt.Figure:
     friction = (record.u - after.axis.mass * smooth.a)[sliding][::4]
     left.plot(1e3 * smooth.v[sliding][::4], friction, ".", color="0.7", markersize=1.5,
               label="measured: drive force less inertia")  # fmt: skip
+    fastest, middle_of_travel = np.abs(smooth.v).max(), float(np.mean(record.x))
+    v = np.concatenate([np.linspace(-fastest, -1e-6, 200), np.linspace(1e-6, fastest, 200)])
     for seen, colour, label in rows:
-        drawn = seen.axis.plot_friction(speed=0.135).lines[0, 0][0]
-        plt.close(drawn.figure)
-        v, force = drawn.get_data()
+        force = friction_over_velocity(seen.axis, v, middle_of_travel)
         left.plot(1e3 * v, force, color=colour, linewidth=1.5, label=label)
     left.set(xlabel="velocity [mm/s]", ylabel="friction force [N]")
     left.legend(frameon=False, loc="upper left", fontsize="small")

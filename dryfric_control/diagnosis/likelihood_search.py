@@ -446,34 +446,40 @@ class Search:
         if effects and self._bent(now, _BENT if first else _BOLD):
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
-        terms = now.problem._terms(now.z, now.point)
+        if stiff:
+            starts = self._guessed(besides[-1], effects)
+            found = self._parallel([(self._patiently, (now, one, first)) for one in starts])
+        else:
+            terms = now.problem._terms(now.z, now.point)
+            found = [c for b in besides for c in self._easily(now, b, terms, effects)]
         best: dict[str, Candidate] = {}
-        for beside in besides:
-            views = [
-                View(beside.axis, self.records[0], self.nominal),
-                Corrections(beside, self.nominal),
-            ]
-            starts = self._parallel([(self._guess, (beside, e, views)) for e in effects])
-            last, led, plain = [], [], []
-            for one in starts:
-                if not one:
-                    continue
-                if hard(one[0].slug):
-                    if beside is besides[-1]:
-                        last.append(one)
-                elif beside is not now or effect_class(one[0].slug).action in LATE:
-                    # What the base has bent for shows where all is free; so does what moves
-                    # the drive in time, and every other parameter with it.
-                    led.append(one)
-                else:
-                    plain.append(one)
-            found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
-            found += self._quickly(now, terms, plain)
-            found += self._parallel([(self._patiently, (now, one, first)) for one in last])
-            for c in found:
-                if c and (c.slug not in best or c.cost < best[c.slug].cost):
-                    best[c.slug] = c
+        for c in found:
+            if c and (c.slug not in best or c.cost < best[c.slug].cost):
+                best[c.slug] = c
         return sorted(best.values(), key=lambda c: c.cost)
+
+    def _guessed(self, beside: Solution, effects: Sequence[str]) -> list[list[Start]]:
+        """First guesses of each effect that has some."""
+        views = [
+            View(beside.axis, self.records[0], self.nominal),
+            Corrections(beside, self.nominal),
+        ]
+        return [one for one in self._parallel(
+            [(self._guess, (beside, e, views)) for e in effects]
+        ) if one]  # fmt: skip
+
+    def _easily(
+        self, now: Solution, beside: Solution, terms: Any, effects: Sequence[str]
+    ) -> list[Candidate | None]:
+        """Candidates beside a model, from guesses beside it or beside the nominal base."""
+        led, plain = list[list[Start]](), list[list[Start]]()
+        for one in self._guessed(beside, effects):
+            # What the base has bent for shows where all is free; so does what moves
+            # the drive in time, and every other parameter with it.
+            late = effect_class(one[0].slug).action in LATE
+            (led if beside is not now or late else plain).append(one)
+        found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
+        return found + self._quickly(now, terms, plain)
 
     def _is_free(self, now: Solution, name: str) -> bool:
         return any(n.startswith(f"{name}.") for n in now.problem.names)

@@ -500,7 +500,7 @@ def _motion(
     Last, whether by their median or their RMS they are larger than those of the nominal axis,
     and than the random force makes them.
     """
-    squares: list[list[FloatArray]] = [[], [], []]
+    squares: list[list[FloatArray]] = [[], []]
     replays: list[FloatArray] = []
     structured, places = False, list[str]()
     for i, w in enumerate(windows):
@@ -517,9 +517,8 @@ def _motion(
         floor: Floor = noise_floor(
             w, axis, [axis] * _REPLAYS, at, active, force=final.random_force(i)
         )
-        for row, one in zip(squares, (before, at), strict=False):
+        for row, one in zip(squares, (before, at), strict=True):
             row.append(w.mean_squares(one.errors)[active])
-        squares[2].append(floor.squares[:, active].mean(axis=0))
         replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
         if not _as_replayed(floor, scores, active):
@@ -530,7 +529,8 @@ def _motion(
             )  # fmt: skip
             which = f" in record {i + 1}" if len(windows) > 1 else ""
             places += [f"{t}{which}" for t in here]
-    rows = [np.concatenate(r) if r else np.ones(1) for r in squares]
+    usual = [one.mean(axis=0) for one in replays]
+    rows = [np.concatenate(r) if r else np.ones(1) for r in (*squares, usual)]
     gain = _gain(rows, search.believed.units[0])
     if replays:
         gain = replace(gain, floor=usual_rms(replays))

@@ -22,6 +22,12 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
 from dryfric_control.text import length_text, percent
 
+# What tells a gain of the drive from base parameters that are all wrong.
+_BY_A_FORCE = (
+    "No motion does: clamp on a known mass or pull with a known force, and record again; or say "
+    'which value is right, such as known=("mass",).'
+)
+
 FloatArray = NDArray[np.float64]
 
 #: Directions of motion in words.
@@ -237,13 +243,6 @@ def hidden_text(d: Findings, share: float) -> str:
         f"Left out: {percent(share)} of the sliding samples, just after a turn, "
         f"where {' and '.join(names)} cannot be shown as a force; the free runs show it."
     )
-
-
-# What tells a gain of the drive from base parameters that are all wrong.
-_BY_A_FORCE = (
-    "No motion does: clamp on a known mass or pull with a known force, and record again; or say "
-    'which value is right, such as known=("mass",).'
-)
 
 
 def records_text(d: Findings) -> str:

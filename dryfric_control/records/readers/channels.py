@@ -35,6 +35,7 @@ ALIASES = {
 # Names that a role has where no column has one of its usual names.
 _ELSE = {"x": ("counts", "encoder", "encoder_counts", "encoder_position"),
          "u": ("motor_current", "motor_torque", "drive_force", "motor_force")}  # fmt: skip
+_KNOWN = frozenset(n for names in (*ALIASES.values(), *_ELSE.values()) for n in names)
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -69,8 +70,7 @@ def split_header(cell: str) -> tuple[str, str]:
     for mark in ("/", "_"):
         name, found, unit = cell.rpartition(mark)
         known = known_unit(unit) is not None
-        usual = (*ALIASES.values(), *_ELSE.values())
-        if found and known and any(name.strip().lower() in a for a in usual):
+        if found and known and name.strip().lower() in _KNOWN:
             return name.strip(), unit.strip()
     return cell, ""
 
@@ -196,9 +196,8 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
 
 def _recognise(role: str, names: list[str], where: str) -> int | None:
     """Index of the column whose name shows its role, if there is one."""
-    exact = [k for k, n in enumerate(names) if n.lower() == role]
-    found = exact
-    for usual in (ALIASES[role], _ELSE.get(role, ())):
+    found: list[int] = []
+    for usual in ((role,), ALIASES[role], _ELSE.get(role, ())):
         found = found or [k for k, n in enumerate(names) if n.lower() in usual]
     if len(found) > 1:
         raise ValueError(

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from dryfric_control._version import __version__
 from dryfric_control.store.files import replacing
@@ -40,8 +41,8 @@ def parser() -> argparse.ArgumentParser:
         "diagnose",
         help="find what a simulated axis gets wrong about a record, and why",
         description="Writes report.html, report.png, diagnosis.json and extended.toml. What the "
-        "options say of counts, gear and motor may also stand in the table [record] of the axis "
-        "file; an option goes before it.",
+        "options say of counts, gear, motor and sampling (dt, rate, max_gap) may also stand in the "
+        "table [record] of the axis file; an option goes before it.",
     )
     diagnose.add_argument(
         "record",
@@ -198,6 +199,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
     from dryfric_control.records import Scaling, read_record
+    from dryfric_control.records.scaling import read_sampling
     from dryfric_control.store.axis_file import read_axis, read_knowledge
     from dryfric_control.units import check_units
 
@@ -212,6 +214,13 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     for name in ("known", "tolerance", "time_limit"):
         if getattr(chosen, name) is not None:
             knowledge[name] = getattr(chosen, name)
+    # A rate excludes dt and max_gap: an option also replaces what it excludes in the file.
+    sampling: dict[str, Any] = {} if chosen.rate is not None else read_sampling(chosen.axis)
+    if chosen.dt is not None:
+        sampling.pop("rate", None)
+    for name in ("dt", "rate", "max_gap"):
+        if getattr(chosen, name) is not None:
+            sampling[name] = getattr(chosen, name)
     records = []
     for path in chosen.record:
         record = read_record(
@@ -219,9 +228,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
             chosen.columns,
             replace(Scaling.from_file(chosen.axis), **given),
             units=chosen.units,
-            dt=chosen.dt,
-            rate=chosen.rate,
-            max_gap=chosen.max_gap,
+            **sampling,
         )
         check_units(axis, record, Path(path).name)
         print(f"{Path(path).name}: {record.check().headline}")

@@ -183,3 +183,30 @@ def test_lost_rows_are_told_with_the_option_that_fills_them(run, capsys):
     assert "Fill them by --dt 0.001\n" in capsys.readouterr().err
     record = run(text, "--dt", "0.001")
     assert len(record) == 200 and record.bad["filled"] == 3
+
+
+def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
+    there = np.delete(np.arange(200), np.arange(50, 60))
+    text = table("t;u;x", (T[there], X[there], X[there]))
+    file = tmp_path / "axis.toml"
+    file.write_text(AXIS + "[record]\ndt = 1e-3\nmax_gap = 0.02\nlead = 5e-3\n")
+    assert run(text).bad["filled"] == 10
+    assert run(text, "--dt", "0.002").dt == 0.002  # the gap allowed by the file still is
+    assert run(table("u;x", (X, X)), "--rate", "500").dt == 0.002  # no dt, which it excludes
+    file.write_text(AXIS + "[record]\nrate = 250\n")
+    assert run(table("u;x", (X, X))).dt == 0.004
+    assert run(text, "--dt", "0.001", "--max-gap", "0.02").dt == 0.001
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("dt = 0.0", "axis.toml: record.dt must be more than zero"),
+        ('max_gap = "5 ms"', "axis.toml: record.max_gap must be a number"),
+        ("max_gpa = 0.02", "Did you mean 'max_gap'?"),
+    ],
+)
+def test_a_bad_sampling_in_the_axis_file_is_told(run, tmp_path, capsys, line, words):
+    (tmp_path / "axis.toml").write_text(f"{AXIS}[record]\n{line}\n")
+    assert run(table("t;u;x", (T, X, X))) is None
+    assert words in capsys.readouterr().err

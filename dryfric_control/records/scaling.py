@@ -17,6 +17,8 @@ from dryfric_control.text import did_you_mean
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
 _OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
             "rated_force")  # fmt: skip
+# What the table [record] says of the sampling, which `read_record` takes beside a scaling.
+_SAMPLING = ("dt", "rate", "max_gap")
 
 
 class Conversion(NamedTuple):
@@ -159,12 +161,7 @@ class Scaling:
         ...     dfc.Scaling.from_file(path).lead
         0.005
         """
-        try:
-            data = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("record", {})
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-            raise ValueError(f"{path} is no TOML: {problem}") from None
-        if not isinstance(data, dict):
-            raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
+        data = _table(path)
         try:
             return cls.from_dict(data)
         except ValueError as problem:
@@ -182,15 +179,16 @@ class Scaling:
         Returns
         -------
         Scaling
+            Without the table's `dt`, `rate` and `max_gap`, which `read_sampling` reads.
         """
-        known = [item.name for item in fields(cls)]
+        known = [*(item.name for item in fields(cls)), *_SAMPLING]
         for key in data:
             if key not in known:
                 raise ValueError(
                     f"record.{key} is not known{did_you_mean(key, known)}; known are "
                     f"{', '.join(known)}"
                 )
-        return cls(**data)
+        return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 
     def conversion(self, role: str, unit: str) -> Conversion | None:
         """Factor that brings a channel to the axis, if it takes one.
@@ -246,6 +244,52 @@ class Scaling:
         if self.lead is None:
             return Conversion(factor, raw, "N m")
         return Conversion(factor * 2 * math.pi / self.lead, raw, "N")
+
+
+def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:
+    """Sampling of records in the table ``[record]`` of an axis file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file that `read_axis` reads.
+
+    Returns
+    -------
+    dict
+        Arguments `dt`, `rate` and `max_gap` of `read_record`, as far as given.
+
+    Raises
+    ------
+    ValueError
+        If one is no number above zero.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from dryfric_control.records.scaling import read_sampling
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "axis.toml")
+    ...     _ = path.write_text("[record]\\ndt = 1e-3\\nmax_gap = 0.02\\nlead = 5e-3\\n")
+    ...     read_sampling(path)
+    {'dt': 0.001, 'max_gap': 0.02}
+    """
+    data = _table(path)
+    try:
+        return {key: positive(f"record.{key}", data[key]) for key in _SAMPLING if key in data}
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
+
+
+def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The table ``[record]`` of an axis file, empty where there is none."""
+    try:
+        data = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("record", {})
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise ValueError(f"{path} is no TOML: {problem}") from None
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
+    return data
 
 
 def _gain(name: str, value: Any) -> float:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from dryfric_control.checks import finite, positive
 from dryfric_control.store.files import existing_file
 from dryfric_control.text import did_you_mean
+from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
 _OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
@@ -198,19 +199,33 @@ class Scaling:
         role : str
             ``"u"``, ``"x"``, ``"reference"`` or ``"v"``, ``"a"``; others are left alone.
         unit : str
-            Unit it is in, empty if it is not known.
+            Unit it is in, such as ``"mA"``, empty if it is not known.
 
         Returns
         -------
         Conversion or None
+            None where the numbers of the machine do not enter, as for a force in kN.
+
+        Raises
+        ------
+        ValueError
+            When the unit is not known or cannot belong to this channel.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> dfc.Scaling(torque_constant=0.5).conversion("u", "mA")
+        Conversion(factor=0.0005, raw='mA', unit='N m')
         """
-        return self._drive(unit) if role == "u" else self._motion(role, unit)
+        if role not in ("u", "x", "reference", "v", "a"):
+            return None
+        factor, si = si_unit(role, unit) if unit else (1.0, "")
+        found = self._drive(si) if role == "u" else self._motion(role, si)
+        return found and Conversion(factor * found.factor, unit or found.raw, found.unit)
 
     def _motion(self, role: str, unit: str) -> Conversion | None:
         """Turns of the encoder to way of the load."""
-        tail = {"x": "", "reference": "", "v": "/s", "a": "/s^2"}.get(role)
-        if tail is None:
-            return None
+        tail = {"v": "/s", "a": "/s^2"}.get(role, "")
         ratio = 1.0 if self.load_encoder else self.gear_ratio
         if not tail and unit in ("", "counts") and self.counts_per_turn is not None:
             turn, raw = self.counts_per_turn, "counts"

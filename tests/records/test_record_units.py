@@ -113,6 +113,28 @@ def test_per_cent_and_current_make_a_force(options, stored, factor, unit):
     assert record.units["u"] == unit and record.raw["u"][1] == pytest.approx(factor)
 
 
+@pytest.mark.parametrize(
+    ("role", "stored"),
+    [("u", "mA"), ("u", "A"), ("u", "kNm"), ("x", "ticks"), ("x", "rev"), ("v", "rpm")],
+)
+def test_a_conversion_asked_for_is_that_of_a_record(role, stored):
+    """Asked for milliamperes, a scaling that knows the torque per ampere gave nothing."""
+    scaling = dfc.Scaling(counts_per_turn=4096, gear_ratio=4.0, lead=5e-3, torque_constant=0.05)
+    source = {"t": T, "u": U, "x": X, "v": U}
+    record = dfc.read_record(source, units={role: stored}, gain=scaling)
+    found = scaling.conversion(role, stored)
+    assert found.raw == stored and found.unit == record.units[role]
+    assert record.raw[role] == (stored, pytest.approx(found.factor))
+
+
+def test_a_conversion_of_what_is_no_unit_is_refused():
+    scaling = dfc.Scaling(torque_constant=0.05)
+    with pytest.raises(ValueError, match="unit 'MA' of u is not known. Did you mean 'mA'"):
+        scaling.conversion("u", "MA")
+    # A force of the load and a second encoder: no number of the machine enters.
+    assert scaling.conversion("u", "kN") is None and scaling.conversion("x2", "counts") is None
+
+
 def test_an_encoder_on_the_load_knows_no_gear():
     scaling = dfc.Scaling(counts_per_turn=1000, gear_ratio=50.0, load_encoder=True)
     record = dfc.read_record({"t": T, "u": U, "x": np.round(1e4 * X)}, gain=scaling)

@@ -149,7 +149,8 @@ def replay(
     Raises
     ------
     ValueError
-        If the window holds fewer than 5 samples or more than the record.
+        If the window holds fewer than 5 samples or more than the record, or for several
+        records, which have a replay each.
 
     Notes
     -----
@@ -171,6 +172,7 @@ def replay(
     """
     instance("axis", axis, FrictionAxis)
     shift = finite("shift", shift, unit="s")
+    _one(record, "dfc.replay(axis, one)")
     windows = cut(record, window, hold)
     check_units(axis, record)
     positions = windows.run(axis, shift)
@@ -285,6 +287,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     True
     """
     instance("axis", axis, FrictionAxis)
+    _one(record, "dfc.replay_loop(axis, one, controller)")
     instance("record", record, Record)
     instance("controller", controller, PositionController)
     check_units(axis, record)
@@ -305,3 +308,12 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
         v0=float(start.v[0]),
     )
     return LoopReplay(record, response, axis.units)
+
+
+def _one(record: Any, call: str) -> None:
+    """Refuse several records, which `fit` and `diagnose` take, with the call for each."""
+    if isinstance(record, (list, tuple)):
+        raise ValueError(
+            f"record must be a single Record, got {len(record)} in a {type(record).__name__}: "
+            f"replay one at a time, [{call} for one in records]"
+        )

@@ -398,6 +398,17 @@ def test_replay_of_the_truth_is_at_the_floor():
     assert off.median > 5.0 * run.median
 
 
+def test_a_replay_of_several_records_is_refused_with_the_loop_that_does_it():
+    """`fit` and `diagnose` take them; here it said no more than that a list is no Record."""
+    case = truth.make_null(0, "short")
+    axis, records = axis_of(case), [record_of(case)] * 2
+    with pytest.raises(ValueError, match=r"got 2 in a list.*\[dfc.replay\(axis, one\) for one in"):
+        replay(axis, records)
+    loop = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=1e-3)
+    with pytest.raises(ValueError, match=r"in a tuple.*dfc.replay_loop\(axis, one, controller\)"):
+        replay_loop(axis, tuple(records), loop)
+
+
 def test_replay_loop_needs_its_reference():
     case = truth.make_null(0, "short")
     record = Record(case.t, case.u, case.x)

@@ -16,6 +16,7 @@ from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.uncertainty import half_width
 from dryfric_control.identification.crawl import (
     HIGHEST,
+    SLOW,
     Pieces,
     average,
     blocks_of,
@@ -27,7 +28,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result
+from dryfric_control.text import Result, percent
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
@@ -211,8 +212,8 @@ def identify_coulomb(
     Warns
     -----
     FitWarning
-        When a level rests on a few slips only, or on one speed, or on speeds
-        within a Stribeck peak.
+        When a level rests on a few slips only, or on nearly one velocity, slower motion left
+        out, or on velocities within a Stribeck peak.
 
     Notes
     -----
@@ -220,7 +221,7 @@ def identify_coulomb(
     travelled: the work of friction.  Whatever inertia does, its work over a
     slip from rest to rest is zero, so stick-slip ripple does not bias the
     level; what is left at the ends of a piece is the rise of v^2/2.  Motion
-    slower than 0.4 of the typical speed is left out: there the level may be
+    slower than 0.6 of the typical speed is left out: there the level may be
     that of the Stribeck peak.
 
     A crawl in which every speed lies within the peak measures the raised
@@ -264,14 +265,19 @@ def identify_coulomb(
         if axis.stribeck is not None:
             force = force / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)
         pieces = pieces._replace(u=force)
-    elif _varies(fine):
+    elif (varies := _variation(fine)) > _VARIES:
         viscous, mass = _along_the_way(fine, travel)
         if viscous < 0.0:
-            _tell(fine, record, "friction falls with speed, as within a Stribeck peak")
+            _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous, mass = max(viscous, 0.0), max(mass, 0.0)
     else:
         known = True  # as far as it matters
-        _tell(fine, record, "the record crawls at one speed")
+        _tell(
+            fine,
+            record,
+            f"the velocity varies by {percent(varies)} only (motion slower than {SLOW:g} of the "
+            "typical velocity is left out)",
+        )
     force = pieces.u
     if viscous is not None and mass is not None:
         force = force - viscous * pieces.v - mass * pieces.rise
@@ -322,7 +328,7 @@ def identify_coulomb(
 
 
 def _tell(pieces: Pieces, record: Record, what: str) -> None:
-    """Warn that levels are friction at the speed of the crawl."""
+    """Warn that levels are friction at the velocity of the crawl."""
     speed = float(np.average(np.abs(pieces.v), weights=pieces.way))
     warnings.warn(
         f"{what}: the levels are friction at {speed:.3g} {record.units.get('x', 'm')}/s, with "
@@ -341,12 +347,12 @@ def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:
     return -forces(bare, pieces.x, pieces.v, pieces.u, pieces.direction)
 
 
-def _varies(pieces: Pieces) -> bool:
-    """Whether the speed varies enough to show viscous friction and inertia."""
+def _variation(pieces: Pieces) -> float:
+    """Standard deviation of the speed along the way, relative to its mean."""
     speed = np.abs(pieces.v)
     mean = np.average(speed, weights=pieces.way)
     spread = np.sqrt(np.average((speed - mean) ** 2, weights=pieces.way))
-    return bool(spread > _VARIES * mean)
+    return float(spread / mean)
 
 
 def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, float]:

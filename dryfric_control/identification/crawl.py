@@ -20,10 +20,8 @@ FloatArray = NDArray[np.float64]
 _PIECE = 1.0 / 80.0
 # Part of the typical speed to which the speed is to be known.
 _KNOWN = 0.02
-# Slower than this part of the typical speed, friction may be off its Coulomb level.
-_SLOW = 0.6
-
-
+#: Slower than this part of the typical speed, friction may be off its Coulomb level.
+SLOW = 0.6
 #: Highest degree; polynomials beyond do not behave between the data.
 HIGHEST = 8
 # Blocks that a direction's way is cut into.
@@ -88,7 +86,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
         whole = np.empty(0, np.int64)
         return Pieces(none, none, none, none, none, whole, whole, none, none, none)
     typical = np.sum(way * np.abs(middle)) / way.sum()
-    s = np.where(s * middle > _SLOW * typical, s, 0)
+    s = np.where(s * middle > SLOW * typical, s, 0)
     longest = piece * record.range
     starts = np.flatnonzero((s != 0) & (np.diff(s, prepend=0) != 0))
     rows = []

@@ -129,10 +129,12 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
             "excite it with quick reversals"
         )
     if name == "viscous":
-        share = axis.viscous * np.std(speed) / force
+        sliding = np.abs(speed[np.concatenate([directions(r) for r in records]) != 0])
+        slow, fast = np.quantile(sliding, (0.05, 0.95)) if sliding.size else (0.0, 0.0)
         return (
-            f"the speed changes little, f v varies by {percent(share)} of the drive force; run at "
-            "several speeds, up to the fastest"
+            f"90 % of the motion is at {slow:.3g} to {fast:.3g} {axis.unit('m/s')}, over which f v "
+            f"changes by {percent(axis.viscous * (fast - slow) / force)} of the drive force; run "
+            "at several velocities, up to the fastest"
         )
     if name.startswith("coulomb"):
         for side, s in (("plus", 1), ("minus", -1)):

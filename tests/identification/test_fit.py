@@ -1,5 +1,6 @@
 """Fits of axes to records: recovered parameters, honest errors, clear words."""
 
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -12,6 +13,7 @@ from dryfric_control.estimation.parameters import Scales, choose, typical, value
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
+from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.records import Record, read_record
 from dryfric_control.records.motion import directions
 
@@ -243,6 +245,25 @@ def test_crawl_without_acceleration_names_the_inertia():
     record = Record(t, u + 1e-3 * np.sin(40.0 * t), x)
     with pytest.warns(FitWarning, match="mass .*hardly accelerates"):
         fit(axis, record, free=("mass", "coulomb"))
+
+
+def test_viscous_friction_that_is_small_is_not_put_down_to_one_velocity():
+    """It said that the speed changes little, where it ran up to 2 m/s."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.1, coulomb=8.0)
+    t = 1e-3 * np.arange(3000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    record = Record(t, u, axis.simulate(u, dt=1e-3).y[0])
+    _, parameters = choose(axis, ("viscous",), typical([record]))
+    one, none = np.ones(1), np.empty((0, 1))
+    (message,) = cannot_tell(
+        axis, [record], parameters, 0.1 * one, one, np.eye(1), none, one
+    )  # ten times its value as its standard error
+    low, high, share = map(
+        float, re.search(r"at (\S+) to (\S+) m/s, .* (\S+) % of", message).groups()
+    )
+    speed = np.abs(record.derivatives().v)
+    assert 10.0 * low < high == pytest.approx(np.quantile(speed[speed > 1e-3], 0.95), rel=0.05)
+    assert share == pytest.approx(10.0 * (high - low) / np.sqrt(np.mean(u**2)), rel=0.05)
 
 
 @pytest.mark.slow

@@ -231,7 +231,10 @@ def _diagnose(chosen: argparse.Namespace) -> None:
             **sampling,
         )
         check_units(axis, record, Path(path).name)
-        print(f"{Path(path).name}: {record.check().headline}")
+        check = record.check()
+        print(f"{Path(path).name}: {check.headline}")
+        if check.assumed:
+            print(f"{Path(path).name}: units: {check.assumed}")
         records.append(record)
     _make_room(folder)
     found = diagnose(

@@ -124,6 +124,16 @@ def test_units_that_are_not_the_axis_s_are_refused(run, capsys):
     assert "run.csv: x is in 'counts', the axis has 'm'" in capsys.readouterr().err
 
 
+def test_units_that_a_file_does_not_state_are_printed(run, capsys):
+    run(table("t;u;x", (T, X, X)))
+    assert (
+        "run.csv: units: none stated for u, x: taken as those of the axis"
+        in capsys.readouterr().out
+    )
+    run(table("t;u [N];x [m]", (T, X, X)))
+    assert "none stated" not in capsys.readouterr().out
+
+
 def test_a_file_without_time_takes_a_rate(run):
     assert run(table("u;x", (X, X)), "--rate", "500").dt == 0.002
 

@@ -59,6 +59,8 @@ class RecordCheck(Result):
         Units of position and drive; empty where the record does not know.
     messages : tuple of str
         What the record is uninformative about, and what looks wrong.
+    assumed : str
+        What is taken for units that nobody stated, empty where all are.
 
     Examples
     --------
@@ -89,6 +91,7 @@ class RecordCheck(Result):
     noise: float
     units: tuple[str, str]
     messages: tuple[str, ...]
+    assumed: str = ""
 
     @property
     def headline(self) -> str:
@@ -134,7 +137,7 @@ class RecordCheck(Result):
                 f"{slow:.3g} to {fast:.3g} {speed} in 90 % of the motion".replace("  ", " "),
             ),
         ]
-        yield rows
+        yield [*rows, ("units", self.assumed)] if self.assumed else rows
         for message in self.messages:
             yield f"warning: {message}"
 
@@ -146,6 +149,23 @@ class RecordCheck(Result):
 def _percent(share: float) -> str:
     """A share as a percentage; one that is not zero does not look like it."""
     return "less than 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
+
+
+def assumed_units(units: Mapping[str, str]) -> str:
+    """What is taken for units that nobody stated; empty where all are.
+
+    Examples
+    --------
+    >>> assumed_units({"t": "s", "u": "N"})
+    'none stated for x: taken as those of the axis (m by default), time in s'
+    """
+    usual = {role: unit for role, unit in (("u", "N"), ("x", "m")) if role not in units}
+    if not usual:
+        return ""
+    return (
+        f"none stated for {', '.join(usual)}: taken as those of the axis "
+        f"({', '.join(usual.values())} by default), time in s"
+    )
 
 
 def energy_message(record: Record, units: tuple[str, str]) -> str | None:
@@ -196,6 +216,7 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         noise=record.noise,
         units=units,
         messages=(),
+        assumed=assumed_units(record.units),
     )
     return replace(found, messages=tuple(_messages(found, energy_message(record, units))))
 

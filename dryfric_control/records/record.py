@@ -37,7 +37,7 @@ from dryfric_control.records.bad_readings import (
     without,
 )
 from dryfric_control.records.comparison import Comparison, compared
-from dryfric_control.records.data_check import RecordCheck, check_record
+from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
 from dryfric_control.records.readers.sources import read_channels
@@ -966,6 +966,7 @@ class Record:
     def _rows(self) -> list[tuple[str, str]]:
         unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
         quantum = f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"
+        assumed = assumed_units(self.units)
         return [
             ("record", self.name or "(no name)"),
             ("samples", f"{len(self)} at {self.dt:.6g} s, {self.duration:.6g} s"),
@@ -973,6 +974,7 @@ class Record:
             ("input", f"{self.u.min():.6g} to {self.u.max():.6g}{unit_u}"),
             ("position", f"{self.x.min():.6g} to {self.x.max():.6g}{unit_x}"),
             ("reference", "yes" if self.reference is not None else "no"),
+            *((("units", assumed),) if assumed else ()),
             *(("channel", self._label(name, name)) for name in self.channels),
             *(("raw", f"{k}: {f:.6g} per {u or 'unit'}") for k, (u, f) in self.raw.items()),
             ("quantum", quantum),
@@ -1022,6 +1024,7 @@ class Record:
         noise     0.289 um
         motion    48 % forwards, 42 % backwards, longest rest 0.073 s
         velocity  0.013 to 0.592 m/s in 90 % of the motion
+        units     none stated for u, x: taken as those of the axis (N, m by default), time in s
         """
         return check_record(self, self._known_units())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -90,6 +92,26 @@ def test_a_part_that_stands_still_is_checked_too():
     found = dfc.Record(T, np.cos(T), 1e-5 * np.round(1e5 * X))[2100:2900].check()
     assert found.at_rest == 1.0 and found.travel == 0.0
     assert about(found, "little to learn from")
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        ({}, "none stated for u, x: taken as those of the axis (N, m by default), time in s"),
+        ({"u": "N m"}, "none stated for x: taken as those of the axis (m by default), time in s"),
+        ({"u": "N", "x": "m"}, ""),
+    ],
+)
+def test_units_that_nobody_stated_are_shown_without_a_warning(units, said):
+    """A column in mm under a plain heading was taken for metres, and nothing showed it."""
+    source = {"t": T, "u": np.gradient(X), "x": X}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = dfc.read_record(source, units=units)
+    found = record.check()
+    assert found.assumed == found.to_dict()["assumed"] == said and not about(found, "stated")
+    for shown in (found.summary(), record.summary(), record._repr_html_()):
+        assert (said in shown) and ("none stated" in shown) == bool(said)
 
 
 def test_units_are_those_of_the_record():

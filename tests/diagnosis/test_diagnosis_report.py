@@ -592,13 +592,32 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     assert ax.get_xlim()[0] == 1.0
 
 
+def test_bars_are_of_likelihood_where_it_decided(found):
+    """One-step predictions err hardly less: a cause beyond doubt had no bar, or was no better."""
+    scores = {"": 0.0, "spring": -0.008, "bias_force": -0.004, "gravity": 1e-3, "drift": -1e-3}
+    d = replace(found, scores=scores, references={"nominal axis": 50.0})
+    ax = d.plot().axes.ravel()[-2]
+    assert ax.get_xlabel() == "gain of log-likelihood,\none-step predictions"
+    # Half the fall of the score at each of 8000 samples; 4 is no more than chance.
+    bars = [patch.get_x() + patch.get_width() for patch in ax.patches]
+    assert bars == pytest.approx([32.0, 16.0])
+    assert [text.get_text() for text in ax.texts] == [" useful only in combination"]  # gravity
+    words = words_of(page_of(d))
+    assert "Gain of log-likelihood, one-step predictions: the best candidates" in words
+    assert "(below 6: chance). Alone no better: " in words
+    assert found.plot().axes.ravel()[-2].get_xlabel() == "error reduction of free\nruns (factor)"
+
+
 @pytest.mark.slow
-def test_no_bar_at_all_is_told_in_a_sentence(found):
+def test_no_bar_at_all_is_told_in_a_sentence(found, uneven):
     d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
     ax = d.plot().axes.ravel()[-2]
     assert not ax.patches and not ax.axison
-    sentence = figures.NO_BAR
+    sentence = figures.no_bar_text(d)
+    assert sentence.endswith("Coulomb level do. In combination: spring + bias force.")
     assert " ".join(ax.texts[0].get_text().split()) == sentence
+    base = replace(uneven, causes=uneven.causes[-2:], scores=d.scores)
+    assert sentence.startswith(figures.no_bar_text(base))  # base parameters: no candidates
     page = page_of(d)
     assert sentence in words_of(page)
     assert "Bars:" not in page

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
+from dryfric_control.diagnosis.held_out import LEAST
 from dryfric_control.diagnosis.report.findings import Findings, plain, title_of
 from dryfric_control.diagnosis.report.wording import (
     WAYS,
@@ -55,15 +56,15 @@ _MARKS = {1: ">", -1: "<"}
 _MEDIAN = "median"
 # Points of the lines of the Coulomb level.
 _LEVEL_POINTS = 49
-# Bars of candidates: error reduction that is worth a bar, and the range of the
+# Bars of candidates: error reduction of free runs that is worth a bar, and the range of the
 # scale, at least.
 _WORTH, _LEAST_TIMES = 1.05, 1.5
 # Marks on that scale, as many as there is room for.
 _FINE = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0)
 _COARSE = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 _MOST_TICKS = 6
-#: Where no candidate earns a bar.
-NO_BAR = (
+# Where no candidate earns a bar.
+_NO_BAR = (
     "No candidate alone reduces the error by more than other values for mass, viscous friction "
     "and Coulomb level do."
 )
@@ -392,25 +393,49 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
 
 
 def falls(d: Findings) -> dict[str, float]:
-    """Error reduction (factor) of every candidate alone, by id, the largest first.
+    """What every candidate gains alone, by id, the most first, as `measure` names it.
 
     Against the axis with its base parameters fitted, or where that was not tried
-    the worst candidate; below one for a candidate that does worse.
+    the worst candidate.
     """
     table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
     reference = d.scores.get("", max(table.values(), default=0.0))
     order = sorted(table, key=table.__getitem__)
+    if d.references:
+        # One step errs hardly less with a cause than without: all of them together show it.
+        half = 0.5 * sum(map(len, (d.record, *d.others)))
+        return {slug: half * (reference - table[slug]) for slug in order}
     return {slug: times_smaller(reference - table[slug]) for slug in order}
+
+
+def measure(d: Findings) -> str:
+    """Name of what `falls` gives: that by which causes were chosen."""
+    if d.references:
+        return "gain of log-likelihood, one-step predictions"
+    return "error reduction of free runs (factor)"
+
+
+def worth(d: Findings) -> float:
+    """What a candidate must gain for a bar: more than chance, or visibly."""
+    return LEAST if d.references else _WORTH
 
 
 def any_bar(d: Findings) -> bool:
     """Whether a candidate alone does visibly better than other base parameters."""
-    return max(falls(d).values(), default=0.0) >= _WORTH
+    return max(falls(d).values(), default=0.0) >= worth(d)
 
 
-def top(times: dict[str, float], named: set[str]) -> dict[str, float]:
+def no_bar_text(d: Findings) -> str:
+    """What stands in place of the bars, with the causes that help in combination."""
+    if not d.scores.keys() & {cause.effect for cause in d.causes} or len(d.causes) < 2:
+        return _NO_BAR
+    return f"{_NO_BAR} In combination: {' + '.join(cause.title for cause in d.causes)}."
+
+
+def top(d: Findings, named: set[str]) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
-    best = [slug for slug, value in times.items() if value >= _WORTH][:_BARS]
+    times = falls(d)
+    best = [slug for slug, value in times.items() if value >= worth(d)][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
 
@@ -418,8 +443,8 @@ def others_text(d: Findings) -> str:
     """Candidates without a bar, in one line."""
     times = falls(d)
     named = {slug for cause in d.causes for slug in (cause.effect, *cause.alternatives)}
-    shown = top(times, named)
-    better = [slug for slug, value in times.items() if slug not in shown and value >= _WORTH]
+    shown = top(d, named)
+    better = [slug for slug, value in times.items() if slug not in shown and value >= worth(d)]
     rest = [slug for slug in times if slug not in shown and slug not in better]
     lines = []
     if better:
@@ -431,11 +456,12 @@ def others_text(d: Findings) -> str:
 
 
 def draw_candidates(d: Findings, ax: Any) -> None:
-    """Error reduction (factor) of every candidate as the only cause."""
-    times = falls(d)
-    ax.set_xlabel("error reduction (factor)")
+    """What every candidate gains as the only cause."""
+    ax.set_xlabel(textwrap.fill(measure(d), 24))
     if not any_bar(d):
-        words = "\n".join(textwrap.wrap(NO_BAR, 44)) if times else "no candidate had to be tried"
+        words = "no candidate had to be tried"
+        if falls(d):
+            words = "\n".join(textwrap.wrap(no_bar_text(d), 44))
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
@@ -443,7 +469,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     small = {cause.effect for cause in d.small_corrections}
     rivals = {slug for cause in d.causes for slug in cause.alternatives} - set(rank) - small
     labelled: set[str] = set()
-    times = top(times, {*rank, *small, *rivals})
+    times = top(d, {*rank, *small, *rivals})
     for row, (slug, value) in enumerate(times.items()):
         if slug in rank:
             what, style = "named a cause", {"color": FOUND}
@@ -453,10 +479,10 @@ def draw_candidates(d: Findings, ax: Any) -> None:
             what, style = "alternative", {"color": "#56B4E9", "hatch": "///"}
         else:
             what, style = "other candidate", {"color": "0.8"}
-        if value < _WORTH:
+        if value < worth(d):
             # Alone it does no better than other base parameters: no bar to the left,
             # which would read as if it did harm beside the others.
-            if slug in rank or slug in small:
+            if len(d.causes) > 1:
                 ax.text(1.0, row, " useful only in combination", fontsize=7, va="center")
             continue
         # An underscore keeps a second one of a kind out of the legend.

@@ -212,18 +212,19 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     times = figures.falls(d)
     if figures.any_bar(d):
         best = next(iter(times))
+        no_better = f"below {figures.worth(d):g}: chance" if d.references else "1: no better"
         pictures.append(
             _picture(
                 lambda ax: figures.draw_candidates(d, ax),
-                "Bars: error reduction (factor) of each candidate alone; the "
+                f"Bars: {figures.measure(d)}, of each candidate alone; the "
                 f"longest: {titles_of(best)}, {plain(times[best])}.",
-                "Error reduction (factor) of the best candidates, each as the only cause, against "
-                "an axis that only gets other values for mass, viscous friction and Coulomb level "
-                f"(1: no better). {figures.others_text(d)}",
+                f"{figures.measure(d).capitalize()}: the best candidates, each as the only cause, "
+                "against an axis that only gets other values for mass, viscous friction and "
+                f"Coulomb level ({no_better}). {figures.others_text(d)}",
             )
         )
     elif times:
-        pictures.append({"svg": "", "alt": "", "caption": figures.NO_BAR})
+        pictures.append({"svg": "", "alt": "", "caption": figures.no_bar_text(d)})
     pictures.append(
         _picture(
             lambda ax: figures.draw_autocorrelation(before, after, ax),

@@ -364,9 +364,15 @@ def test_what_several_records_show_alike_is_said_once(found):
 
 
 def test_error_reduction_says_of_what(found):
-    likely = replace(found, references={"nominal axis": 12.0})
-    assert "Error reduction: of free runs" in words_of(html_summary(found))
-    assert "Error reduction: of one-step predictions" in words_of(html_summary(likely))
+    faint = replace(found.causes[1], held_out_gain=0.001, interval=(0.0004, 0.0016))
+    likely = replace(found, references={"nominal axis": 12.0}, causes=(found.causes[0], faint))
+    for d, of in ((found, "free runs"), (likely, "one-step predictions")):
+        words = words_of(html_summary(d))
+        assert f"error reduction of {of}, factor (90 %)" in words.replace("\xa0", " ")
+        assert f"Error reduction: of {of}" in words
+        # The gain is of free runs, whatever decided.
+        assert "Error of free runs on unseen data" in words
+    assert "1.0005 (1.0002 to 1.0008)" in words and "2.12 (1.82 to 2.46)" in page_of(found)
 
 
 def test_a_name_stands_once_in_the_title(found):

@@ -49,9 +49,10 @@ class Cause(Result):
         Units of the parameters.
     held_out_gain : float
         Fall of the mean log score log(1 + (error/noise)^2 / 4) of free runs that
-        the fit did not see, when this cause joins the others.
+        the fit did not see, when this cause joins the others; where the likelihood
+        decided, twice its gain per sample, which is of one-step predictions.
     interval : tuple of float
-        90 % block-bootstrap interval of `held_out_gain`.
+        90 % interval of `held_out_gain`.
     alternatives : tuple of str
         Effects that explain this record as well in its place.
     explanation : str

@@ -96,7 +96,9 @@ def _found(d: Findings) -> dict[str, Any]:
 
 def _cause(d: Findings, cause: Cause) -> dict[str, Any]:
     values = (cause.held_out_gain, *cause.interval)
-    times, low, high = (plain(wording.times_smaller(value)) for value in values)
+    # A factor of one step is near one, and counts at each of many samples.
+    number = "{:.5g}".format if d.references else plain
+    times, low, high = (number(wording.times_smaller(value)) for value in values)
     return {
         "title": cause.title,
         "effect": cause.effect,

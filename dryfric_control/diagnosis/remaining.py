@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.text import fields_of
+from dryfric_control.text import Result
 
 FloatArray = NDArray[np.float64]
 
@@ -21,8 +20,8 @@ _SECTION, _KEPT = 1024, 40
 _LAGS = 200
 
 
-@dataclass(frozen=True)
-class Remaining:
+@dataclass(frozen=True, repr=False)
+class Remaining(Result):
     """Random force that is left when the causes found are in the model.
 
     Attributes
@@ -46,6 +45,8 @@ class Remaining:
     --------
     >>> from dryfric_control.diagnosis import Remaining
     >>> left = Remaining(rms=0.24, correlation_time=0.0, structured=False, where=())
+    >>> left
+    random force left: 0.24 N RMS a sample, no structure found
     >>> left.to_dict()["rms"]
     0.24
     """
@@ -58,9 +59,18 @@ class Remaining:
     spectrum: tuple[float, ...] = ()
     unit: str = "N"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers and words, ready for JSON."""
-        return fields_of(self)
+    @property
+    def headline(self) -> str:
+        """The force in one line."""
+        if self.rms == 0.0:
+            return "no random force left"
+        kind = "structured" if self.structured else "no structure found"
+        if self.correlation_time > 0.0:
+            kind += f", correlation time {self.correlation_time:.2g} s"
+        return f"random force left: {self.rms:.3g} {self.unit} RMS a sample, {kind}"
+
+    def _shown(self) -> list[str]:
+        return [self.headline, *self.where]
 
 
 def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str) -> Remaining:

@@ -375,6 +375,31 @@ def test_error_reduction_says_of_what(found):
     assert "1.0005 (1.0002 to 1.0008)" in words and "2.12 (1.82 to 2.46)" in page_of(found)
 
 
+def test_parts_of_a_diagnosis_show_themselves(found, nothing):
+    """In a notebook they were tuples of all their fields, spectrum and all."""
+    causes = found.main_causes
+    assert causes == tuple(found.causes) and causes[0] is found.causes[0]
+    first, _, second = repr(causes).splitlines()
+    assert first.startswith("1. spring: stiffness = 12.00 +- 0.10 N/m, rest = 0.1 m (undetermined)")
+    assert second == "2. bias force (bias_force): force = 0.400 +- 0.010 N"
+    assert (
+        "<td>2</td><td>bias force</td><td>force = 0.400 \xb1 0.010 N</td>" in causes._repr_html_()
+    )
+    assert repr(nothing.causes) == "no causes" and nothing.causes == ()
+    left = Remaining(0.2, 0.003, True, ("at <rest>",), (1.0, 10.0), (3e-4, 2e-4))
+    assert repr(left) == (
+        "random force left: 0.2 N RMS a sample, structured, correlation time 0.003 s\nat <rest>"
+    )
+    assert "&lt;rest&gt;" in left._repr_html_() and repr(Remaining()) == "no random force left"
+    assert repr(found.gain) in wording.gain_text(found)
+    assert repr(found.unexplained).splitlines() == [
+        "3 % of the error above noise is left",
+        *found.unexplained.where,
+    ]
+    assert repr(nothing.unexplained) == "nothing unexplained beyond noise"
+    assert found.unexplained.to_dict()["fraction"] == float(found.unexplained)
+
+
 def test_a_name_stands_once_in_the_title(found):
     page = html_page(replace(found, axis=found.axis.replace(name=found.record.name)))
     assert "<h1>Diagnosis of run &lt;7&gt;</h1>" in page

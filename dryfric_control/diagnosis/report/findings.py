@@ -16,7 +16,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.bad_readings import Masked
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, fields_of, percent
+from dryfric_control.text import Result, fields_of, length_text, percent, table, wrapped
 
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.experiment import Experiment
@@ -89,8 +89,31 @@ class Cause(Result):
         return [cause_text(self)]
 
 
-@dataclass(frozen=True)
-class Gain:
+class Causes(tuple[Cause, ...]):
+    """Causes that show themselves, in print and in notebooks; a tuple otherwise.
+
+    Examples
+    --------
+    >>> Causes()
+    no causes
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        lines = [f"{i}. {cause_text(one)}" for i, one in enumerate(self, start=1)]
+        return wrapped(lines) or "no causes"
+
+    def _repr_html_(self) -> str:
+        rows = [("", "cause", "parameters", "alternatives")]
+        for i, one in enumerate(self, start=1):
+            others = ", ".join(map(titles_of, one.alternatives)) or "none"
+            rows.append((str(i), one.title, ", ".join(parameter_texts(one)), others))
+        return table(rows, as_html=True) if self else f"<p>{self!r}</p>"
+
+
+@dataclass(frozen=True, repr=False)
+class Gain(Result):
     """Error of free runs on data that neither selection nor fit has seen.
 
     Attributes
@@ -116,6 +139,21 @@ class Gain:
     def ratio(self) -> float:
         """How many times smaller the error became, before/after."""
         return self.before / self.after
+
+    @property
+    def headline(self) -> str:
+        """Errors and their ratio in one line."""
+        before, after, floor = (
+            length_text(value, self.unit) for value in (self.before, self.after, self.floor)
+        )
+        low, high = map(plain, self.interval)
+        return (
+            f"{before} RMS before, {after} after; error reduction (factor) {plain(self.ratio)} "
+            f"(90 %: {low} to {high}); noise floor {floor}"
+        )
+
+    def _shown(self) -> list[str]:
+        return [self.headline]
 
     @property
     def beyond(self) -> bool:
@@ -149,8 +187,8 @@ class Gain:
         return fields_of(self) | {"ratio": self.ratio, "left": self.left}
 
 
-@dataclass(frozen=True)
-class Unexplained:
+@dataclass(frozen=True, repr=False)
+class Unexplained(Result):
     """Structure that is left when the found causes are in the model.
 
     Attributes
@@ -171,9 +209,10 @@ class Unexplained:
     def __float__(self) -> float:
         return self.fraction
 
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers and words, ready for JSON."""
-        return fields_of(self)
+    def _shown(self) -> list[str]:
+        if not self.significant:
+            return ["nothing unexplained beyond noise"]
+        return [f"{percent(self.fraction)} of the error above noise is left", *self.where]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,6 +237,9 @@ class Findings:
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     others: tuple[Record, ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "causes", Causes(self.causes))
+
     @property
     def masked(self) -> tuple[Masked, ...]:
         """Readings that were left out: indices and reasons, one entry a record.
@@ -218,14 +260,14 @@ class Findings:
         return tuple(record.masked for record in (self.record, *self.others))
 
     @property
-    def small_corrections(self) -> tuple[Cause, ...]:
+    def small_corrections(self) -> Causes:
         """Causes that only move nominal values by a few per cent."""
-        return tuple(cause for cause in self.causes if self.is_small(cause))
+        return Causes(cause for cause in self.causes if self.is_small(cause))
 
     @property
-    def main_causes(self) -> tuple[Cause, ...]:
+    def main_causes(self) -> Causes:
         """Causes that are more than small corrections, in the order found."""
-        return tuple(cause for cause in self.causes if not self.is_small(cause))
+        return Causes(cause for cause in self.causes if not self.is_small(cause))
 
     def is_small(self, cause: Cause) -> bool:
         """Whether a cause only corrects nominal values by a few per cent.

@@ -14,7 +14,6 @@ from dryfric_control.diagnosis.report.findings import (
     Cause,
     Findings,
     cause_text,
-    plain,
     titles_of,
     with_error,
 )
@@ -180,16 +179,13 @@ def gain_title(d: Findings) -> str:
 def gain_text(d: Findings) -> str:
     """Error of free runs before and after, and how much of it is left, in one line."""
     g = d.gain
-    before, after, floor = (length_text(v, g.unit) for v in (g.before, g.after, g.floor))
     if not d.causes:
+        before, floor = (length_text(v, g.unit) for v in (g.before, g.floor))
         return f"{before} RMS; noise floor {floor}"
     share = d.unexplained.fraction
     left = "less than 1 %" if share < 0.01 else percent(share)
     rest = f"; {left} of the error above noise is left" if d.unexplained.significant else ""
-    return (
-        f"{before} RMS before, {after} after; error reduction (factor) {plain(g.ratio)} "
-        f"(90 %: {plain(g.interval[0])} to {plain(g.interval[1])}); noise floor {floor}{rest}"
-    )
+    return g.headline + rest
 
 
 def places_text(d: Findings) -> str:
@@ -282,12 +278,8 @@ def summary_lines(d: Findings) -> list[str]:
 def further_lines(d: Findings) -> list[str]:
     """What is left, what the answer was compared with, and what varies, a line each."""
     lines = []
-    left, force = d.remaining, d.axis.units[1]
-    if left.rms > 0.0:
-        kind = "structured" if left.structured else "no structure found"
-        if left.correlation_time > 0.0:
-            kind += f", correlation time {left.correlation_time:.2g} s"
-        lines.append(f"random force left: {left.rms:.3g} {force} RMS a sample, {kind}")
+    if d.remaining.rms > 0.0:
+        lines.append(d.remaining.headline)
     if d.references:
         names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
         lines.append(f"gain of log-likelihood over references (positive: better than it): {names}")

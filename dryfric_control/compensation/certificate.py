@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import oaconvolve
 
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.text import Result, length_text
 
@@ -51,6 +53,7 @@ class LoopGains(NamedTuple):
     below: float  # and of the other
     impulse: float  # largest error for an impulse of 1 N s [m/(N s)]
     reading: float  # largest error for reading errors of 1 m [1]
+    asked: float = 0.0  # largest error if a reference's m a and f v are missing [m]
 
     @property
     def turn(self) -> float:
@@ -79,7 +82,9 @@ class TrackingCertificate(Result):
     ----------
     tube : float
         Bound of the tracking error [m]; infinite if the loop is unstable for an
-        axis within the mismatch.
+        axis within the mismatch.  It holds for the `reference` of
+        `Compensation.certify`; without one, for references so slow that inertia and
+        viscous friction do not count, and a faster one has a wider tube.
     parts : dict of str to float
         What makes up the tube [m].
     friction_left : float
@@ -92,6 +97,8 @@ class TrackingCertificate(Result):
         Conditions of rest without hunting.
     units : tuple of str
         Units of position and force.
+    slow : bool
+        Whether it holds for slow references only.
 
     Examples
     --------
@@ -111,6 +118,7 @@ class TrackingCertificate(Result):
     learned: float
     conditions: tuple[Condition, ...]
     units: tuple[str, str] = ("m", "N")
+    slow: bool = False
 
     @property
     def no_hunting(self) -> bool:
@@ -120,7 +128,8 @@ class TrackingCertificate(Result):
     def _shown(self) -> Iterator[str]:
         length, force = self.units
         yield (
-            f"tube   {length_text(self.tube, length)} for {100 * self.mismatch:g} % of mismatch: "
+            f"tube   {length_text(self.tube, length)} for {100 * self.mismatch:g} % of mismatch"
+            f"{', slow references' * self.slow}: "
             + ", ".join(f"{name} {length_text(one, length)}" for name, one in self.parts.items())
         )
         yield (
@@ -214,7 +223,9 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
 
 
-def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGains:
+def loop_gains(
+    loop: Loop, mass: float, viscous: float, delay: float, courses: Array | None = None
+) -> LoopGains:
     """Gains of the linear loop of one axis.
 
     Parameters
@@ -225,6 +236,8 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
         Those of the axis [kg], [N s/m].
     delay : float
         Delay of the drive [s].
+    courses : ndarray, shape (2, n), optional
+        Inertia and viscous friction along a reference [N].
 
     Returns
     -------
@@ -234,7 +247,7 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
     A, B = loop_matrices(loop, mass, viscous, delay)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
-        return LoopGains(radius, *(math.inf,) * 5)
+        return LoopGains(radius, *(math.inf,) * 6)
     n = min(int(math.log(_FADED) / math.log(radius)) + 2, _LONGEST) if radius > 0.0 else 50
     # Position of one sample after the other, a block of samples at a time.
     block = math.isqrt(n) + 1
@@ -248,6 +261,7 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
     l1, reading = np.abs(response).sum(axis=0)
     force = response[:, 0]
     stepped = np.cumsum(force)
+    asked = np.zeros((2, 1)) if courses is None else oaconvolve(courses, force[None], axes=1)
     return LoopGains(
         radius,
         float(l1),
@@ -255,6 +269,7 @@ def loop_gains(loop: Loop, mass: float, viscous: float, delay: float) -> LoopGai
         float(max(-stepped.min(), 0.0)),
         float(np.abs(force).max()) / loop.dt,
         float(reading),
+        float(np.abs(asked).sum(axis=0).max()),
     )
 
 
@@ -263,8 +278,8 @@ def certify_tracking(
     mismatch: float,
     learned: float,
     excess: float,
-    motion: float,
-    turning: float,
+    reference: MotionProfile | None = None,
+    nominal_error: float = 0.0,
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest.
 
@@ -278,10 +293,10 @@ def certify_tracking(
         Part of the mismatch of the levels that has been learned.
     excess : float
         Largest Stribeck excess of the axis.
-    motion : float
-        Largest force m abs(a) + f abs(v) that the reference asks for [N].
-    turning : float
-        Largest acceleration at which the reference turns back [m/s^2].
+    reference : MotionProfile, optional
+        Default: one so slow that inertia and viscous friction do not count.
+    nominal_error : float, optional
+        Largest error along the reference with nothing off but the delay [m].
 
     Notes
     -----
@@ -299,17 +314,27 @@ def certify_tracking(
 
     whatever the force does.  At a reversal it does less: with h the step response,
     a level error that changes sign once gives at most 2 max abs(h) times its size,
-    a force that rises and falls once (peak, inertia) at most max h - min h.  The
+    a peak that rises and falls once at most max h - min h.  The
     smaller bound of each part is taken: the certificate holds for reversals
-    further apart than the memory of the loop.  Force effects that depend on place
-    enter by their slope, as a small gain, and otherwise count as known; a
-    feedforward that is early by the whole delay pushes with m a at a reversal; the
-    encoder is off by half an increment.
+    further apart than the memory of the loop.  The forces m a and f v of a reference
+    are known sample by sample: what lacks of them is mu g * (m a) and mu g * (f v),
+    whose signs are taken as they add.  The error of the nominal axis itself, whose
+    feedforward is early and whose speed is filtered, is simulated along the reference and
+    added.  Force effects that depend on place enter by their slope, as a small gain, and
+    otherwise count as known; a feedforward that is early by the whole delay pushes with
+    m a at a reversal; the encoder is off by half an increment.
     """
     axis, mu = loop.axis, mismatch
     c = loop.numbers
+    courses, motion, turning = None, 0.0, 0.0
+    if reference is not None:
+        v, a = reference.velocity, np.abs(reference.acceleration)
+        courses = np.array([axis.mass * reference.acceleration, axis.viscous * v])
+        motion = float(np.abs(courses).sum(axis=0).max())
+        turns = np.flatnonzero(v[1:] * v[:-1] <= 0.0)
+        turning = float(np.maximum(a[turns], a[turns + 1]).max(initial=0.0))
     corners = [
-        loop_gains(loop, axis.mass * m, axis.viscous * f, loop.drive_delay + d)
+        loop_gains(loop, axis.mass * m, axis.viscous * f, loop.drive_delay + d, courses)
         for m, f, d in itertools.product(
             sorted({1.0 - mu, 1.0, 1.0 + mu}),
             sorted({1.0 - mu, 1.0 + mu}),
@@ -329,13 +354,14 @@ def certify_tracking(
     def tube_parts(corner: LoopGains) -> dict[str, float]:
         made = {name: (corner.pulse, force) for name, force in left.items()}
         made["levels"] = corner.turn, left["levels"]
+        made["inertia"], made["nominal axis"] = (corner.asked, mu), (1.0, nominal_error)
         made["reversal"] = corner.impulse, axis.mass * (1.0 + mu) * turning * late
         made["encoder"] = corner.reading, 0.5 * loop.encoder_quantum
         shrink = 1.0 - corner.l1 * laws.slope if laws.slope else 1.0
         return {
             name: gain * size / shrink if shrink > 0.0 else math.inf
             for name, (gain, size) in made.items()
-            if size > 0.0
+            if size > 0.0 and gain > 0.0
         }
 
     parts = max((tube_parts(corner) for corner in corners), key=lambda made: sum(made.values()))
@@ -344,7 +370,7 @@ def certify_tracking(
     worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
     return TrackingCertificate(
         float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
-        _conditions(loop, laws, worst, mu), axis.units,
+        _conditions(loop, laws, worst, mu), axis.units, reference is None,
     )  # fmt: skip
 
 

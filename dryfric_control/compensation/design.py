@@ -19,6 +19,7 @@ from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.model.effects.drive import InputDelay
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
@@ -148,8 +149,8 @@ class Compensation(Result):
             Largest Stribeck excess of the axis.  Default: the nominal one and the
             mismatch.
         reference : MotionProfile, optional
-            Reference, for its largest velocity and acceleration.  Default: one so
-            slow that inertia and viscous friction do not count.
+            Reference, whose inertia and viscous friction widen the tube.  Default: one so
+            slow that they do not count.
 
         Returns
         -------
@@ -178,16 +179,24 @@ class Compensation(Result):
             raise ValueError(
                 f"mismatch must be below 1 and learned at most 1, got {mu:g} and {known:g}"
             )
-        limits = (0.0, 0.0)
         if reference is not None:
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
-            v, a = reference.velocity, np.abs(reference.acceleration)
-            turns = np.flatnonzero(v[1:] * v[:-1] <= 0.0)
-            turning = np.maximum(a[turns], a[turns + 1]).max(initial=0.0)
-            axis = self.rigid_axis
-            asked = axis.mass * a + axis.viscous * np.abs(v)
-            limits = (float(asked.max()), float(turning))
-        return certify_tracking(self.loop, mu, known, peak, *limits)
+        return certify_tracking(
+            self.loop, mu, known, peak, reference, self._nominal_error(reference)
+        )
+
+    def _nominal_error(self, reference: MotionProfile | None) -> float:
+        """Largest error along a reference, the drive as late as the axis says and as it may be."""
+        if reference is None:
+            return 0.0
+        own = float(self.axis.arrays(self.dt).numbers[kernel.axis_step.DELAY])
+        others = tuple(one for one in self.axis.effects if one.action != "delay")
+        errors = []
+        for delay in {own, own + self.input_delay}:
+            effects = (*others, InputDelay(delay)) if delay > 0.0 else others
+            run = simulate_loop(self.axis.replace(effects=effects), self.controller, reference)
+            errors.append(float(np.abs(reference.position - run.y[0]).max()))
+        return max(errors)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a text file.

@@ -779,7 +779,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1)) + plant.numbers[ALLOWED]
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
-        if d > SHORTEST * h:
+        divisible = d > SHORTEST * h
+        if divisible:
             if abs(x1 - x) > plant.numbers[SHORT_WAY]:
                 longest = 0.9 * d * plant.numbers[SHORT_WAY] / abs(x1 - x)
                 continue
@@ -796,7 +797,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 continue
 
         inside = s * v <= sigma
-        if s * k1 < 0.0 and s * k4 > 0.0 and s * v1 > (0.0 if inside else sigma):
+        if divisible and s * k1 < 0.0 < s * k4 and s * v1 > (0.0 if inside else sigma):
             # The speed dips and recovers: stop at the dip if it is deep enough.
             part = k1 / (k1 - k4)
             dip = v + part * d * (k1 + 0.5 * part * (k4 - k1))
@@ -808,12 +809,13 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         if s * v1 <= sigma or (inside and varies):
             end = band_excess(plant, drive, t0, tau + d, x1, v1, s)
             start = band_excess(plant, drive, t0, tau, x, v, s) if varies else end
-            if varies and start > 0.0 and end > 0.0:
+            if divisible and varies and start > 0.0 and end > 0.0:
                 w0 = load(plant, drive, t0, tau, x, v, s, 0.0)
                 w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
                 part = w0 / (w0 - w1)
                 if w0 * w1 < 0.0 and 1e-6 < part < 1.0 - 1e-6:
-                    # The load crosses the whole band in this step: stop in it.
+                    # The load crosses the whole band in this step: stop in it, if it has
+                    # any width.
                     longest = part * d
                     continue
             if not inside and (start <= 0.0 or end <= 0.0):

@@ -22,7 +22,7 @@ from dryfric_control.diagnosis.candidates import SLUGS, catalogue
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
-from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, left_open, or_a_gain
+from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
@@ -575,7 +575,7 @@ def _causes(
         gain = selector.gain(less.scores, best.scores)
         others = found.alternatives.get(slug, ())
         if slug == GAIN and open_gain:
-            others = (*others, EVERY)
+            others = (*others, "+".join(every(selector.axis)))
         causes.append(cause_of(selector.axis, slug, own, values, errors, units, gain, others))
     bases = []
     for name in selector.wrong(final, kept):
@@ -585,7 +585,9 @@ def _causes(
         gain, own = selector.gain(less.scores, best.scores), {name: name}
         bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain, alike))
     bases = [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
-    return causes + (or_a_gain(bases) if open_gain and GAIN not in found.causes else bases)
+    if open_gain and GAIN not in found.causes:
+        bases = or_a_gain(selector.axis, bases)
+    return causes + bases
 
 
 def _unexplained(selector, final, floor, gain, explained):  # type: ignore[no-untyped-def]

@@ -7,12 +7,17 @@ from dataclasses import replace
 
 from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.report.findings import SMALL, Cause
+from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 
 #: The effect that scales every force of the drive.
 GAIN = "input_gain"
-#: What does the same together, joined by "+".
-EVERY = "+".join(SLUGS.values())
+
+
+def every(axis: FrictionAxis) -> list[str]:
+    """Errors of base parameters that do together what a gain does: what is zero stays zero."""
+    values = values_of(axis, tuple(SLUGS))
+    return [slug for slug, value in zip(SLUGS.values(), values, strict=True) if value > 0.0]
 
 
 def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
@@ -35,17 +40,23 @@ def far_off(
 
 
 def or_a_gain(
-    wrong: Sequence[Cause], scales: Callable[[Cause], Sequence[str]] = lambda cause: (GAIN,)
+    axis: FrictionAxis,
+    wrong: Sequence[Cause],
+    scales: Callable[[Cause], Sequence[str]] = lambda cause: (GAIN,),
 ) -> list[Cause]:
     """Wrong base parameters with what does the very same where all of them are wrong.
 
-    Each of the scales takes the place of any one of them.
+    Each of the scales takes the place of any one of them that it can bring back to nominal:
+    no scale does with a value that is zero.
     """
     slugs = [cause.effect for cause in wrong]
-    if not {*SLUGS.values()} <= {*slugs}:
+    scaled = every(axis)
+    if not {*scaled} <= {*slugs}:
         return list(wrong)
 
     def instead(cause: Cause) -> tuple[str, ...]:
+        if cause.effect not in scaled or not all(cause.parameters.values()):
+            return ()
         rest = [s for s in slugs if s != cause.effect]
         return tuple("+".join([one, *rest]) for one in scales(cause))
 

@@ -16,7 +16,7 @@ from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_e
 from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
-from dryfric_control.diagnosis.gain_or_base import EVERY, GAIN, far_off, left_open, or_a_gain
+from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
@@ -340,7 +340,7 @@ def _gain_is_choice(
     """Whether a gain is found that leaves base parameters far off, while they do the same."""
     if GAIN not in state.causes or not _left_open(search):
         return False
-    alike = {*judged[GAIN].others.split("+")} == {*EVERY.split("+")}
+    alike = {*judged[GAIN].others.split("+")} == {*every(search.believed)}
     return alike and far_off(final.values(), search.nominal, kept)
 
 
@@ -442,7 +442,7 @@ def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]
         alike = _load_does_the_same(search, state, final, *cause.parameters)
         return (GAIN, _LOAD) if alike else (GAIN,)
 
-    return or_a_gain(wrong, scales)
+    return or_a_gain(search.believed, wrong, scales)
 
 
 def _load_does_the_same(search: Search, state: State, final: Solution, held: str) -> bool:

@@ -9,9 +9,11 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.forward_search import State, forward
+from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.random_force import _or_a_gain, _wrong_base
+from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -206,3 +208,21 @@ def test_a_load_is_a_gain_to_a_drive_that_never_brakes(most, rate, alike):
         rest = {*told} - {slug}
         scales = [{*a.split("+")} - rest for a in alternatives]
         assert scales == ([{"input_gain"}, {"load_dependence"}] if alike else [{"input_gain"}])
+
+
+def test_no_scale_brings_a_value_of_zero_back():
+    def off(effect, value):
+        few = (1.0, (0.5, 2.0), (), "", "")
+        return Cause(effect, effect, {"value": value}, {"value": 0.1}, {"value": ""}, *few)
+
+    wrong = [off("inertia", 3.0), off("viscous", 12.0), off("coulomb", 0.0)]
+    told = {c.effect: c.alternatives for c in or_a_gain(AXIS, wrong)}
+    assert told["inertia"] == ("input_gain+viscous+coulomb",)
+    assert told["coulomb"] == ()
+    # An axis without viscous friction has none by whatever gain.
+    bare = AXIS.replace(viscous=0.0)
+    assert every(bare) == ["inertia", "coulomb"]
+    told = {c.effect: c.alternatives for c in or_a_gain(bare, wrong[:2])}
+    assert told == {"inertia": (), "viscous": ()}
+    told = {c.effect: c.alternatives for c in or_a_gain(bare, [wrong[0], off("coulomb", 9.0)])}
+    assert told == {"inertia": ("input_gain+coulomb",), "coulomb": ("input_gain+inertia",)}

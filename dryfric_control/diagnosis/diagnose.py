@@ -30,9 +30,10 @@ from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
-from dryfric_control.estimation.parameters import checked_knowledge, typical
+from dryfric_control.estimation.parameters import checked_knowledge, typical, values_of, with_values
 from dryfric_control.estimation.plausibility import warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut, shifted
+from dryfric_control.identification.replay import replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
@@ -49,6 +50,10 @@ FIT, JUDGE, MEASURE = 0, 1, 2
 _TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
 _BLOCK, _FEWEST_BLOCKS = 1.0, 12
 _LEAST_WINDOWS = 10
+# Coulomb levels over the nominal one of which free runs must refuse one.
+_FAR_OFF = (0.7, 1.3)
+# Errors of free runs without the drive over those with it, below which it does nothing.
+_IDLE = 5.0
 # Searches, each without the causes that the one before had to take back.
 _SEARCHES = 3
 # Alternatives for which an experiment is sought.
@@ -197,7 +202,8 @@ def diagnose(
             end=begun + _ANSWERING * limit,
             tell=tell,
         )
-        alone, found, now = len(records) == 1, None, trial(0.0)
+        found, now = None, trial(0.0)
+        alone = len(records) == 1 and not _blind(now.selector)
         judged = alone
         if not (alone and (_nothing(now.selector) or now.gate.at(axis, ()))):
             gate = (lambda shift: trial(shift).gate) if alone else None
@@ -213,17 +219,39 @@ def diagnose(
         ):
             by_runs = _diagnosis(now, search, window)
             by_runs = replace(by_runs, messages=(*told, *by_runs.messages))
-            if by_runs.verdict in clean or search.late:
+            muted = _muted(by_runs, window)
+            if search.late or (by_runs.verdict in clean and not muted):
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
             found = found or answer(search, lambda shift: trial(shift).cuts)
-            if found is None or found.verdict not in clean or not _agree(by_runs, found):
+            if found is None or not (muted or _prevails(search, found, by_runs, clean)):
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
             found.varies = varying(search, found.final)
         found.messages[:0] = told
         return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
+
+
+def _prevails(search: Search, found: Answer, by_runs: Diagnosis, clean: Sequence[str]) -> bool:
+    """Whether the answer of the likelihood holds where free runs have left something.
+
+    It does if it leaves nothing and they name no other causes, or if it is the likelier one.
+    """
+    agrees = found.verdict in clean and _agree(by_runs, found)
+    return agrees or found.final.cost < search.reference(by_runs.extended).cost
+
+
+def _muted(d: Diagnosis, window: float) -> bool:
+    """Whether the motion found is there without the drive, as that of a swinging mass.
+
+    Then something else makes it, and free runs say nothing.
+    """
+    if not d.causes:
+        return False
+    idle = d.record.replace(u=np.zeros(len(d.record)))
+    driven, alone = (replay(d.extended, r, window=window).median for r in (d.record, idle))
+    return alone < _IDLE * driven
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,11 +331,21 @@ def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
         )
 
 
-def _nothing(selector: Selector) -> bool:
-    """Whether the nominal axis itself reaches the readings' noise."""
+def _nothing(selector: Selector, axis: FrictionAxis | None = None) -> bool:
+    """Whether an axis, by default the nominal one, reaches the readings' noise as it is."""
     race = selector.race
-    before = race.judged(race.alone(selector.axis, (), base=()))
+    before = race.judged(race.alone(selector.axis if axis is None else axis, (), base=()))
     return selector.floor_of(before).nothing(before.scores, selector.known)
+
+
+def _blind(selector: Selector) -> bool:
+    """Whether free runs are too short for the readings' noise to show a force.
+
+    They are if they take an axis for right whether its friction is far too low or too high.
+    """
+    level = float(values_of(selector.axis, ["coulomb"])[0])
+    off = (with_values(selector.axis, ["coulomb"], [part * level]) for part in _FAR_OFF)
+    return level > 0.0 and all(_nothing(selector, one) for one in off)
 
 
 def _likely(

@@ -774,6 +774,9 @@ class Search:
         own = {n: values[n] for n in free if n in values}
         if not placed(slug, own, self.records):
             return False
+        effect, runs = named(fit.axis)[slug], fit.problem.runs
+        if not any(effect.beyond_noise(r.u, fit.random_force(i)) for i, r in enumerate(runs)):
+            return False
         kinds = effect_class(slug).parameters()
         hidden = _hidden_shares(fit)
         needed: list[bool] = []

@@ -267,7 +267,7 @@ class Selector:
     def _step(self, found: Selection, floor: Floor) -> Fitted | None:
         candidates = catalogue(found.best.axis, (*found.causes, *self.refuted))
         runners = self.race.among(found.best, self.names(found), candidates)
-        judged = [r for r in runners if r.scores.size and self._placed(r)]
+        judged = [r for r in runners if r.scores.size and self._placed(r.slug, r, self._own(r))]
         if not found.causes:
             for r in judged:
                 found.first[r.slug] = float(r.scores[self.race.judge].mean())
@@ -295,11 +295,10 @@ class Selector:
         found.rivals[winner.slug] = {r.slug: r.axis for r in rivals if r.slug}
         return winner
 
-    def _placed(self, fitted: Fitted) -> bool:
-        """Whether a cause acts where and when the record can tell."""
+    def _placed(self, slug: str, fitted: Fitted, own: Sequence[str]) -> bool:
+        """Whether a cause, by its own parameters, acts where and when the record can tell."""
         values = fitted.hypothesis.values(fitted.z)
-        own = {n: values[n] for n in self._own(fitted)}
-        return placed(fitted.slug, own, [self.bench.record])
+        return placed(slug, {n: values[n] for n in own}, [self.bench.record])
 
     def _own(self, fitted: Fitted) -> tuple[str, ...]:
         return tuple(n for n in fitted.hypothesis.names if n.partition(".")[0] == fitted.slug)
@@ -466,11 +465,15 @@ class Selector:
     def refutes(self, found: Selection, best: Fitted, kept: Sequence[str], floor: Floor) -> bool:
         """Whether a cause falls once no more base parameters than needed are free.
 
-        What falls is remembered, and not proposed again.
+        So does what has moved to where the machine was not.  What falls is remembered, and
+        not proposed again.
         """
         fallen = set()
         for slug in found.causes:
             if self.followed(slug, found):
+                continue
+            if not self._placed(slug, best, found.free[slug]):
+                fallen.add(slug)
                 continue
             self.tell(f"{slug} confirmed")
             less = self.race.alone(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.diagnose import _muted
 from dryfric_control.diagnosis.random_force import IMPOSED
 
 
@@ -71,6 +74,21 @@ def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     assert d.causes[0].parameters["distance"] == pytest.approx(1.5e-3, rel=0.05)
     assert d.extended.coulomb.plus[0] == pytest.approx(7.0, rel=0.01)
     assert d.verdict == "explained"
+
+
+def test_a_motion_that_needs_no_drive_is_made_by_something_else() -> None:
+    # With its stiffness and next to no drive a spring swings as the bench does.
+    t = 5e-3 * np.arange(600)
+    x, v, a = (5.6e-3 * 4.0**i * np.sin(4.0 * t + 0.5 * np.pi * i) for i in range(3))
+    axis = dfc.FrictionAxis(mass=2.2e-2, viscous=1.2e-2, coulomb=7e-3)
+    measured = dfc.Record(t, 2.2e-2 * a + 1.2e-2 * v + 7e-3 * np.sign(v), x)
+    swings = axis.replace(
+        viscous=1e-6, coulomb=1e-6,
+        effects=(dfc.effects.Spring(16.0 * 2.2e-2, 0.0), dfc.effects.InputGain(1e-4)),
+    )  # fmt: skip
+    for extended, muted in ((swings, True), (axis, False)):
+        d = SimpleNamespace(causes=(1,), record=measured, extended=extended)
+        assert _muted(d, 0.25) is muted
 
 
 @pytest.mark.slow

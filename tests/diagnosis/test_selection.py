@@ -485,7 +485,18 @@ def test_a_cause_at_a_place_where_nothing_has_been_is_not_judged(sprung):
         hypothesis = SimpleNamespace(names=[*values], values=lambda z: values)
         return SimpleNamespace(slug="spring", hypothesis=hypothesis, z=None)
 
-    assert sprung._placed(at(float(sprung.bench.record.x.mean()))) and not sprung._placed(at(50.0))
+    middle = float(sprung.bench.record.x.mean())
+    assert sprung._placed("spring", at(middle), SPRING)
+    assert not sprung._placed("spring", at(50.0), SPRING)
+
+
+@pytest.mark.slow
+def test_a_cause_that_has_left_the_travel_is_refuted(sprung, both):
+    fresh = Selector(sprung.race, sprung.axis, lambda word: None)
+    values = {**both.hypothesis.values(both.z), "spring.rest": 50.0}
+    gone = SimpleNamespace(hypothesis=SimpleNamespace(values=lambda z: values), z=None)
+    assert fresh.refutes(selection(both, spring=SPRING), gone, [], None)
+    assert fresh.refuted == {"spring"}
 
 
 def test_a_search_finds_the_spring_and_stops(sprung):

@@ -334,3 +334,16 @@ def test_every_effect_tells_what_it_is():
 def test_bad_effects_are_refused_by_name(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_limits_and_dead_zones_within_noise_are_none():
+    rng = np.random.default_rng(3)
+    u = 10.0 * np.sin(np.arange(5000) * 1e-2)
+    noisy = u + 0.3 * rng.standard_normal(u.size)
+    assert not dfc.effects.Saturation(9.9).beyond_noise(noisy, 0.3)
+    assert dfc.effects.Saturation(8.0).beyond_noise(noisy, 0.3)
+    assert not dfc.effects.Saturation(12.0).beyond_noise(noisy, 0.3)
+    # A dead zone shrinks the noise of a small drive.
+    assert not dfc.effects.DeadZone(0.5).beyond_noise(noisy, 0.3)
+    assert dfc.effects.DeadZone(0.8).beyond_noise(noisy, 0.3)
+    assert dfc.effects.InputGain(1.01).beyond_noise(noisy, 0.3)  # noise does not imitate it

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dryfric_control.model.effects.effect import (
     BaseAxis,
@@ -16,6 +17,10 @@ from dryfric_control.model.effects.effect import (
     register_effect,
 )
 from dryfric_control.model.effects.guesses import Guess, View
+
+# Times the noise of the drive that a limit must cut off, and a dead zone must hide
+# (`benchmarks/diagnosis.py`).
+_PEAKS = 2.0
 
 
 @register_effect
@@ -213,6 +218,10 @@ class DeadZone(Effect):
             return u + p[0]
         return 0.0
 
+    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+        # What is shrunk by less than its noise is nearer to the drive that there was.
+        return self.width > _PEAKS * noise
+
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
         # Parts of the Coulomb level, and what the drive loses while it pushes.
@@ -261,6 +270,11 @@ class Saturation(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
+
+    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+        # Peaks of a noisy input are cut as if by a limit.
+        cut = np.abs(u)[np.abs(u) > self.limit] - self.limit
+        return bool(cut.size and np.sqrt(np.mean(cut**2)) > _PEAKS * noise)
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:

@@ -15,7 +15,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
+import numpy as np
 from numba import cfunc
+from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, positive
 from dryfric_control.compiled.axis_step import LAW
@@ -424,6 +426,23 @@ class Effect:
             Way [m] and time [s], 0 for an effect that is a force at every sample.
         """
         return 0.0, 0.0
+
+    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+        """Whether what it does to recorded inputs is more than noise of the drive does.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n,)
+            Recorded inputs.
+        noise : float
+            RMS of the random force [N].
+
+        Returns
+        -------
+        bool
+            True for an effect that noise does not imitate.
+        """
+        return True
 
     def viscous_in(self, direction: int) -> float:
         """Viscous coefficient that it adds in one direction.

@@ -23,8 +23,9 @@ DASHES = ("-", "--", "-.", ":", (0, (7, 2, 1, 2, 1, 2)))
 #: far more than anything that follows.
 _START = 0.1
 
-# Widths of a letter of the title and of the legend, and of a legend's handle [pt].
-_LETTER, _SMALL_LETTER, _HANDLE = 6.5, 4.6, 32.0
+# Widths of a letter of the title and of the legend, and of a legend's handle [pt], in the
+# font size [pt].
+_LETTER, _SMALL_LETTER, _HANDLE, _FONT = 6.5, 4.6, 32.0, 10.0
 # Height of a legend of one row [pt], and its most columns.
 _LEGEND, _MOST_COLUMNS = 20.0, 6
 
@@ -147,7 +148,12 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
 
 def legend_above(ax: Any) -> None:
     """Put the legend above the axes, where it hides no data, in as many rows as it needs."""
-    widths = [_HANDLE + _SMALL_LETTER * len(name) for name in ax.get_legend_handles_labels()[1]]
+    import matplotlib as mpl
+
+    # A legend wider than the axes would squeeze them where the layout is constrained.
+    scale = float(mpl.rcParams["font.size"]) / _FONT
+    names = ax.get_legend_handles_labels()[1]
+    widths = [scale * (_HANDLE + _SMALL_LETTER * len(name)) for name in names]
     ax.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),

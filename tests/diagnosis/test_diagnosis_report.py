@@ -839,16 +839,25 @@ def test_levels_are_drawn_where_they_vary(uneven, found):
     ax = matplotlib.pyplot.figure().subplots()
     figures.draw_levels(uneven, ax)
     lines = {line.get_label(): line for line in ax.lines}
-    for way, name in ((1, "forwards"), (-1, "backwards")):
-        line = lines[f"with the causes, {name}"]
+    for way, prefix, suffix in ((1, "", ""), (-1, "_", ", backwards")):
+        line = lines[f"{prefix}with the causes{suffix}"]
         np.testing.assert_allclose(line.get_ydata(), law_level(line.get_xdata(), way))
-        np.testing.assert_allclose(lines[f"nominal, {name}"].get_ydata(), 6.0)
+        np.testing.assert_allclose(lines[f"{prefix}nominal{suffix}"].get_ydata(), 6.0)
     assert {line.get_marker() for line in ax.lines} == {">", "<"}
     assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
     assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
     alt = "Coulomb level over position; nominal: 6 N, both ways"
     assert alt in page_of(uneven)
     assert "Coulomb level over position" not in page_of(found)
+
+
+def test_legend_takes_no_width_from_the_levels(uneven):
+    with matplotlib.rc_context({"font.size": 11.0}):
+        figure = matplotlib.pyplot.figure(figsize=(4.9, 3.7), layout="constrained")
+        ax = figure.subplots()
+        figures.draw_levels(uneven, ax)
+        figure.canvas.draw()
+    assert ax.bbox.width > 0.75 * figure.bbox.width
 
 
 @pytest.mark.parametrize(

@@ -348,15 +348,17 @@ def draw_levels(d: Findings, ax: Any) -> None:
     sides = (("believed", BEFORE, "nominal"), ("found", AFTER, "with the causes"))
     for side, style, name in sides:
         for way, word in WAYS:
-            # Marks of the two ways stand side by side where their lines coincide.
+            # Marks of the two ways stand side by side where their lines coincide; an
+            # underscore keeps the second one out of the legend.
             ax.plot(
                 table["x"], table[side][word], **style, lw=1.6, marker=_MARKS[way], ms=6,
-                markevery=(2 if way > 0 else 5, 9), label=f"{name}, {word}",
+                markevery=(2 if way > 0 else 5, 9), label=name if way > 0 else f"_{name}, {word}",
             )  # fmt: skip
     most = max(float(np.max(line.get_ydata())) for line in ax.lines)
     ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
     ax.margins(x=0.01)
-    ax.set_xlabel(f"position [{length}]")
+    ax.locator_params(axis="x", nbins=5)
+    ax.set_xlabel(f"position [{length}]\n(marks: > forwards, < backwards)")
     ax.set_ylabel(f"Coulomb level [{force}]")
     legend_above(ax)
 

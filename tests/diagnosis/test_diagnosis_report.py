@@ -589,6 +589,25 @@ def test_nothing_in_the_page_overlaps(found):
     assert max(t.x1 for t in text) < page.x1
 
 
+def test_page_grows_with_its_text(found):
+    warnings = tuple(f"message {i} of many" for i in range(30))
+    figure = replace(found, messages=warnings).plot().figure
+    figure.canvas.draw()
+    words = figure.axes[0].texts[1]
+    assert all(f"warning: {one}" in words.get_text() for one in warnings)
+    below = max(ax.get_tightbbox().y1 for ax in figure.axes[1:])
+    assert words.get_window_extent().y0 > below
+
+
+def test_labels_of_the_closer_look_stay_inside(uneven):
+    figure = uneven.plot().figure
+    figure.canvas.draw()
+    panel = next(ax for ax in figure.axes if ax.child_axes)
+    (inset,) = panel.child_axes
+    for box in (inset.get_tightbbox(), inset.xaxis.get_tightbbox()):
+        assert box.y0 > panel.bbox.y0 + 1 and box.x1 < panel.bbox.x1
+
+
 def test_errors_are_those_of_the_windows(found, shown):
     plot = found.plot()
     line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "nominal")

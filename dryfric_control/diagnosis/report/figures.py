@@ -110,9 +110,8 @@ def _page(d: Findings) -> NDArray[Any]:
         for line in summary_lines(d)[1:]
     ]
     text = "\n".join(lines)
-    rows = min(text.count("\n") + 1, 14)
-    if text.count("\n") + 1 > rows:
-        text = "\n".join(text.splitlines()[: rows - 1]) + "\n..."
+    # The page grows with the text: no line is lost.
+    rows = text.count("\n") + 1
     names = records_text(d)
     name = f"{names} \N{EN DASH} " if names else ""
     heading = textwrap.wrap(
@@ -182,7 +181,7 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
     span = float(d.record.x.min()), float(d.record.x.max())
     panels = [(ax, fastest)]
     if peaks and near < _WIDE * fastest:
-        panels += [(ax.inset_axes((0.60, 0.12, 0.38, 0.34)), near)]
+        panels += [(ax.inset_axes((0.60, 0.17, 0.35, 0.30)), near)]
     for one, reach in panels:
         one.plot(
             last.v[some], measured[some], ".", color=GREY, ms=1.5, rasterized=True,
@@ -202,7 +201,8 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
         v = np.linspace(0.0, near, 99)
         both = [friction_over_velocity(e.axis, v, np.mean(span)) for e in (before, last)]
         one.set_ylim(0.9 * np.min(both), 1.06 * np.max(both))
-        one.tick_params(labelsize="x-small")
+        # The labels stay clear of the frame around.
+        one.tick_params(labelsize="x-small", length=2.0, pad=1.5)
     ax.set_xlabel(f"velocity [{length}/s]")
     ax.set_ylabel(f"friction [{force}]")
     legend_above(ax)

@@ -1233,9 +1233,19 @@ def test_records_that_were_diagnosed_together_are_named(found):
     first = replace(more, record=called("a"))
     assert wording.records_text(first) == "3 records: a, b, c"
     assert str(first).startswith(f"verdict: {found.verdict} (of 3 records: a, b, c)")
-    assert "3 records: a, b, c" in html_page(first)
+    page = html_page(first)
+    assert "3 records: a, b, c" in page
+    # Curves, table and footer are of the first one, and say so.
+    assert '<th scope="col">record a, the first of 3</th>' in page
+    assert "Record a, the first of 3: 8000 samples in" in page
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page)
+    assert sum(one.endswith("Record a, the first of 3.") for one in captions) >= 8
+    text = first.plot().figure.axes[0].texts[1].get_text()
+    assert text.endswith("curves: record a, the first of 3")
+    assert "the first of" not in html_page(found)
     nameless = replace(more, record=called(""))
     assert wording.records_text(nameless) == "3 records"
+    assert wording.shown_record(nameless) == "the first of 3 records"
 
 
 def test_no_motion_is_advised_where_a_gain_does_the_same(found):

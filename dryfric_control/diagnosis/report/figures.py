@@ -17,6 +17,7 @@ from dryfric_control.diagnosis.report.wording import (
     headline,
     level_table,
     records_text,
+    shown_record,
     summary_lines,
     times_smaller,
 )
@@ -99,6 +100,9 @@ def _page(d: Findings) -> NDArray[Any]:
     import matplotlib.pyplot as plt
 
     # The first line is the verdict, which the headline says.
+    said = summary_lines(d)[1:]
+    if d.others:
+        said.append(f"curves: {shown_record(d)}")
     lines = [
         "\n".join(
             textwrap.wrap(
@@ -107,7 +111,7 @@ def _page(d: Findings) -> NDArray[Any]:
                 subsequent_indent=(10 if line.startswith(" ") else 5) * " ",
             )
         )
-        for line in summary_lines(d)[1:]
+        for line in said
     ]
     text = "\n".join(lines)
     # The page grows with the text: no line is lost.

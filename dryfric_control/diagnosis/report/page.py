@@ -65,7 +65,7 @@ def html_page(d: Findings) -> str:
         pictures=_pictures(d, before, after),
         steps=wording.next_steps(d),
         references=Markup(table(_reference_rows(d), as_html=True)) if d.references else "",
-        evidence=Markup(table(_evidence_rows(before, after), as_html=True)),
+        evidence=Markup(table(_evidence_rows(d, before, after), as_html=True)),
         acting=Markup(table(_acting_rows(d), as_html=True)),
         extended_by_effects=bool(d.extended.effects),
         nominal=d.axis.describe(),
@@ -115,8 +115,10 @@ def _provenance(d: Findings) -> str:
     r = d.record
     unit = d.axis.units[0]
     quantum = f", encoder quantum {length_text(r.quantum, unit)}" if r.quantum else ""
+    shown = wording.shown_record(d)
+    of = f"{shown[0].upper()}{shown[1:]}: " if shown else ""
     return (
-        f"{len(r)} samples in {r.duration:.4g} s, range {length_text(r.range, unit)}{quantum}; "
+        f"{of}{len(r)} samples in {r.duration:.4g} s, range {length_text(r.range, unit)}{quantum}; "
         f"free runs of {d.window:.3g} s; dryfric-control {__version__}."
     )
 
@@ -154,6 +156,9 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     def residual(by: str) -> Callable[[Any], None]:
         return lambda ax: figures.draw_residual(before, after, by, ax)
 
+    shown = wording.shown_record(d)
+    # Of several records the curves are of one: each caption says of which.
+    which = f" {shown[0].upper()}{shown[1:]}." if shown else ""
     force = before.axis.units[1]
     rms = f"RMS {before.force_rms:.3g} {force} nominal"
     if after is not None:
@@ -163,19 +168,19 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
             lambda ax: figures.draw_friction_curves(d, before, after, ax),
             "Friction over velocity, nominal and with the causes, over the measured friction.",
             "Friction over velocity; bands where it depends on the position. Dots: measured force "
-            "net of inertia and of the other effects.",
+            f"net of inertia and of the other effects.{which}",
         ),
         _picture(
             lambda ax: figures.draw_errors(d, before, after, ax),
             f"RMS error of every free run over time, {_medians(before, after)}.",
             "Error of free runs, each started from its most likely state. Grey: what the data "
-            "was used for; white was used to fit.",
+            f"was used for; white was used to fit.{which}",
         ),
         _picture(
             lambda ax: figures.draw_difference(d, before, after, ax),
             "Simulated minus measured position over time, where the errors are among the largest.",
             "Simulated minus measured position where the errors are among the largest. Dotted: "
-            "restarts of the free runs.",
+            f"restarts of the free runs.{which}",
         ),
     ]
     if after is not None:
@@ -183,7 +188,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
             _picture(
                 lambda ax: figures.draw_difference(d, before, after, ax, nominal=False),
                 "Simulated minus measured position with the causes, on its own scale.",
-                "The same with the causes, on a scale of its own.",
+                f"The same with the causes, on a scale of its own.{which}",
             )
         )
     hidden = wording.hidden_text(d, before.hidden)
@@ -196,7 +201,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     }
     for by, caption in what.items():
         words = f"Force residual against {by.replace('reversal', 'time since reversal')}; {rms}."
-        pictures.append(_picture(residual(by), words, caption))
+        pictures.append(_picture(residual(by), words, caption.rstrip() + which))
     table = wording.level_table(d)
     if wording.level_varies(table):
         unit = d.axis.units
@@ -208,7 +213,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 f"{wording.level_text(table, 'found', unit)}.",
                 "Coulomb level, without Stribeck peak and load, with every effect that changes it, "
                 "over the range that the record visited. Marks show the direction: > forwards (x "
-                "grows), < backwards.",
+                f"grows), < backwards.{which}",
             )
         )
     times = figures.falls(d)
@@ -232,7 +237,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
             lambda ax: figures.draw_autocorrelation(before, after, ax),
             "Autocorrelation of the force residual over the lag, with the band of white noise.",
             "A residual that is noise stays in the band, but for the shortest lags, which the "
-            "smoothing correlates.",
+            f"smoothing correlates.{which}",
         )
     )
     left = d.remaining
@@ -242,7 +247,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 lambda ax: figures.draw_remaining(d, ax),
                 f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
                 "Spectrum of the random force that is left with the causes in the model. A peak "
-                "is a cause that repeats; a rise to low frequencies, one that drifts.",
+                f"is a cause that repeats; a rise to low frequencies, one that drifts.{which}",
             )
         )
     return pictures
@@ -254,11 +259,11 @@ def _reference_rows(d: Findings) -> list[tuple[str, ...]]:
     return [("reference", "gain of log-likelihood over it"), *rows]
 
 
-def _evidence_rows(before: Evidence, after: Evidence | None) -> list[tuple[str, ...]]:
+def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> list[tuple[str, ...]]:
     length, force = before.axis.units
     sides = [before] if after is None else [before, after]
     return [
-        ("whole record", "nominal", "with the causes")[: len(sides) + 1],
+        (wording.shown_record(d) or "whole record", "nominal", "with the causes")[: len(sides) + 1],
         ("force residual, RMS", *(f"{s.force_rms:.3g} {force}" for s in sides)),
         ("free runs, RMS error", *(length_text(s.position_rms, length) for s in sides)),
         (

@@ -210,7 +210,8 @@ def next_steps(d: Findings) -> list[str]:
     elif d.causes:
         steps.append("Use the axis with the causes in place of the nominal one, see below.")
     if d.unexplained.significant:
-        steps.append(f"Look at what is left where it is: {places_text(d)}.")
+        if d.unexplained.where:
+            steps.append(f"Look at what is left where it is: {places_text(d)}.")
         more = "" if d.others else ", or diagnose several records of this machine together"
         steps.append(
             f"Add the effect that you suspect with register_effect and diagnose again{more}."
@@ -253,6 +254,14 @@ def records_text(d: Findings) -> str:
     return f"{count} records" + (f": {', '.join(names)}" if len(names) == count else "")
 
 
+def shown_record(d: Findings) -> str:
+    """The record that curves and tables of free runs are of; nothing where it is the only one."""
+    if not d.others:
+        return ""
+    of = f"the first of {1 + len(d.others)}"
+    return f"record {d.record.name}, {of}" if d.record.name else f"{of} records"
+
+
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
@@ -289,7 +298,7 @@ def further_lines(d: Findings) -> list[str]:
         )
         mean = float(np.mean(found["values"]))
         last = (
-            f" (the last is {found['values'][-1] / found['values'][0]:.3g} of the first)"
+            f" (last record: {found['values'][-1] / found['values'][0]:.3g} of the first)"
             if mean and found["values"][0]
             else ""
         )

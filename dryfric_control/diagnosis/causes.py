@@ -73,5 +73,7 @@ def hardly_determined(causes: Sequence[Cause]) -> list[str]:
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
             if not cause.standard_errors[name] <= _HARDLY * abs(value):
-                messages.append(f"{cause.effect}.{name} is hardly determined by this record")
+                # A base parameter may have the name of its cause.
+                full = name if name == cause.effect else f"{cause.effect}.{name}"
+                messages.append(f"{full} is hardly determined by this record")
     return messages

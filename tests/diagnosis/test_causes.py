@@ -41,6 +41,14 @@ def test_what_a_record_leaves_open_is_said(error):
     assert said == ["cogging.amplitude is hardly determined by this record"]
 
 
+def test_a_parameter_called_as_its_cause_is_named_once():
+    open_ = cause_of(
+        AXIS, "viscous", {"viscous": "viscous"}, {"viscous": 15.0}, {"viscous": 9.0},
+        {"viscous": "N s/m"}, (2.0, 0.1),
+    )  # fmt: skip
+    assert hardly_determined([open_]) == ["viscous is hardly determined by this record"]
+
+
 def test_what_a_record_determines_is_not():
     assert not [m for m in hardly_determined([cause(0.14)]) if "amplitude" in m]
 

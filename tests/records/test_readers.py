@@ -72,6 +72,8 @@ def test_a_row_of_units_is_used(tmp_path):
 def test_a_preamble_is_noted(tmp_path):
     record = dfc.read_record(write(tmp_path, TEXTS["preamble"]))
     assert "3 lines above the heading were skipped" in record.notes
+    one = dfc.read_record(write(tmp_path, "a motion\nt,u,x\n" + rows(T, U, X), "one.csv"))
+    assert "1 line above the heading was skipped" in one.notes
 
 
 def test_no_row_of_numbers_is_skipped_as_a_preamble(tmp_path):

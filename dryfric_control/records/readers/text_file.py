@@ -79,7 +79,12 @@ def read_text(path: Path, columns: Any, max_rows: int, timed: bool | None = True
         if layout is None:
             layout, start = _sniff(path.name, chunk, comments, columns, timed)
             if start > 1:
-                notes += (f"{start - 1} lines above the heading were skipped",)
+                lines = (
+                    "1 line above the heading was"
+                    if start == 2
+                    else (f"{start - 1} lines above the heading were")
+                )
+                notes += (f"{lines} skipped",)
             chunk = chunk[start:]
         rows += len(chunk)
         if rows > max_rows:

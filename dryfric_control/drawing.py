@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.text import typeset
+from dryfric_control.text import force_or_torque, typeset
 
 #: Grey of measured dots and lines.
 MEASURED = "0.6"
@@ -75,6 +75,10 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
     lines = np.empty((axes.size, 1), dtype=object)
     for i, one in enumerate(axes):
         lines[i, 0] = list(one.lines)
+        legend, unit = one.get_legend(), one.get_ylabel()
+        names = [] if legend is None else legend.get_texts()
+        for label in (one.yaxis.label, *names):
+            label.set_text(force_or_torque(label.get_text(), unit))
         for label in (one.xaxis.label, one.yaxis.label):
             label.set_text(typeset(label.get_text()))
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)

@@ -117,6 +117,20 @@ def typeset(text: str) -> str:
     return text
 
 
+def force_or_torque(text: str, unit: str) -> str:
+    """Text on a force, which is a torque where its unit, or a label with it, has N m.
+
+    Examples
+    --------
+    >>> from dryfric_control.text import force_or_torque
+    >>> force_or_torque("force residual", "N m"), force_or_torque("Force residual", "N")
+    ('torque residual', 'Force residual')
+    """
+    if not re.search(r"N[ \xb7]m\b", unit):
+        return text
+    return re.sub(r"\b([Ff])orce\b", lambda m: "Torque" if m[1] == "F" else "torque", text)
+
+
 def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
     """Rows, the headings first, as columns of text, or escaped and typeset as HTML.
 

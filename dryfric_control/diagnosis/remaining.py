@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.text import Result
+from dryfric_control.text import Result, force_or_torque
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +67,8 @@ class Remaining(Result):
         kind = "structured" if self.structured else "no structure found"
         if self.correlation_time > 0.0:
             kind += f", correlation time {self.correlation_time:.2g} s"
-        return f"random force left: {self.rms:.3g} {self.unit} RMS a sample, {kind}"
+        name = force_or_torque("random force left", self.unit)
+        return f"{name}: {self.rms:.3g} {self.unit} RMS a sample, {kind}"
 
     def _shown(self) -> list[str]:
         return [self.headline, *self.where]

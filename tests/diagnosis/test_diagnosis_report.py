@@ -30,6 +30,7 @@ from dryfric_control.diagnosis.report import figures, findings, wording
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
 from dryfric_control.diagnosis.report.page import html_page, html_summary
+from dryfric_control.drawing import control_plot, legend_above
 from dryfric_control.estimation.windows import cut
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.store.axis_file import axis_text, read_axis, write_axis
@@ -361,6 +362,19 @@ def test_what_several_records_show_alike_is_said_once(found):
     # Who has given several records is not asked for several.
     several = "diagnose several records of this machine together"
     assert several in words_of(html_summary(one)) and several not in words_of(html_summary(both))
+
+
+def test_a_force_in_newton_metres_is_a_torque(found):
+    ax = matplotlib.pyplot.figure().subplots()
+    ax.plot([0.0, 1.0], [0.0, 1.0], label="force residual, nominal model")
+    ax.set_ylabel("force residual [N m]")
+    legend_above(ax)
+    control_plot(np.array([ax], dtype=object))
+    assert ax.get_ylabel() == "torque residual [N\xb7m]"
+    assert ax.get_legend().get_texts()[0].get_text() == "torque residual, nominal model"
+    left = Remaining(0.2, 0.0, True, (), unit="N m")
+    assert str(left).startswith("random torque left: 0.2 N m")
+    assert "Force residual over velocity: the force" in words_of(page_of(found))
 
 
 def test_error_reduction_says_of_what(found):

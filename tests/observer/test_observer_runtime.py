@@ -377,5 +377,5 @@ def test_response_shows_itself(clutch):
     drawn = estimate.plot()
     assert isinstance(drawn, ct.ControlPlot)
     labels = [one.get_ylabel() for one in drawn.axes.ravel()]
-    assert labels == ["position [inc]", "velocity [inc/s]", "force [N·m]"]
+    assert labels == ["position [inc]", "velocity [inc/s]", "torque [N·m]"]
     matplotlib.pyplot.close(drawn.figure)

@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.drawing import control_plot
 from dryfric_control.store.axis_file import axis_text
-from dryfric_control.text import length_text, percent, table, typeset
+from dryfric_control.text import force_or_torque, length_text, percent, table, typeset
 
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
 # resolution of clouds of dots.
@@ -160,6 +160,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     # Of several records the curves are of one: each caption says of which.
     which = f" {shown[0].upper()}{shown[1:]}." if shown else ""
     force = before.axis.units[1]
+    kind = force_or_torque("force", force)
     rms = f"RMS {before.force_rms:.3g} {force} nominal"
     if after is not None:
         rms += f", {after.force_rms:.3g} {force} with the causes"
@@ -167,8 +168,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         _picture(
             lambda ax: figures.draw_friction_curves(d, before, after, ax),
             "Friction over velocity, nominal and with the causes, over the measured friction.",
-            "Friction over velocity; bands where it depends on the position. Dots: measured force "
-            f"net of inertia and of the other effects.{which}",
+            "Friction over velocity; bands where it depends on the position. Dots: measured "
+            f"{kind} net of inertia and of the other effects.{which}",
         ),
         _picture(
             lambda ax: figures.draw_errors(d, before, after, ax),
@@ -193,14 +194,16 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         )
     hidden = wording.hidden_text(d, before.hidden)
     what = {
-        "velocity": "Force residual over velocity: the force that the model would need beside its "
-        f"drive to move as measured; {rms}. Dots: nominal model; lines: medians. {hidden}",
+        "velocity": f"{kind.capitalize()} residual over velocity: the {kind} that the model would "
+        f"need beside its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
+        f"{hidden}",
         "position": "The same over position, a line for each direction.",
         "time": "The same over time.",
         "reversal": "The same over the time since the last reversal.",
     }
     for by, caption in what.items():
-        words = f"Force residual against {by.replace('reversal', 'time since reversal')}; {rms}."
+        over = by.replace("reversal", "time since reversal")
+        words = f"{kind.capitalize()} residual against {over}; {rms}."
         pictures.append(_picture(residual(by), words, caption.rstrip() + which))
     table = wording.level_table(d)
     if wording.level_varies(table):
@@ -235,7 +238,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     pictures.append(
         _picture(
             lambda ax: figures.draw_autocorrelation(before, after, ax),
-            "Autocorrelation of the force residual over the lag, with the band of white noise.",
+            f"Autocorrelation of the {kind} residual over the lag, with the band of white noise.",
             "A residual that is noise stays in the band, but for the shortest lags, which the "
             f"smoothing correlates.{which}",
         )
@@ -245,8 +248,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         pictures.append(
             _picture(
                 lambda ax: figures.draw_remaining(d, ax),
-                f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
-                "Spectrum of the random force that is left with the causes in the model. A peak "
+                f"Spectrum of the random {kind} that is left, {left.rms:.3g} {left.unit} RMS.",
+                f"Spectrum of the random {kind} that is left with the causes in the model. A peak "
                 f"is a cause that repeats; a rise to low frequencies, one that drifts.{which}",
             )
         )
@@ -264,7 +267,10 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
     sides = [before] if after is None else [before, after]
     return [
         (wording.shown_record(d) or "whole record", "nominal", "with the causes")[: len(sides) + 1],
-        ("force residual, RMS", *(f"{s.force_rms:.3g} {force}" for s in sides)),
+        (
+            force_or_torque("force residual, RMS", force),
+            *(f"{s.force_rms:.3g} {force}" for s in sides),
+        ),
         ("free runs, RMS error", *(length_text(s.position_rms, length) for s in sides)),
         (
             "free runs, median error",

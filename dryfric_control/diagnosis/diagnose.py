@@ -236,10 +236,11 @@ def diagnose(
 def _prevails(search: Search, found: Answer, by_runs: Diagnosis, clean: Sequence[str]) -> bool:
     """Whether the answer of the likelihood holds where free runs have left something.
 
-    It does if it leaves nothing and they name no other causes, or if it is the likelier one.
+    It must leave nothing, and free runs name no other causes, or less likely ones.
     """
-    agrees = found.verdict in clean and _agree(by_runs, found)
-    return agrees or found.final.cost < search.reference(by_runs.extended).cost
+    if found.verdict not in clean:
+        return False
+    return _agree(by_runs, found) or found.final.cost < search.reference(by_runs.extended).cost
 
 
 def _muted(d: Diagnosis, window: float) -> bool:

@@ -693,6 +693,7 @@ class Record:
         median = float(np.median(steps))
         step = float(f"{median:.3g}") if dt is None else positive_number("dt", dt)
         limit = 5 * median if max_gap is None else positive_number("max_gap", max_gap)
+        limit += 1e-3 * median  # time stamps are rounded
         if np.any(steps > limit):
             k = int(np.argmax(steps > limit))
             raise ValueError(

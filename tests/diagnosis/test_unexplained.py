@@ -51,6 +51,7 @@ def test_without_the_held_out_step_chance_is_accused(monkeypatch, judge):
     # of it is another judge's matter.
     monkeypatch.setattr(selection, "_MOST_CAUSES", 1)
     monkeypatch.setattr(module, "_nothing", lambda *_: True)
+    monkeypatch.setattr(module, "_blind", lambda _: False)
     monkeypatch.setattr(module, "answer", lambda *_: SimpleNamespace(verdict="unexplained"))
     found = wanders(1, "short")
     assert found.verdict in FLAGGED

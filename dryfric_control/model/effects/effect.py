@@ -428,7 +428,7 @@ class Effect:
         return 0.0, 0.0
 
     def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
-        """Whether what it does to recorded inputs is more than noise of the drive does.
+        """Whether it changes inputs by more than their noise does.
 
         Parameters
         ----------

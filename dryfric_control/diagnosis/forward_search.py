@@ -103,17 +103,51 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     """
     # Inputs that were found to be early before stay so.
     state = State(search.alone() if search.clock else search.first[0])
+    ended = _rounds(search, state, most, end)
+    if ended:
+        return None
+    if search.bold(state.fit) and not search.late:
+        _from_nominal(search, state, most)
+    if len(state.causes) > 1:
+        _in_time(search, state)
+        _compare(search, state)
+    state.late = search.late
+    return state
+
+
+def _from_nominal(search: Search, state: State, most: int) -> None:
+    """Search again with the base held, where the fit makes it another machine.
+
+    Without its causes a base may bend so far that it hides them.
+    """
+    search.tell("causes beside the nominal base")
+    base, search.base = search.base, ()
+    held = State(search.alone(), refuted=state.refuted)
+    _rounds(search, held, most, None)
+    search.base = base
+    if held.causes:
+        noises = held.fit.z[len(held.fit.problem.names) :]
+        held.fit = search.fit(held.fit.axis, search.free_of(held.fit), noises)
+        if held.fit.cost < state.fit.cost - SLACK:
+            first = state.first
+            vars(state).update(vars(held))
+            state.first = first
+            _tidy(search, state)
+
+
+def _rounds(search: Search, state: State, most: int, end: Ends | None) -> bool:
+    """Add causes to a state as long as they pay; whether `end` has said to end."""
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
         now = state.fit
-        if now is not search.first[0]:
+        if state.causes:
             search.tell(f"cause {len(state.causes) + 1}")
         candidates: list[Candidate] = []
         for stiff in (False, True):
             some = search.screen(now, not state.causes, stiff)
             some = [c for c in some if c.slug not in state.refuted]
             if end is not None and end(state, some):
-                return None
+                return True
             candidates += some
         candidates.sort(key=lambda c: c.cost)
         if not state.causes:
@@ -160,11 +194,7 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
         state.close[chosen.slug] = _close(search, now, chosen, candidates, ranked)
         if len(state.causes) > 1:
             _tidy(search, state)
-    if len(state.causes) > 1:
-        _in_time(search, state)
-        _compare(search, state)
-    state.late = search.late
-    return state
+    return False
 
 
 def notable(gain: float, whole: float, samples: int) -> bool:

@@ -484,6 +484,10 @@ class Search:
     def _is_free(self, now: Solution, name: str) -> bool:
         return any(n.startswith(f"{name}.") for n in now.problem.names)
 
+    def bold(self, fit: Solution) -> bool:
+        """Whether a fit has moved a base parameter by more than a factor of two."""
+        return self._bent(fit, _BOLD)
+
     def _bent(self, now: Solution, most: float) -> bool:
         values = now.values()
         return any(

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnosis_cases import among, believed, record
-from truth import make_machine
+from truth import make_case, make_machine
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
@@ -17,6 +17,7 @@ from dryfric_control.diagnosis.forward_search import (
     _close,
     _compare,
     _exchange,
+    _from_nominal,
     _in_time,
     _sift,
     _spares,
@@ -310,3 +311,22 @@ def test_a_search_whose_time_is_over_while_it_compares_ends_with_what_it_has(mon
     with among("bias_force"):
         state = forward(search)
     assert state.late and state.causes == [] and state.fit is search.first[0]
+
+
+@pytest.mark.slow
+def test_a_base_that_has_bent_is_searched_with_as_believed_too():
+    # As if without its causes the base had come out as another machine's.
+    case = make_case("coulomb_asymmetry", 3, "short")
+    search = Search(believed(case), [record(case)])
+    base = search.base
+    heavy = search.believed.replace(mass=3.0 * search.believed.mass)
+    bent = search.fit(heavy, (), None, 0)
+    state = State(bent)
+    state.first = {"drift": 1.0}
+    with among("bias_force", "viscous_asymmetry", "coulomb_asymmetry"):
+        _from_nominal(search, state, 4)
+    assert search.base == base
+    assert state.causes and state.fit.cost < bent.cost
+    assert search.bold(bent) and not search.bold(state.fit)
+    assert {"mass", "viscous", "coulomb"} <= {*state.fit.values()}
+    assert state.first == {"drift": 1.0}

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 #: A response is followed until it has fallen to this part.
 _FADED = 1e-7
 _LONGEST = 200_000
+#: Largest delay margin that is searched for [samples].
+_LATEST = 200
 #: Places, times and times at rest at which the axis' own laws are read.
 _PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
@@ -99,6 +101,9 @@ class TrackingCertificate(Result):
         Units of position and force.
     slow : bool
         Whether it holds for slow references only.
+    delay_margin : float
+        Delay of the drive beyond that of the nominal axis [s] below which the linear loop
+        of that axis is stable; 200 samples if it is more than that.
 
     Examples
     --------
@@ -107,6 +112,8 @@ class TrackingCertificate(Result):
     >>> comp = dfc.design_compensation(axis, dt=1e-3)
     >>> comp.certificate.tube > comp.certify(mismatch=0.1).tube
     True
+    >>> print(f"{1e3 * comp.certificate.delay_margin:.1f} ms")
+    1.9 ms
     """
 
     tube: float
@@ -119,6 +126,7 @@ class TrackingCertificate(Result):
     conditions: tuple[Condition, ...]
     units: tuple[str, str] = ("m", "N")
     slow: bool = False
+    delay_margin: float = 0.0
 
     @property
     def no_hunting(self) -> bool:
@@ -135,6 +143,10 @@ class TrackingCertificate(Result):
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
             f"at the worst axis; force left over at most {self.friction_left:.4g} {force}"
+        )
+        yield (
+            f"delay  the nominal loop is stable for a drive delay of less than "
+            f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
         )
         for name, holds, detail in self.conditions:
             yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
@@ -273,6 +285,44 @@ def loop_gains(
     )
 
 
+def delay_margin(loop: Loop) -> float:
+    """Delay beyond that of the nominal axis below which its linear loop is stable.
+
+    Parameters
+    ----------
+    loop : Loop
+        The controller.
+
+    Returns
+    -------
+    float
+        Delay margin [s]: 0 if the loop is unstable as it is, at most 200 samples.
+    """
+    axis, most = loop.axis, _LATEST * loop.dt
+
+    def stable(delay: float) -> bool:
+        A, _ = loop_matrices(loop, axis.mass, axis.viscous, loop.drive_delay + delay)
+        return bool(np.abs(np.linalg.eigvals(A)).max() < 1.0)
+
+    if not stable(0.0):
+        return 0.0
+    below, above = 0.0, loop.dt
+    while stable(above):
+        if above >= most:
+            return most
+        below, above = above, min(2.0 * above, most)
+    # A loop may be stable again at longer delays: the shortest unstable one counts.
+    for delay in np.linspace(0.0, above, 17)[1:-1]:
+        if not stable(delay):
+            above = float(delay)
+            break
+        below = float(delay)
+    while above - below > 1e-3 * above:
+        middle = 0.5 * (below + above)
+        below, above = (middle, above) if stable(middle) else (below, middle)
+    return below
+
+
 def certify_tracking(
     loop: Loop,
     mismatch: float,
@@ -370,7 +420,7 @@ def certify_tracking(
     worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
     return TrackingCertificate(
         float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
-        _conditions(loop, laws, worst, mu), axis.units, reference is None,
+        _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
     )  # fmt: skip
 
 

@@ -227,8 +227,8 @@ class Compensation(Result):
             f"ki = {self.ki:.6g} {force}/({length} s), kd = {self.kd:.6g} {force} s/{length}"
         )
         yield (
-            f"ahead  {self.lead} samples, for a delay of up to "
-            f"{self.drive_delay + self.input_delay:g} s"
+            f"ahead  {self.lead} samples, designed for a drive delay of up to "
+            f"{1e3 * (self.drive_delay + self.input_delay):.3g} ms"
         )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
         yield f"other effects fed forward: {effects}"

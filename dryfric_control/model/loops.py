@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -327,6 +328,12 @@ def simulate_loop(
     ValueError
         If an argument is out of its range.
 
+    Warns
+    -----
+    RuntimeWarning
+        If the loop diverges: at the end the error is more than ten times the travel of the
+        reference, and the axis still moves.
+
     Notes
     -----
     The same compiled functions as `axis_block`, `encoder` and
@@ -368,6 +375,7 @@ def simulate_loop(
         located, lost = controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))
         room *= 8
     check_finite(out)
+    _warn_if_divergent(axis, motion, force, out)
     return SimulationResponse(
         np.arange(r.size) * dt,
         out,
@@ -378,4 +386,34 @@ def simulate_loop(
         title=f"{axis.name}: closed loop",
         sysname=axis.name,
         units=axis.units,
+    )
+
+
+def _warn_if_divergent(
+    axis: FrictionAxis,
+    motion: MotionProfile,
+    disturbance: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Warn of a loop whose error is far beyond its reference and does not come to rest."""
+    r, lasts = motion.position, motion.duration
+    if lasts <= 0.0:
+        return
+    # Travel of the reference, and the way that start and disturbance alone would take the mass.
+    thrown = abs(out[1, 0]) * lasts + np.abs(disturbance).max() * lasts**2 / (2.0 * axis.mass)
+    travel = float(np.ptp(r) + abs(r[0] - out[0, 0]) + thrown)
+    late = slice(-max(r.size // 5, 1), None)
+    error = float(np.abs(r[late] - out[0, late]).max())
+    # A loop that sags under a constant load comes to rest.
+    if error <= 10.0 * travel or np.abs(out[1, late]).max() <= 10.0 * travel / lasts:
+        return
+    length = axis.units[0]
+    warnings.warn(
+        f"the loop diverges: its error reaches {error:.3g} {length}, where reference, start and "
+        f"disturbance account for {travel:.3g} {length}. It is unstable on this axis, most often "
+        "because the drive is later than the controller was designed for: compare the delay of "
+        "the axis with comp.certificate.delay_margin, and give it to the design (input_delay=); "
+        "otherwise lower bandwidth or gains",
+        RuntimeWarning,
+        stacklevel=3,  # the caller of simulate_loop
     )

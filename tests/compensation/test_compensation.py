@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import warnings
 from dataclasses import dataclass, replace
 
 import control as ct
@@ -271,6 +272,37 @@ def test_the_loop_is_stable_at_every_rate_and_delay(dt, samples, known):
     # It forgets an error in at most 25 times 1 / bandwidth.
     assert comp.certificate.worst.radius < np.exp(-0.04 * comp.bandwidth * dt)
     assert comp.certificate.tube < np.inf
+
+
+@pytest.mark.parametrize("law", ["learned", "pid"])
+@pytest.mark.parametrize("designed", [0.0, 3e-3])
+def test_delay_margin_is_where_the_simulated_loop_diverges(law, designed):
+    """A tenth below it the loop follows in silence; well above it diverges with a warning."""
+    comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, designed, law=law)
+    margin = comp.certificate.delay_margin
+    assert margin > designed
+    assert f"less than {1e3 * margin:.3g} ms beyond" in comp.summary()
+    motion = moves()
+    near, far = (
+        NOMINAL.replace(effects=(fx.InputDelay(delay=part * margin),)) for part in (0.9, 1.3)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = dfc.simulate_loop(near, comp.controller, motion, quantum=QUANTUM)
+    assert np.abs(motion.position - run.y[0]).max() < 1e-3
+    with pytest.warns(RuntimeWarning, match=r"diverges.*delay_margin.*input_delay=") as caught:
+        dfc.simulate_loop(far, comp.controller, motion, quantum=QUANTUM)
+    assert caught[0].filename == __file__
+
+
+def test_delay_margin_counts_beyond_the_delay_of_the_axis():
+    """And not beyond that of `input_delay`, for which a design is made."""
+    late = NOMINAL.replace(effects=(fx.InputDelay(delay=3e-3),))
+    known = dfc.design_compensation(late, DT, QUANTUM)
+    assumed = dfc.design_compensation(NOMINAL, DT, QUANTUM, 3e-3)
+    assert known.certificate.delay_margin + 3e-3 == pytest.approx(
+        assumed.certificate.delay_margin, rel=0.05
+    )
 
 
 def test_certificate_names_what_fails():

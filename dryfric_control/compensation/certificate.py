@@ -392,7 +392,7 @@ def certify_tracking(
         )
     ]
     nominal = loop_gains(loop, axis.mass, axis.viscous, loop.drive_delay)
-    laws = _laws(axis, loop.dt)
+    laws = _laws(axis, loop.dt, reference)
     level = laws.level
     left = {
         "levels": (1.0 - learned) * (1.0 + mu - c[kernel.COULOMB]) * level,
@@ -425,18 +425,29 @@ def certify_tracking(
 
 
 class _Laws(NamedTuple):
-    """What the axis' own laws say over its travel."""
+    """Levels and force effects of an axis, over its travel or along a reference."""
 
     level: float  # largest Coulomb level [N]
     least: float  # smallest [N]
     slope: float  # largest slope of the force effects over place [N/m]
     wander: float  # largest change of force and level with time at rest [N]
+    guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
 
-def _laws(axis: FrictionAxis, dt: float) -> _Laws:
-    """Read levels and force effects of an axis over its travel and over time."""
+def _laws(axis: FrictionAxis, dt: float, reference: MotionProfile | None) -> _Laws:
+    """Read levels and force effects of an axis over place and over time.
+
+    Places are those of the travel.  Without one they are those of the reference and a tenth of
+    its way on either side.
+    """
     arrays = axis.arrays(dt)
     low, high = axis.travel or (-1.0, 1.0)
+    known = axis.travel is not None
+    if reference is not None and not known and np.ptp(reference.position) > 0.0:
+        beside = 0.1 * float(np.ptp(reference.position))
+        low = float(reference.position.min()) - beside
+        high = float(reference.position.max()) + beside
+        known = True
     places = np.linspace(low, high, _PLACES)
     near = 1e-6 * (high - low)
 
@@ -450,6 +461,7 @@ def _laws(axis: FrictionAxis, dt: float) -> _Laws:
         float(table[..., 1:].min()),
         float(max(slopes)),
         float(np.ptp(table, axis=0).max()),
+        None if known or np.ptp(table[..., 1:], axis=1).max() == 0.0 else (low, high),
     )
 
 
@@ -460,6 +472,13 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
     holds = c[kernel.HOLDS] != 0.0
     held = c[kernel.HOLD_SHARE] * laws.level if holds else math.inf
     least = (1.0 - mu) * laws.least
+    places = ""
+    if laws.guessed:
+        low, high = laws.guessed
+        places = (
+            f"; levels depend on the position and are read from {low:g} to {high:g} {length}, as "
+            "the axis has no travel: give it, axis.replace(travel=(low, high))"
+        )
     return (
         Condition(
             "the linear loop is stable for every axis within the mismatch",
@@ -477,7 +496,7 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         Condition(
             "the held drive stays below the least Coulomb level",
             held <= least,
-            f"{held:.3g} of {least:.3g} {force}",
+            f"{held:.3g} of {least:.3g} {force}{places}",
         ),
         Condition(
             "other forces and levels do not change with time by more than is left",

@@ -150,7 +150,8 @@ class Compensation(Result):
             mismatch.
         reference : MotionProfile, optional
             Reference, whose inertia and viscous friction widen the tube.  Default: one so
-            slow that they do not count.
+            slow that they do not count.  On an axis without `travel` its positions are also
+            those for which levels and force effects are read, otherwise -1 m to 1 m.
 
         Returns
         -------

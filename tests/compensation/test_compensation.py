@@ -313,6 +313,20 @@ def test_certificate_names_what_fails():
     assert "FAILS" in certificate.summary()
 
 
+def test_levels_over_place_ask_for_a_travel_or_a_reference():
+    """Over a metre to either side a level of 8 N came to 0 N, and nothing said why."""
+    axis = NOMINAL.replace(effects=(fx.PositionDependence(slope=3.0),))
+    comp = dfc.design_compensation(axis, DT, QUANTUM)
+    (failed,) = (one for one in comp.certificate.conditions if not one.holds)
+    assert "from -1 to 1 m" in failed.detail and "axis.replace(travel=" in failed.detail
+    along = comp.certify(reference=moves())
+    assert along.no_hunting and "travel" not in along.summary()
+    assert along.tube < 0.5 * comp.certificate.tube
+    given = dfc.design_compensation(axis.replace(travel=(0.0, 0.02)), DT, QUANTUM)
+    assert given.certificate.no_hunting and "travel" not in given.summary()
+    assert "travel" not in dfc.design_compensation(NOMINAL, DT, QUANTUM).summary()
+
+
 def test_an_unstable_corner_is_an_infinite_tube():
     """Stable as designed, not with a mass 60 % lower."""
     comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3)

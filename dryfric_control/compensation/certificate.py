@@ -20,6 +20,8 @@ from dryfric_control.text import Result, length_text
 
 Array = NDArray[np.float64]
 
+#: State of the linear loop that is the drive of the sample before.
+DRIVE = 12
 #: A response is followed until it has fallen to this part.
 _FADED = 1e-7
 _LONGEST = 200_000
@@ -217,7 +219,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
             used = 4 if c[kernel.SOURCE] == kernel.DISTURBANCE else 3
             after[8 : 8 + used] = memory[kernel.INNER : kernel.INNER + used]
         u -= c[kernel.KD] * speed
-        after[12] = u
+        after[DRIVE] = u
         drives = np.concatenate([[u], state[first:], [0.0]])
         after[first:] = drives[: state.size - first]
         if observer is not None:

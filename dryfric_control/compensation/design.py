@@ -14,7 +14,13 @@ import numpy as np
 
 from dryfric_control.checks import finite, instance, positive
 from dryfric_control.compensation import tuning as tuned
-from dryfric_control.compensation.certificate import Loop, TrackingCertificate, certify_tracking
+from dryfric_control.compensation.certificate import (
+    DRIVE,
+    Loop,
+    TrackingCertificate,
+    certify_tracking,
+    loop_matrices,
+)
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, panels, shade_stuck
@@ -231,6 +237,13 @@ class Compensation(Result):
             f"ahead  {self.lead} samples, designed for a drive delay of up to "
             f"{1e3 * (self.drive_delay + self.input_delay):.3g} ms"
         )
+        if self.encoder_quantum > 0.0:
+            level = tuned.largest_level(self.rigid_axis)
+            share = f", {self.drive_step / level:.1%} of the Coulomb level" if level > 0.0 else ""
+            yield (
+                f"noise  one encoder increment steps the drive by {self.drive_step:.3g} {force}"
+                f"{share}"
+            )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
         yield f"other effects fed forward: {effects}"
         yield from self.certificate._shown()
@@ -285,6 +298,17 @@ class Compensation(Result):
             self.encoder_quantum,
             self.tolerance,
         )
+
+    @property
+    def drive_step(self) -> float:
+        """Step of the drive when the reading changes by one encoder increment [N].
+
+        While the axis slides; at rest the drive is held.  It is the force that the drive is to
+        make, before gain and dead zone of the input are inverted.
+        """
+        axis = self.rigid_axis
+        _, B = loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
+        return self.encoder_quantum * abs(float(B[DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth

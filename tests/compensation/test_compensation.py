@@ -305,6 +305,31 @@ def test_delay_margin_counts_beyond_the_delay_of_the_axis():
     )
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_drive_step_is_that_of_the_law(law):
+    """Two runs whose last readings differ by one increment, at a constant velocity."""
+    comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, 3e-3, law=law)
+    last = []
+    for more in (0.0, QUANTUM):
+        stepper, n = comp.controller.stepper(), 300
+        for k in range(n):
+            y = 5e-5 * k + more * (k == n - 1)
+            u = stepper.step(5e-5 * (k + comp.lead), 0.05, 0.0, y)
+        last.append(u)
+    assert comp.drive_step == pytest.approx(abs(last[1] - last[0]), rel=0.05)
+    share = f"{comp.drive_step / 8.0:.1%} of the Coulomb level"
+    assert f"by {comp.drive_step:.3g} N, {share}" in comp.summary()
+
+
+def test_a_lower_bandwidth_and_a_finer_encoder_lower_the_drive_step():
+    steps = [
+        dfc.design_compensation(NOMINAL, DT, quantum, bandwidth=bandwidth).drive_step
+        for bandwidth, quantum in ((100.0, 1e-5), (50.0, 1e-5), (50.0, 1e-6), (50.0, 0.0))
+    ]
+    assert steps[1] < 0.6 * steps[0] and steps[2] == pytest.approx(0.1 * steps[1], rel=0.1)
+    assert steps[3] == 0.0
+
+
 def test_certificate_names_what_fails():
     shaken = NOMINAL.replace(effects=(fx.TimePeriodic(amplitude=3.0, frequency=0.37, phase=0.0),))
     certificate = dfc.design_compensation(shaken, DT, QUANTUM).certificate

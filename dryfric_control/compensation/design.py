@@ -239,7 +239,11 @@ class Compensation(Result):
         )
         if self.encoder_quantum > 0.0:
             level = tuned.largest_level(self.rigid_axis)
-            share = f", {self.drive_step / level:.1%} of the Coulomb level" if level > 0.0 else ""
+            share = (
+                f", {100.0 * self.drive_step / level:.3g} % of the Coulomb level"
+                if level > 0.0
+                else ""
+            )
             yield (
                 f"noise  one encoder increment steps the drive by {self.drive_step:.3g} {force}"
                 f"{share}"

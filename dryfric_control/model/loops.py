@@ -408,12 +408,16 @@ def _warn_if_divergent(
     if error <= 10.0 * travel or np.abs(out[1, late]).max() <= 10.0 * travel / lasts:
         return
     length = axis.units[0]
+    cause = (
+        "It is unstable on this axis, most often because the drive is later than the controller "
+        "was designed for: compare the delay of the axis with comp.certificate.delay_margin, and "
+        "give it to the design (input_delay=); otherwise lower bandwidth or gains"
+    )
+    if np.ptp(out[4, late]) == 0.0:
+        cause = "The drive stays at its limit, which does not hold the load: raise the limit"
     warnings.warn(
         f"the loop diverges: its error reaches {error:.3g} {length}, where reference, start and "
-        f"disturbance account for {travel:.3g} {length}. It is unstable on this axis, most often "
-        "because the drive is later than the controller was designed for: compare the delay of "
-        "the axis with comp.certificate.delay_margin, and give it to the design (input_delay=); "
-        "otherwise lower bandwidth or gains",
+        f"disturbance account for {travel:.3g} {length}. {cause}",
         RuntimeWarning,
         stacklevel=3,  # the caller of simulate_loop
     )

@@ -295,6 +295,20 @@ def test_delay_margin_is_where_the_simulated_loop_diverges(law, designed):
     assert caught[0].filename == __file__
 
 
+def test_a_drive_at_its_limit_is_named_and_a_loop_that_sags_is_not():
+    """A load of 20 N on a drive of 15 N, and on a proportional loop that holds it."""
+    plant = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=1.0, effects=(fx.BiasForce(force=20.0),)
+    )
+    weak = dfc.PositionController(kp=400.0, ki=0.0, kd=40.0, dt=DT, limit=15.0)
+    with pytest.warns(RuntimeWarning, match="drive stays at its limit"):
+        dfc.simulate_loop(plant, weak, np.linspace(0.0, 1e-3, 2000))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = dfc.simulate_loop(plant, replace(weak, limit=50.0), np.linspace(0.0, 1e-3, 2000))
+    assert abs(run.y[0, -1]) > 0.04
+
+
 def test_delay_margin_counts_beyond_the_delay_of_the_axis():
     """And not beyond that of `input_delay`, for which a design is made."""
     late = NOMINAL.replace(effects=(fx.InputDelay(delay=3e-3),))
@@ -317,7 +331,7 @@ def test_drive_step_is_that_of_the_law(law):
             u = stepper.step(5e-5 * (k + comp.lead), 0.05, 0.0, y)
         last.append(u)
     assert comp.drive_step == pytest.approx(abs(last[1] - last[0]), rel=0.05)
-    share = f"{comp.drive_step / 8.0:.1%} of the Coulomb level"
+    share = f"{100.0 * comp.drive_step / 8.0:.3g} % of the Coulomb level"
     assert f"by {comp.drive_step:.3g} N, {share}" in comp.summary()
 
 

@@ -420,11 +420,12 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Ca
             continue
         if abs(values[name] - nominal) * sizes[name] < _NOTABLE * final.random_force():
             continue
-        gain = 0.5 * ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
-        error = math.sqrt(2.0 * gain)
-        size, own = 2.0 / search.whole, {name: name}
+        # A parabola in the change, but logarithmic where the random force would grow with it.
+        wald = ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
+        gain = math.log1p(wald / search.whole)
+        error = 2.0 * math.sqrt(wald) / (search.whole + wald)
         cause = cause_of(
-            search.believed, SLUGS[name], own, values, errors, units, (size * gain, size * error)
+            search.believed, SLUGS[name], {name: name}, values, errors, units, (gain, error)
         )
         found.append((gain, cause))
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]

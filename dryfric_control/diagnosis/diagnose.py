@@ -50,6 +50,8 @@ FIT, JUDGE, MEASURE = 0, 1, 2
 _TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
 _BLOCK, _FEWEST_BLOCKS = 1.0, 12
 _LEAST_WINDOWS = 10
+# Verdicts that leave nothing.
+_CLEAN = ("nothing to find", "explained")
 # Coulomb levels over the nominal one of which free runs must refuse one.
 _FAR_OFF = (0.7, 1.3)
 # Errors of free runs without the drive over those with it, below which it does nothing.
@@ -209,22 +211,23 @@ def diagnose(
             gate = (lambda shift: trial(shift).gate) if alone else None
             found = answer(search, lambda shift: trial(shift).cuts, gate)
             judged = alone and not search.imposed
-        clean = ("nothing to find", "explained")
         now = trial(search.shift)
         told = _clock(search.shift)
         if (
             found is None
             or (judged and found.free and now.gate.at(found.final.axis, found.free))
-            or (judged and found.verdict not in clean and not search.late and now.gate.opens_wide())
+            or (
+                judged and found.verdict not in _CLEAN and not search.late and now.gate.opens_wide()
+            )
         ):
             by_runs = _diagnosis(now, search, window)
             by_runs = replace(by_runs, messages=(*told, *by_runs.messages))
-            muted = _muted(by_runs, window)
-            if search.late or (by_runs.verdict in clean and not muted):
+            muted = _muted(by_runs, window, hold)
+            if search.late or (by_runs.verdict in _CLEAN and not muted):
                 return by_runs
             # A random force next to the readings' noise, or something that nothing explains.
             found = found or answer(search, lambda shift: trial(shift).cuts)
-            if found is None or not (muted or _prevails(search, found, by_runs, clean)):
+            if found is None or not (muted or _prevails(search, found, by_runs)):
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
@@ -233,17 +236,17 @@ def diagnose(
         return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
 
 
-def _prevails(search: Search, found: Answer, by_runs: Diagnosis, clean: Sequence[str]) -> bool:
+def _prevails(search: Search, found: Answer, by_runs: Diagnosis) -> bool:
     """Whether the answer of the likelihood holds where free runs have left something.
 
     It must leave nothing, and free runs name no other causes, or less likely ones.
     """
-    if found.verdict not in clean:
+    if found.verdict not in _CLEAN:
         return False
     return _agree(by_runs, found) or found.final.cost < search.reference(by_runs.extended).cost
 
 
-def _muted(d: Diagnosis, window: float) -> bool:
+def _muted(d: Diagnosis, window: float, hold: str) -> bool:
     """Whether the motion found is there without the drive, as that of a swinging mass.
 
     Then something else makes it, and free runs say nothing.
@@ -251,7 +254,7 @@ def _muted(d: Diagnosis, window: float) -> bool:
     if not d.causes:
         return False
     idle = d.record.replace(u=np.zeros(len(d.record)))
-    driven, alone = (replay(d.extended, r, window=window).median for r in (d.record, idle))
+    driven, alone = (replay(d.extended, r, window, hold).median for r in (d.record, idle))
     return alone < _IDLE * driven
 
 

@@ -103,11 +103,10 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     """
     # Inputs that were found to be early before stay so.
     state = State(search.alone() if search.clock else search.first[0])
-    ended = _rounds(search, state, most, end)
-    if ended:
+    if _rounds(search, state, most, end):
         return None
     if search.bold(state.fit) and not search.late:
-        _from_nominal(search, state, most)
+        state = _from_nominal(search, state, most)
     if len(state.causes) > 1:
         _in_time(search, state)
         _compare(search, state)
@@ -115,8 +114,8 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     return state
 
 
-def _from_nominal(search: Search, state: State, most: int) -> None:
-    """Search again with the base held, where the fit makes it another machine.
+def _from_nominal(search: Search, state: State, most: int) -> State:
+    """Search again with the base held, where the fit makes it another machine: the likelier.
 
     Without its causes a base may bend so far that it hides them.
     """
@@ -125,14 +124,15 @@ def _from_nominal(search: Search, state: State, most: int) -> None:
     held = State(search.alone(), refuted=state.refuted)
     _rounds(search, held, most, None)
     search.base = base
-    if held.causes:
-        noises = held.fit.z[len(held.fit.problem.names) :]
-        held.fit = search.fit(held.fit.axis, search.free_of(held.fit), noises)
-        if held.fit.cost < state.fit.cost - SLACK:
-            first = state.first
-            vars(state).update(vars(held))
-            state.first = first
-            _tidy(search, state)
+    if not held.causes:
+        return state
+    noises = held.fit.z[len(held.fit.problem.names) :]
+    held.fit = search.fit(held.fit.axis, search.free_of(held.fit), noises)
+    if held.fit.cost > state.fit.cost - SLACK:
+        return state
+    held.first = state.first
+    _tidy(search, held)
+    return held
 
 
 def _rounds(search: Search, state: State, most: int, end: Ends | None) -> bool:

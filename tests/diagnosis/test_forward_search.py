@@ -324,7 +324,7 @@ def test_a_base_that_has_bent_is_searched_with_as_believed_too():
     state = State(bent)
     state.first = {"drift": 1.0}
     with among("bias_force", "viscous_asymmetry", "coulomb_asymmetry"):
-        _from_nominal(search, state, 4)
+        state = _from_nominal(search, state, 4)
     assert search.base == base
     assert state.causes and state.fit.cost < bent.cost
     assert search.bold(bent) and not search.bold(state.fit)

@@ -88,7 +88,7 @@ def test_a_motion_that_needs_no_drive_is_made_by_something_else() -> None:
     )  # fmt: skip
     for extended, muted in ((swings, True), (axis, False)):
         d = SimpleNamespace(causes=(1,), record=measured, extended=extended)
-        assert _muted(d, 0.25) is muted
+        assert _muted(d, 0.25, "zero") is muted
 
 
 @pytest.mark.slow

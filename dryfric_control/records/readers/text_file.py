@@ -79,12 +79,9 @@ def read_text(path: Path, columns: Any, max_rows: int, timed: bool | None = True
         if layout is None:
             layout, start = _sniff(path.name, chunk, comments, columns, timed)
             if start > 1:
-                lines = (
-                    "1 line above the heading was"
-                    if start == 2
-                    else (f"{start - 1} lines above the heading were")
-                )
-                notes += (f"{lines} skipped",)
+                lines = "1 line" if start == 2 else f"{start - 1} lines"
+                were = "was" if start == 2 else "were"
+                notes += (f"{lines} above the heading {were} skipped",)
             chunk = chunk[start:]
         rows += len(chunk)
         if rows > max_rows:

@@ -417,11 +417,10 @@ def _in_time(search: Search, state: State) -> None:
             free = (*names_without(search, fit, slug, own), *start.free)
             found = search.fit(start.axis, free, fit.z[len(fit.problem.names) :])
             if search.sound(found, other, start.free):
-                worth = fit.cost - found.cost + _fewer(search, own, start.free)
-                ranked.append((worth, Candidate(other, start.free, found.axis, found.cost), found))
-        ranked = search._ranked(sorted(ranked, key=lambda one: -one[0]))
+                ranked.append((0.0, Candidate(other, start.free, found.axis, found.cost), found))
+        ranked = search.weighed(ranked)
         level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
-        _, chosen, best = next((one for one in level if one[1].slug == slug), ranked[0])
+        _, chosen, best = _plainest(level)
         if chosen.slug != slug:
             place = state.causes.index(slug)
             state.drop(slug, best)

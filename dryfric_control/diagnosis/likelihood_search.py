@@ -696,18 +696,25 @@ class Search:
         return []
 
     def _ranked(self, found):  # type: ignore[no-untyped-def]
-        """Fits with a cause, those that are close to the best by all samples of the records.
-
-        A lag also smooths noise that was recorded with the input, which speaks for none:
-        beside one, every cause has the input as smooth as suits it.
-        """
+        """Fits with a cause, those that are close to the best by all samples of the records."""
         if not found:
             return found
         best = found[0][0]
         close = [one for one in found if one[0] > best - max(_CLOSE * best, EQUAL)]
-        lags = [s for _, c, s in close if effect_class(c.slug).action == "lag"]
+        lags = any(effect_class(c.slug).action == "lag" for _, c, _ in close)
         if len(close) < 2 or (self.part == 1.0 and not lags):
             return found
+        close = self.weighed(close)
+        last = close[-1][0]
+        return close + [(min(w, last), c, s) for w, c, s in found[len(close) :]]
+
+    def weighed(self, found):  # type: ignore[no-untyped-def]
+        """Fits with a cause in the order of all samples of the records, the best first.
+
+        A lag also smooths noise that was recorded with the input, which speaks for none:
+        beside one, every cause has the input as smooth as suits it.
+        """
+        lags = [s for _, c, s in found if effect_class(c.slug).action == "lag"]
         versions = [self.runs, *(self._smooth(part * _time_of(s)) for s in lags for part in _OVER)]
 
         def whole(c: Candidate, s: Solution) -> float:
@@ -716,11 +723,10 @@ class Search:
             fits = [self.fit(s.axis, free, noises, _ITERATIONS, runs=runs) for runs in versions]
             return -min(fit.cost for fit in fits) - self.penalty(len(c.free))
 
-        gains = self._parallel([(whole, (c, s)) for _, c, s in close])
-        close = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, close, strict=True)]
-        close.sort(key=lambda one: -one[0])
-        last = close[-1][0]
-        return close + [(min(w, last), c, s) for w, c, s in found[len(close) :]]
+        gains = self._parallel([(whole, (c, s)) for _, c, s in found])
+        best = max(w for w, _, _ in found)
+        found = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, found, strict=True)]
+        return sorted(found, key=lambda one: -one[0])
 
     def _smooth(self, time: float) -> list[Run]:
         """The records with inputs smoothed over some time, by local parabolas."""

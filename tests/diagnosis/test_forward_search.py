@@ -264,17 +264,22 @@ def test_two_causes_that_only_together_are_sure_come_before_a_lesser_one(monkeyp
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 0.5])
 @pytest.mark.parametrize("found", ["actuator_lag", "input_delay"])
-def test_a_lag_found_beside_other_causes_may_be_a_delay(found):
+def test_a_lag_found_beside_other_causes_may_be_a_delay(found, noise):
+    # Noise that was recorded with the input, not acted: the lag takes it off.
     case = make_machine(2, ("bias_force", "input_delay"))[0]
-    search = Search(believed(case), [record(case)])
+    measured = record(case)
+    heard = noise * np.random.default_rng(1).normal(size=len(measured))
+    search = Search(believed(case), [measured.replace(u=measured.u + heard)])
     time = case.truth["input_delay"]["delay"]
     late = {"actuator_lag": "time_constant", "input_delay": "delay"}
     causes = ("bias_force", BIAS), (found, {late[found]: time})
     state = state_with(search, search.fit(search.believed, ()), *causes)
     _in_time(search, state)
     assert state.causes == ["bias_force", "input_delay"]
-    assert state.fit.values()["input_delay.delay"] == pytest.approx(time, rel=0.02)
+    right = pytest.approx(time, rel=0.1 if noise else 0.02)
+    assert state.fit.values()["input_delay.delay"] == right
 
 
 @pytest.mark.slow

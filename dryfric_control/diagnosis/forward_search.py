@@ -139,7 +139,10 @@ def _rounds(search: Search, state: State, most: int, end: Ends | None) -> bool:
     """Add causes to a state as long as they pay; whether `end` has said to end."""
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
-        now = state.fit
+        now = search.quieter(state.fit)
+        # What smoother inputs gain is no cause's.
+        first += now.cost - state.fit.cost
+        state.fit = now
         if state.causes:
             search.tell(f"cause {len(state.causes) + 1}")
         candidates: list[Candidate] = []

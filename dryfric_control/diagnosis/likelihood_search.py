@@ -75,6 +75,9 @@ _SURE = 2.0
 _CLOSE = 0.25
 # Time constants over which the input is smoothed where causes are compared with a lag.
 _OVER = (2.0, 4.0, 8.0, 16.0)
+# Samples over which recorded inputs are smoothed, and correlation from one sample to the next
+# up to which what that takes off is noise.
+_SMOOTHER, _WHITE = (1, 5, 9, 17, 33, 65, 129), 0.1
 # Part of the gain on few samples that must be clear for a doubt to be followed, and the turns
 # of the fits that follow it.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
@@ -187,15 +190,14 @@ class Search:
 
     def __post_init__(self) -> None:
         self.believed = self.believed.effective()
-        self.runs: list[Run] = [prepare(r) for r in self.records]
-        whole = sum(len(r) for r in self.records)
-        self.few, self.fewer = (
-            [some_of(r, max(most * len(r.record) // whole, 500)) for r in self.runs]
-            for most in (_SOME, _NET)
-        )
+        self.whole = sum(len(r) for r in self.records)
+        self.recorded: list[Run] = [prepare(r) for r in self.records]
+        # Noise that was recorded with the inputs pushes nothing: how smooth they are taken.
+        self.smooth = 1
+        self._quiet: Solution | None = None
+        self._take(self.recorded)
         self.samples = sum(int(r.active.sum()) for r in self.few)
-        self.whole = whole
-        self.part = self.samples / whole
+        self.part = self.samples / self.whole
         self._costs: dict[Solution, FloatArray] = {}
         self._whole: dict[Solution, Solution] = {}
         self._screened: dict[tuple[Solution, bool], list[Candidate]] = {}
@@ -213,6 +215,15 @@ class Search:
         self.each: dict[tuple[str, int], float] = {}
         # Causes of the last round that unseen data do not confirm: worth, candidate, fit.
         self.unsure: list[tuple[float, Candidate, Solution]] = []
+
+    def _take(self, runs: list[Run]) -> None:
+        """Go on with runs, and with some of their samples."""
+        self.runs = runs
+        self.few, self.fewer = self._some(runs, _SOME), self._some(runs, _NET)
+
+    def _some(self, runs: Sequence[Run], most: int) -> list[Run]:
+        """Some samples of runs, so many of all together."""
+        return [some_of(r, max(most * len(r.record) // self.whole, 500)) for r in runs]
 
     @property
     def late(self) -> bool:
@@ -278,12 +289,13 @@ class Search:
         return math.isfinite(problem.tried(problem.start(1.0)).cost)
 
     def reference(
-        self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None
-    ) -> Solution:
+        self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None,
+        shift: float = 0.0,
+    ) -> Solution:  # fmt: skip
         """An axis as it is, its noises fitted alone; `idle`: without its drive."""
         runs = self.runs if runs is None else runs
         runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in runs]
-        problem = self.view(axis, (), runs, hold=self.hold, scales=self.scales)
+        problem = self.view(axis, (), runs, hold=self.hold, scales=self.scales, shift=shift)
         return maximise(problem, problem.start(1.0), 12)
 
     def references(self) -> dict[str, float]:
@@ -307,7 +319,7 @@ class Search:
 
     def _look_at_the_force(self) -> None:
         """Go on with the force that the motion needs, as the motion itself says nothing."""
-        self.view = ForceView
+        self.view, self.smooth = ForceView, 1
         self.runs = self.few = self.fewer = [prepare_force(r, self.hold) for r in self.records]
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
@@ -357,7 +369,7 @@ class Search:
         Where a straight line does better than any, of the force that the motion needs.
         """
         self.tell("base parameters")
-        now = self.alone()
+        now = self.quieter(self.alone())
         lost = self._line(self.few) + _FORESEEN * self.samples
         self.tell("first cause")
         found = self.screen(now)
@@ -398,6 +410,41 @@ class Search:
         found = fit if sure and paid and self.held_out(now, fit).sure else None
         self.clock, self.shift = (), 0.0
         return found
+
+    def quieter(self, now: Solution) -> Solution:
+        """A model beside inputs as smooth as suits it, by which the search goes on.
+
+        Noise that was recorded with an input and pushes nothing counts as random force
+        else, and is what a lag seems to take off.
+        """
+        if self.imposed or self.late or now is self._quiet:
+            return now
+        shift = now.values().get(SHIFT, self.shift)
+        inputs = {n: runs for n in _SMOOTHER if self._takes_noise(runs := self._smooth(n))}
+        found = self._parallel([
+            (self.reference, (now.axis, False, self._some(runs, _SOME), shift))
+            for runs in inputs.values()
+        ])  # fmt: skip
+        fits = dict(zip(inputs, found, strict=True))
+        best = min(fits, key=lambda count: fits[count].cost)
+        if fits[best].cost < fits[self.smooth].cost - SLACK:
+            self.smooth = best
+            self._take(inputs[best])
+            now = self.fit(now.axis, self.free_of(now), fits[best].z)
+        self._quiet = now
+        return now
+
+    def _takes_noise(self, runs: Sequence[Run]) -> bool:
+        """Whether what smoothing takes off the inputs is white."""
+        off = [one.u - smooth.u for one, smooth in zip(self.recorded, runs, strict=True)]
+        return all(e[1:] @ e[:-1] <= _WHITE * (e @ e) for e in off)
+
+    def as_recorded(self, fit: Solution) -> Solution:
+        """A fit with the random force that the inputs leave as they were recorded."""
+        if self.smooth == 1:
+            return fit
+        shift = fit.values().get(SHIFT, self.shift)
+        return self.reference(fit.axis, runs=self.recorded, shift=shift)
 
     def still_early(self, fit: Solution) -> bool:
         """Whether unseen data still ask for inputs that act before their time stamps."""
@@ -715,7 +762,8 @@ class Search:
         beside one, every cause has the input as smooth as suits it.
         """
         lags = [s for _, c, s in found if effect_class(c.slug).action == "lag"]
-        versions = [self.runs, *(self._smooth(part * _time_of(s)) for s in lags for part in _OVER)]
+        counts = {round(part * _time_of(s) / self.scales.step) for s in lags for part in _OVER}
+        versions = [self.runs, *map(self._smooth, counts)]
 
         def whole(c: Candidate, s: Solution) -> float:
             noises = s.z[len(s.problem.names) :]
@@ -728,12 +776,14 @@ class Search:
         found = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, found, strict=True)]
         return sorted(found, key=lambda one: -one[0])
 
-    def _smooth(self, time: float) -> list[Run]:
-        """The records with inputs smoothed over some time, by local parabolas."""
-        count = max(round(time / self.scales.step), 2)
+    def _smooth(self, count: int) -> list[Run]:
+        """The records with inputs smoothed over some samples, by local parabolas."""
+        if count == 1:
+            return self.recorded
         # Windows are odd, and no longer than the record.
         return [
-            replace(r, u=savgol_filter(r.u, min(count, r.u.size - 2) | 1, 2)) for r in self.runs
+            replace(r, u=savgol_filter(r.u, max(min(count, r.u.size - 2), 2) | 1, 2))
+            for r in self.recorded
         ]
 
     def _share(self, slug: str) -> float:

@@ -28,6 +28,7 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, followed
+from dryfric_control.text import length_text
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -213,7 +214,8 @@ def answer(
         final, kept, judged = _confirmed(search, state)
         search.tell("replays")
         windows = cut(search.shift)
-        motion, left, worse = _judge(search)(search, windows, final)
+        heard = search.as_recorded(final)
+        motion, left, worse = _judge(search)(search, windows, heard)
         # Structure that is left may follow a cause that is not there.
         quiet = [c for c in state.causes if left.significant and judged[c].louder < _LOUDER]
         if not quiet or search.late:
@@ -228,16 +230,22 @@ def answer(
         state.causes.clear()
         state.free.clear()
         kept, final = [], search.reference(search.believed)
-        motion, left, _ = _judge(search)(search, windows, final)
+        heard = search.as_recorded(final)
+        motion, left, _ = _judge(search)(search, windows, heard)
     structured = left.significant
     if not search.imposed and motion.beyond:
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
-    causes += _or_a_gain(search, state, final, _wrong_base(search, final, kept))
+    causes += _or_a_gain(
+        search, state, final, _wrong_base(search, final, kept, heard.random_force())
+    )
     messages += _warnings(final, causes)
     if search.imposed:
         messages.append(IMPOSED)
+    elif search.smooth > 1:
+        over = length_text(search.smooth * search.scales.step, "s")
+        messages.append(f"noise was recorded with the input: it was smoothed over {over}")
     if causes:
         verdict = "partly explained" if structured else "explained"
     else:
@@ -248,7 +256,7 @@ def answer(
     scores = {slug: -2.0 * gain / search.samples for slug, gain in state.first.items()}
     return Answer(
         verdict, causes, final, motion, left,
-        remaining(final, structured, left.where, unit),
+        remaining(heard, structured, left.where, unit),
         {name: cost - final.cost for name, cost in references.items()},
         messages, scores | {"": 0.0}, state.rivals, state.names,
     )  # fmt: skip
@@ -406,8 +414,11 @@ def _cause(
     )  # fmt: skip
 
 
-def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Cause]:
-    """Base parameters that are off by more than anybody would call right."""
+def _wrong_base(search: Search, final: Solution, kept: Sequence[str], random: float) -> list[Cause]:
+    """Base parameters that are off by more than anybody would call right.
+
+    `random`: the random force that is left.
+    """
     values, errors = final.values(), final.standard_errors()
     units = {p.name: p.unit for p in final.problem.parameters}
     found = []
@@ -418,7 +429,7 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str]) -> list[Ca
             continue
         if abs(values[name] - nominal) < CLEAR * errors[name]:
             continue
-        if abs(values[name] - nominal) * sizes[name] < _NOTABLE * final.random_force():
+        if abs(values[name] - nominal) * sizes[name] < _NOTABLE * random:
             continue
         # A parabola in the change, but logarithmic where the random force would grow with it.
         wald = ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2

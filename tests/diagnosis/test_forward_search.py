@@ -282,6 +282,23 @@ def test_a_lag_found_beside_other_causes_may_be_a_delay(found, noise):
     assert state.fit.values()["input_delay.delay"] == right
 
 
+def test_noise_recorded_with_an_input_is_taken_off_where_that_is_the_likelier():
+    case = make_case("viscous", 40, "noisy")
+    search = Search(believed(case), [record(case)])
+    loud = search.fit(search.believed, ())
+    quiet = search.quieter(loud)
+    assert search.smooth > 1 and quiet.problem.runs[0] is search.few[0]
+    assert quiet.cost < loud.cost - EQUAL
+    assert quiet.random_force() < 0.9 * loud.random_force()
+    # It pushes nothing, but free runs are driven by what was recorded.
+    assert search.as_recorded(quiet).random_force() == pytest.approx(loud.random_force(), rel=0.1)
+    assert search.quieter(quiet) is quiet
+
+    clean = Search(believed(case), [record(make_case("viscous", 40, "exact"))])
+    fit = clean.fit(clean.believed, ())
+    assert clean.quieter(fit) is fit and clean.smooth == 1 and clean.as_recorded(fit) is fit
+
+
 @pytest.mark.slow
 def test_a_search_looks_one_round_ahead_of_what_is_unsure_by_itself():
     case = make_machine(2, ("bias_force", "stribeck"))[0]

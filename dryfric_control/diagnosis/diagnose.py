@@ -232,6 +232,8 @@ def diagnose(
         if len(records) > 1:
             tell("differences between the records")
             found.varies = varying(search, found.final)
+            if found.varies and found.verdict == "nothing to find":
+                found.verdict = "explained"
         found.messages[:0] = told
         return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
 

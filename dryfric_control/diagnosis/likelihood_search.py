@@ -88,9 +88,10 @@ _SEEN = 8000
 _BIAS = "bias_force"
 #: Actions of effects that move the drive in time.
 LATE = ("delay", "lag")
-# Units a sample by which a straight line is ahead where the motion is imposed, and the part
-# of the drive that the force which the motion needs may then leave.
-_FORESEEN, _IMPOSED = 0.1, 0.25
+# Units a sample by which a straight line is ahead of the base where the motion is imposed, and
+# by which no cause is ahead of the line; the part of the drive that the force which the motion
+# needs may then leave.
+_BEHIND, _CLEAR_OF, _IMPOSED = 0.1, 0.2, 0.25
 # Actions of effects that show as a force in a motion that is imposed.
 _FORCES = ("force", "friction", "contact")
 # Samples by which the recorded input may be late, tried first.
@@ -331,12 +332,20 @@ class Search:
         found = self.alone()
         if len(self.records) > 1:
             found = self._apart(found)
-        runs = found.problem.runs
-        if max(found.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED:
+        if self._follows(found):
+            return found
+        # A force such as gravity may be most of what the drive has to do.
+        best = next(iter(self.screen(found)), None)
+        if best and self._follows(self.fit(best.axis, (*self.free_of(found), *best.free))):
             return found
         # The drive does not follow the motion either: a cause is what is missing.
         self.__dict__.update(before)
         return None
+
+    def _follows(self, fit: Solution) -> bool:
+        """Whether the drive does what the motion of each record needs, but for a part."""
+        runs = fit.problem.runs
+        return max(fit.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED
 
     def _apart(self, now: Solution) -> Solution:
         """The same with levels and offsets of each record's own, where they differ."""
@@ -370,12 +379,16 @@ class Search:
         """
         self.tell("base parameters")
         now = self.quieter(self.alone())
-        lost = self._line(self.few) + _FORESEEN * self.samples
+        line = self._line(self.few)
         self.tell("first cause")
         found = self.screen(now)
+
+        def lost(candidates: Sequence[Candidate]) -> bool:
+            return all(c.cost > line - _CLEAR_OF * self.samples for c in candidates)
+
         # A drive with a limit is no match for the line either, until that is tried.
-        if min([now.cost, *(c.cost for c in found)]) > lost and not self.late:
-            if all(c.cost > lost for c in self.screen(now, stiff=True)):
+        if now.cost > line + _BEHIND * self.samples and lost(found) and not self.late:
+            if lost(self.screen(now, stiff=True)):
                 by_force = self._by_force()
                 if by_force is not None:
                     return by_force, self.screen(by_force)

@@ -61,7 +61,11 @@ _BLURRED = 2.0
 _SMOOTH = 1.5
 # The effect that scales every force of the drive that never brakes, and turns of a fit with it.
 _LOAD, _LOAD_TURNS = "load_dependence", 10
-# What is said where the force decides.
+# What is said where a line is the better model, and where the force decides.
+LINE = (
+    "a straight line foretells the readings better than the model does: the drive and the friction "
+    "of the model are not those of this motion"
+)
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
     "nothing of the forces, and the drive was held against the force that the motion needs"
@@ -233,7 +237,10 @@ def answer(
         heard = search.as_recorded(final)
         motion, left, _ = _judge(search)(search, windows, heard)
     structured = left.significant
-    if not search.imposed and motion.beyond:
+    beaten = any(cost < final.cost for cost in references.values())
+    if beaten:
+        messages.append(LINE)
+    if beaten or (not search.imposed and motion.beyond):
         structured = True
         left = replace(left, fraction=motion.left, significant=True)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]

@@ -21,6 +21,8 @@ from dryfric_control.model.effects.guesses import Guess, View
 # Times the noise of the drive that a limit must cut off, and a dead zone must hide
 # (`benchmarks/diagnosis.py`).
 _PEAKS = 2.0
+# Part of the samples that may exceed a limit.
+_NEARLY_ALL = 0.9
 
 
 @register_effect
@@ -272,9 +274,12 @@ class Saturation(Effect):
         return min(max(u, -p[0]), p[0])
 
     def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
-        # Peaks of a noisy input are cut as if by a limit.
+        # Peaks of a noisy input are cut as if by a limit; what nearly every sample exceeds
+        # is none, it takes the drive away.
         cut = np.abs(u)[np.abs(u) > self.limit] - self.limit
-        return bool(cut.size and np.sqrt(np.mean(cut**2)) > _PEAKS * noise)
+        if not 0 < cut.size < _NEARLY_ALL * u.size:
+            return False
+        return bool(np.sqrt(np.mean(cut**2)) > _PEAKS * noise)
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:

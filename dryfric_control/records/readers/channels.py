@@ -18,24 +18,52 @@ ROLES = ("t", "u", "x", "reference")
 MAX_ROWS = 10_000_000  # 0.3 GB for four columns
 #: Channels that are kept with a record beside those that it needs.
 EXTRAS = ("v", "a", "x2")
-ALIASES = {
-    "t": ("t", "time", "timestamp", "time_stamp", "zeit", "temps", "seconds"),
-    "u": ("u", "input", "force", "torque", "vir", "effort", "command", "voltage", "current",
-          "kraft", "moment", "drehmoment", "couple"),
-    "x": ("x", "position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage",
-          "winkel"),
-    "reference": ("reference", "ref", "r", "qg", "goal", "goal_position", "setpoint", "target",
-                  "x_ref", "xref", "desired", "soll", "sollwert", "consigne"),
-    "v": ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "geschwindigkeit",
-          "drehzahl", "vitesse"),
-    "a": ("a", "acceleration", "acc", "accel", "ddq", "qdd", "beschleunigung"),
-    "x2": ("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
-           "x_motor"),
+
+# What a column is called, and how what was measured and what was asked for are marked.
+_POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg", "lage",
+             "winkel", "joint_position", "joint_pos", "joint_angle", "axis_position")  # fmt: skip
+_DRIVE = ("u", "i", "iq", "i_q", "current", "tau", "torque", "force", "effort", "voltage", "kraft",
+          "moment", "drehmoment", "strom", "motor_current", "motor_torque", "motor_force",
+          "motor_voltage", "joint_torque")  # fmt: skip
+_VELOCITY = ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "geschwindigkeit",
+             "drehzahl", "vitesse")  # fmt: skip
+_ACCELERATION = ("a", "acceleration", "acc", "accel", "ddq", "qdd", "beschleunigung")
+_MEASURED = ("act", "actual", "actual_value", "meas", "measured", "fb", "feedback", "ist")
+_ASKED = ("cmd", "command", "commanded", "ref", "reference", "des", "desired", "set", "setpoint",
+          "sp", "target", "demand", "demand_value", "goal", "soll")  # fmt: skip
+
+
+def _marked(stems: tuple[str, ...], marks: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
+
+
+#: Usual names of the channels, in lower case, words joined by "_"; the first group of which a
+#: source has a column decides.  A position that was asked for is the reference; a drive that was
+#: asked for is the input where none was measured.
+NAMES = {
+    "t": (("t", "time", "timestamp", "time_stamp", "zeit", "temps", "seconds"),),
+    "u": (("u",),
+          ("input", "force", "torque", "vir", "effort", "command", "voltage", "current", "kraft",
+           "moment", "drehmoment", "couple"),
+          ("motor_current", "motor_torque", "drive_force", "motor_force"),
+          ("iq", "i_q", "tau", "motor_voltage", "joint_torque", "pwm", "duty", "strom",
+           *_marked(_DRIVE, _MEASURED)),
+          _marked(_DRIVE, _ASKED)),
+    "x": (("x",),
+          ("position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage", "winkel"),
+          (*_marked(_POSITION, _MEASURED), "joint_position", "joint_pos", "joint_angle",
+           "axis_position", "phi"),
+          ("counts", "encoder", "encoder_counts", "encoder_position", "enc", "enc_pos")),
+    "reference": (("reference",),
+                  ("ref", "r", "qg", "goal", "goal_position", "setpoint", "target", "x_ref",
+                   "xref", "desired", "soll", "sollwert", "consigne"),
+                  _marked(_POSITION, _ASKED)),
+    "v": (_VELOCITY, _marked(_VELOCITY, _MEASURED)),
+    "a": (_ACCELERATION, _marked(_ACCELERATION, _MEASURED)),
+    "x2": (("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
+            "x_motor"),),
 }  # fmt: skip
-# Names that a role has where no column has one of its usual names.
-_ELSE = {"x": ("counts", "encoder", "encoder_counts", "encoder_position"),
-         "u": ("motor_current", "motor_torque", "drive_force", "motor_force")}  # fmt: skip
-_KNOWN = frozenset(n for names in (*ALIASES.values(), *_ELSE.values()) for n in names)
+_ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -69,10 +97,32 @@ def split_header(cell: str) -> tuple[str, str]:
         return match[1], (match[2] if match[2] is not None else match[3]).strip()
     for mark in ("/", "_"):
         name, found, unit = cell.rpartition(mark)
-        known = known_unit(unit) is not None
-        if found and known and name.strip().lower() in _KNOWN:
+        roles = [_ROLES[n] for n in spellings(name) if n in _ROLES]
+        if found and roles and known_unit(unit) and _fits(roles[0], unit):
             return name.strip(), unit.strip()
     return cell, ""
+
+
+def spellings(name: str) -> set[str]:
+    """A heading in lower case, and with its words joined by "_".
+
+    Examples
+    --------
+    >>> sorted(spellings("ActualPosition")), sorted(spellings("Torque cmd"))
+    (['actual_position', 'actualposition'], ['torque cmd', 'torque_cmd'])
+    """
+    name = name.strip()
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name)
+    return {name.lower(), words.lower()}
+
+
+def _fits(role: str, unit: str) -> bool:
+    """Whether a channel may be in a unit."""
+    try:
+        si_unit(role, unit)
+    except ValueError:
+        return False
+    return True
 
 
 def assign_columns(
@@ -126,10 +176,10 @@ def assign_columns(
                 'index: columns={"t": 0, "u": 1, "x": 2}'
             )
         return dict(zip(roles, range(len(headings)), strict=False))
-    for role in ROLES:
+    for role in ROLES[:3]:
         if role not in columns and (found := _recognise(role, names, where)) is not None:
             chosen[role] = found
-    for role in EXTRAS:
+    for role in ("reference", *EXTRAS):
         found = None if role in columns else _extra(role, headings, names)
         if found is not None and found not in chosen.values():
             chosen[role] = found
@@ -148,14 +198,11 @@ def assign_columns(
 
 def _extra(role: str, headings: list[str], names: list[str]) -> int | None:
     """Index of a column that is such a channel beyond doubt, by name and unit."""
-    found = [k for k, n in enumerate(names) if n.lower() in ALIASES[role]]
+    found = named(role, names)
     if len(found) != 1:
         return None
-    try:
-        si_unit(role, unit) if (unit := split_header(headings[found[0]])[1]) else None
-    except ValueError:
-        return None
-    return found[0]
+    unit = split_header(headings[found[0]])[1]
+    return found[0] if not unit or _fits(role, unit) else None
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
@@ -194,11 +241,17 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
     )
 
 
+def named(role: str, names: list[str]) -> list[int]:
+    """Columns of the first group of usual names of which there are any."""
+    for usual in NAMES[role]:
+        if found := [k for k, n in enumerate(names) if not spellings(n).isdisjoint(usual)]:
+            return found
+    return []
+
+
 def _recognise(role: str, names: list[str], where: str) -> int | None:
     """Index of the column whose name shows its role, if there is one."""
-    found: list[int] = []
-    for usual in ((role,), ALIASES[role], _ELSE.get(role, ())):
-        found = found or [k for k, n in enumerate(names) if n.lower() in usual]
+    found = named(role, names)
     if len(found) > 1:
         raise ValueError(
             f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
@@ -282,7 +335,10 @@ def to_si(
         if si:
             units[role] = si
     if (r := units.pop("reference", "")) and "x" in units and r != units["x"]:
-        raise ValueError(f"{where}: reference is in {r} but x in {units['x']}; they must agree")
+        raise ValueError(
+            f"{where}: reference is in {r} but x in {units['x']}; they must agree, "
+            "or leave it out: columns={'reference': None}"
+        )
     return Channels(out, units, tuple(notes), raw=raw)
 
 

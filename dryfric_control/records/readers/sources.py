@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.records.readers.channels import (
-    ALIASES,
     EXTRAS,
     MAX_ROWS,
     Channels,
     assign_columns,
     left_out,
+    named,
     scaled,
     split_header,
     to_si,
@@ -283,13 +283,11 @@ def frame_columns(frame: Any) -> dict[str, Any]:
         series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[label]
         table[str(label)] = _plain(series)
     index = getattr(frame, "index", None)
-    names = [split_header(h)[0].lower() for h in table]
-    if index is not None and not any(n in ALIASES["t"] for n in names):
+    if index is not None and not named("t", [split_header(h)[0] for h in table]):
         label = str(index.name) if index.name is not None else "t"
-        if label not in table and (
-            index.dtype.kind in "mMf" or split_header(label)[0].lower() in ALIASES["t"][1:]
-        ):
-            table[label if split_header(label)[0].lower() in ALIASES["t"] else "t"] = _plain(index)
+        timed = bool(named("t", [split_header(label)[0]]))
+        if label not in table and (index.dtype.kind in "mMf" or (timed and label.lower() != "t")):
+            table[label if timed else "t"] = _plain(index)
     return table
 
 

@@ -50,12 +50,12 @@ from dryfric_control.records.record_checks import (
     checked_notes,
     checked_raw,
     checked_units,
+    clipped,
     estimated_quantum,
     extra_vectors,
     increasing_steps,
     plain_text,
     resample,
-    samples_at_limit,
     spread_of,
     uniform_step,
     unwrapped,
@@ -362,8 +362,11 @@ class Record:
         (1, 0.863, 0.1)
         """
         counts = {reason: self.masked.reasons.count(reason) for reason in REASONS}
-        clipped = [samples_at_limit(self.u, float(end)) for end in (self.u.min(), self.u.max())]
-        return counts | {"clipped": sum(clipped) if all(clipped) else 0}
+        return counts | {"clipped": int(self._clipped.sum())}
+
+    @cached_property
+    def _clipped(self) -> npt.NDArray[np.bool_]:
+        return clipped(self.u, self.x)
 
     @cached_property
     def resolution(self) -> Resolution:
@@ -1072,9 +1075,10 @@ class Record:
         legend_above(top)
         bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
         if self.bad["clipped"]:
-            for end in (self.u.min(), self.u.max()):
-                clipped = np.where(self.u == end, end, np.nan)
-                bottom.plot(self.t, clipped, "C3", lw=2.5, label="clipped" if end > 0.0 else None)
+            upper = self.u > 0.5 * (self.u.min() + self.u.max())
+            for side, label in ((~upper, None), (upper, "clipped")):
+                limit = np.where(self._clipped & side, self.u, np.nan)
+                bottom.plot(self.t, limit, "C3", lw=2.5, label=label)
             legend_above(bottom)
         for one, name, unit in zip(axes, ("position", "input"), self._known_units(), strict=True):
             one.set_ylabel(f"{name} [{unit}]" if unit else name)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
@@ -21,6 +22,8 @@ from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 MIN_SAMPLES = 10
 JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
@@ -352,6 +355,62 @@ def samples_at_limit(u: FloatArray, level: float) -> int:
     if runs.size == 0 or np.mean(steps[runs - 2] > 0.25 * np.median(steps[steps > 0])) < 0.5:
         return 0
     return int(at.sum())
+
+
+# Noise of an input whose limits may be found in it, as a part of its range, and what a median of
+# 5 readings leaves of it; half width of a limit in deviations of that.
+_NOISY, _MEDIAN, _BAND = 0.015, 0.54, 4.0
+# Shortest stay at a limit [samples] and least number of them; least way in the last quarter of a
+# stay's length before it, in deviations (a crest of a sine has 5); ratio of its two halves (a step
+# that lags slows down); change of the velocity during the stays, as a part of its range (what
+# friction alone asks for at constant velocity is no limit).
+_STAY, _STAYS, _RUN_IN, _EVEN, _CHANGE = 16, 3, 15.0, (0.7, 1.5), 0.05
+
+
+def clipped(u: FloatArray, x: FloatArray) -> BoolArray:
+    """Samples at which the input rests at both its limits, exactly or but for its noise.
+
+    Noise of the record hides a limit: there it takes an input that runs into its
+    extremes, stays, and changes the velocity meanwhile, three times each way.  What
+    could be a sine, a triangle, a square wave or the friction of a constant velocity
+    is not judged.
+    """
+    extremes = float(u.min()), float(u.max())
+    if all(samples_at_limit(u, one) for one in extremes):
+        return np.asarray(np.isin(u, extremes))
+    mask = np.zeros(u.size, bool)
+    spread = _MEDIAN * spread_of(u, 0.0)
+    if not 0.0 < spread < _NOISY * np.ptp(u):
+        return mask
+    for smooth in (ndimage.median_filter(u, 5), ndimage.median_filter(-u, 5)):
+        highest = np.sort(smooth[smooth >= smooth.max() - 2.0 * _BAND * spread])
+        within = np.searchsorted(highest, highest + 2.0 * spread, side="right")
+        level = highest[np.argmax(within - np.arange(highest.size))] + spread
+        inside = smooth >= level - _BAND * spread
+        edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
+        starts, ends = edges[::2], edges[1::2]
+        long = (ends - starts >= _STAY) & (starts > (ends - starts) // 4)
+        starts, ends = starts[long], ends[long]
+        if starts.size < _STAYS or not _runs_in(smooth, x, starts, ends, spread):
+            return np.zeros(u.size, bool)
+        for start, end in zip(starts, ends, strict=True):
+            mask[start:end] = True
+    return mask
+
+
+def _runs_in(u: FloatArray, x: FloatArray, starts: IntArray, ends: IntArray, spread: float) -> bool:
+    """Whether an input runs into its upper limit, and the axis accelerates there."""
+    long = ends - starts
+    before = np.stack([u[starts - 1 - k * (long // 8)] for k in range(3)])
+    late, early = np.average(-np.diff(before, axis=0), axis=1, weights=long)
+    if late + early < _RUN_IN * spread or not _EVEN[0] * early < late < _EVEN[1] * early:
+        return False
+    quarter = long // 4
+    last = x[ends - 1] - x[ends - 1 - quarter]
+    second = x[starts + 2 * quarter - 1] - x[starts + quarter - 1]
+    change = np.average(np.abs(last - second) / quarter, weights=long)
+    lag = int(np.median(quarter))
+    return bool(change > _CHANGE * np.ptp(x[lag:] - x[:-lag]) / lag)
 
 
 # ----------------------------------------------------- estimates, resampling

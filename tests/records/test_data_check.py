@@ -60,6 +60,62 @@ def test_clipped_drive():
     assert about(found, "rests at both its extremes") and "drive clipped" in found.headline
 
 
+SWING = 20.0 * np.sin(6.0 * T)
+NOISE = np.random.default_rng(5).standard_normal(T.size)
+
+
+def noisy_check(asked, noise):
+    """Check of an axis driven by an input, recorded with noise of so much of its range."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    x = 1e-6 * np.round(1e6 * axis.simulate(asked, dt=DT).y[0])
+    return dfc.Record(T, asked + noise * np.ptp(asked) * NOISE, x).check()
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 5e-3, 0.01])
+@pytest.mark.parametrize(
+    ("wave", "limit"), [(SWING, 14.0), (SWING + 10.0 * np.sin(17.0 * T), 20.0)]
+)
+def test_clipped_drive_under_noise(wave, limit, noise):
+    """No two readings of a noisy plateau are equal: clipping went unseen."""
+    found = noisy_check(np.clip(wave, -limit, limit), noise)
+    # The noise hides where a plateau ends.
+    assert found.clipped == pytest.approx(np.mean(np.abs(wave) >= limit), abs=0.05)
+    assert about(found, "rests at both its extremes")
+
+
+LAG = np.exp(-np.arange(200) / 20.0)
+SQUARE = 15.0 * np.sign(np.sin(12.0 * T + 0.1))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3, 0.01, 0.03])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        SWING,
+        20.0 * np.sin(60.0 * T),
+        SWING - 2.2 * np.sin(18.0 * T),  # flat crests
+        40.0 * np.abs((T + 0.25) % 1.0 - 0.5) - 10.0,  # a triangle
+        SQUARE,
+        np.convolve(SQUARE, LAG / LAG.sum())[: T.size],  # a drive that lags
+        np.repeat(np.array([1.0, -2.0, 0.0, 2.0, -1.0, 2.0, -2.0, 1.0, 0.0, -2.0]), 400) * 8.0,
+        np.clip(SWING, -40.0, 14.0),  # one side only
+        20.0 * np.sin(2.0 * np.pi * (0.5 * T + T**2)),
+    ],
+)
+def test_a_drive_at_its_own_levels_is_not_clipped(asked, noise):
+    assert noisy_check(asked, noise).clipped == 0.0
+
+
+@pytest.mark.parametrize("noise", [1e-3, 0.01])
+def test_the_friction_of_a_constant_velocity_is_no_limit(noise):
+    """The force ramps up while the axis sticks, and stays while it slides."""
+    phase = (2.0 * T) % 1.0
+    force = 10.0 * np.clip(np.interp(phase, [0.0, 0.25, 0.75, 1.0], [0.0, 2.0, -2.0, 0.0]), -1, 1)
+    sliding = 0.05 * np.where(np.abs(force) < 10.0, 0.0, np.sign(force))
+    x = 1e-6 * np.round(1e6 * np.cumsum(sliding) * DT)
+    assert dfc.Record(T, force + 20.0 * noise * NOISE, x).check().clipped == 0.0
+
+
 @pytest.mark.parametrize(
     "x, options, words",
     [

@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.text import force_or_torque, typeset
+from dryfric_control.text import rotary_words, typeset
 
 #: Grey of measured dots and lines.
 MEASURED = "0.6"
@@ -78,7 +78,7 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
         legend, unit = one.get_legend(), one.get_ylabel()
         names = [] if legend is None else legend.get_texts()
         for label in (one.yaxis.label, *names):
-            label.set_text(force_or_torque(label.get_text(), unit))
+            label.set_text(rotary_words(label.get_text(), unit))
         for label in (one.xaxis.label, one.yaxis.label):
             label.set_text(typeset(label.get_text()))
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)

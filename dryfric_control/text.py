@@ -117,18 +117,32 @@ def typeset(text: str) -> str:
     return text
 
 
-def force_or_torque(text: str, unit: str) -> str:
-    """Text on a force, which is a torque where its unit, or a label with it, has N m.
+# Words of a linear axis that have another one on a rotary axis, but where they are names of
+# arguments: in quotes, behind a dot, before an equals sign.
+_LINEAR = re.compile(r"(?<![\w.\"'`])(force|mass)(e?s)?(?![\w\"'`]| ?=)", re.IGNORECASE)
+_ROTARY = {"force": "torque", "mass": "inertia"}
+_TURNING = re.compile(r"\bN[ \xb7]m\b(?![\^\xb2])|\bkg[ \xb7]m[\^\xb2]")
+
+
+def rotary_words(text: str, unit: str) -> str:
+    """Text in the words of a rotary axis where a unit, or a label with it, has N m.
 
     Examples
     --------
-    >>> from dryfric_control.text import force_or_torque
-    >>> force_or_torque("force residual", "N m"), force_or_torque("Force residual", "N")
+    >>> from dryfric_control.text import rotary_words
+    >>> rotary_words("force residual", "N m"), rotary_words("Force residual", "N")
     ('torque residual', 'Force residual')
+    >>> rotary_words("mass 2 kg m^2, bias_force.force, known=('mass',)", "N m")
+    "inertia 2 kg m^2, bias_force.force, known=('mass',)"
     """
-    if not re.search(r"N[ \xb7]m\b", unit):
+    if not _TURNING.search(unit):
         return text
-    return re.sub(r"\b([Ff])orce\b", lambda m: "Torque" if m[1] == "F" else "torque", text)
+
+    def turned(found: re.Match[str]) -> str:
+        word = _ROTARY[found[1].lower()]
+        return (word.capitalize() if found[1][0].isupper() else word) + "s" * bool(found[2])
+
+    return _LINEAR.sub(turned, text)
 
 
 def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
@@ -183,12 +197,22 @@ class Result:
     def _shown(self) -> Iterable[str | Sequence[Sequence[str]]]:
         raise NotImplementedError
 
+    def _worded(self) -> Iterable[str | Sequence[Sequence[str]]]:
+        """The same in the words of the axis that it is of."""
+        units = getattr(getattr(self, "axis", self), "units", None)
+        force = units[1] if isinstance(units, tuple) else ""
+        for one in self._shown():
+            if isinstance(one, str):
+                yield rotary_words(one, force)
+            else:
+                yield [[rotary_words(cell, force) for cell in row] for row in one]
+
     def summary(self) -> str:
         """What there is to see, in plain lines."""
         return "\n".join(
             # What is left of a line that was too long stands under its own indent.
             wrapped([one], len(one) - len(one.lstrip()) + 4) if isinstance(one, str) else table(one)
-            for one in self._shown()
+            for one in self._worded()
         )
 
     def __repr__(self) -> str:
@@ -197,7 +221,7 @@ class Result:
     def _repr_html_(self) -> str:
         return "".join(
             f"<p>{html.escape(typeset(one))}</p>" if isinstance(one, str) else table(one, True)
-            for one in self._shown()
+            for one in self._worded()
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dryfric_control.diagnosis.candidates import effect_class, holds
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
+from dryfric_control.text import rotary_words
 
 #: Said where a search has run out of time.
 LATE = (
@@ -46,13 +47,16 @@ def cause_of(
         What does the same.
     """
     effect = effect_class(slug)
-    explanation = effect.explanation
+    title, explanation, experiment = (
+        rotary_words(text, axis.units[1])
+        for text in (title_of(slug), effect.explanation, effect.experiment)
+    )
     if holds(axis, slug):
         explanation = f"Already in the nominal axis, with other values. {explanation}"
     mean, error = gain
     return Cause(
         effect=slug,
-        title=title_of(slug),
+        title=title,
         parameters={short: float(values[name]) for short, name in own.items()},
         standard_errors={short: errors[name] for short, name in own.items()},
         units={short: units[name] for short, name in own.items()},
@@ -60,7 +64,7 @@ def cause_of(
         interval=(mean - 1.645 * error, mean + 1.645 * error),
         alternatives=tuple(alternatives),
         explanation=explanation,
-        experiment=effect.experiment,
+        experiment=experiment,
     )
 
 

@@ -18,7 +18,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
-from dryfric_control.text import Result, fields_of
+from dryfric_control.text import Result, fields_of, rotary_words
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
 
@@ -114,7 +114,7 @@ class Experiment(Result):
         left = [slug for slug in self.score if slug not in self.separates]
         if left and self.separates:
             text += f" It leaves {', '.join(left)} open."
-        return text
+        return rotary_words(text, self.units[1])
 
     def to_dict(self) -> dict[str, Any]:
         """Words and numbers, ready for JSON."""

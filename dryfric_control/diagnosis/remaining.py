@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.text import Result, force_or_torque
+from dryfric_control.text import Result, rotary_words
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Remaining(Result):
         kind = "structured" if self.structured else "no structure found"
         if self.correlation_time > 0.0:
             kind += f", correlation time {self.correlation_time:.2g} s"
-        name = force_or_torque("random force left", self.unit)
+        name = rotary_words("random force left", self.unit)
         return f"{name}: {self.rms:.3g} {self.unit} RMS a sample, {kind}"
 
     def _shown(self) -> list[str]:

@@ -22,7 +22,7 @@ from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import Events, SimulationResponse
 from dryfric_control.model.units import on_axis
-from dryfric_control.text import table
+from dryfric_control.text import rotary_words, table
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
 MODES = (0, 1, -1)
@@ -702,7 +702,7 @@ class FrictionAxis:
         """Names and values with units."""
         length, force, speed = self.unit("m"), self.unit("N"), self.unit("m/s")
         rows = [
-            ("mass", f"{self.mass:.6g} {self.unit('kg')}"),
+            (rotary_words("mass", force), f"{self.mass:.6g} {self.unit('kg')}"),
             ("viscous", f"{self.viscous:.6g} {self.unit('N s/m')}"),
             ("Coulomb +", f"{_polynomial(self.coulomb.plus)} {force}"),
             ("Coulomb -", f"{_polynomial(self.coulomb.minus)} {force}"),

@@ -377,6 +377,25 @@ def test_a_force_in_newton_metres_is_a_torque(found):
     assert "Force residual over velocity: the force" in words_of(page_of(found))
 
 
+def test_the_words_of_a_rotary_axis(found):
+    """Names of arguments and effects stay: they are what one writes."""
+    units = ("rad", "N m")
+    mass = Cause(
+        "inertia", "inertia error", {"mass": 2.5}, {"mass": 0.1}, {"mass": "kg m^2"}, 1.0,
+        (0.5, 1.5), ("bias_force",), "", "",
+    )  # fmt: skip
+    d = replace(
+        found, axis=found.axis.replace(units=units), extended=found.extended.replace(units=units),
+        causes=(mass,), remaining=Remaining(0.2, 0.0, True, (), unit="N m"),
+    )  # fmt: skip
+    said = "inertia 3 -> 2.50 +- 0.10 kg m^2 (-17 %); alternatives: bias torque"
+    for words in (" ".join(d.summary().split()), words_of(page_of(d)), repr(d.causes)):
+        assert "orque" in words
+        rest = re.sub(r"mass = [\d.]+|force = \S+|\w+_force\w*", "", words)
+        assert not re.search(r"\b([Ff]orce|mass)\b", rest), rest
+    assert said in " ".join(d.summary().split())
+
+
 def test_error_reduction_says_of_what(found):
     faint = replace(found.causes[1], held_out_gain=0.001, interval=(0.0004, 0.0016))
     likely = replace(found, references={"nominal axis": 12.0}, causes=(found.causes[0], faint))

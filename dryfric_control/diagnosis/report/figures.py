@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.report.wording import (
 )
 from dryfric_control.drawing import axes_of, control_plot, legend_above
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
-from dryfric_control.text import prefixed, typeset
+from dryfric_control.text import prefixed, rotary_words, typeset
 
 FloatArray = NDArray[np.float64]
 
@@ -467,7 +467,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     if not any_bar(d):
         words = "no candidate had to be tried"
         if falls(d):
-            words = "\n".join(textwrap.wrap(no_bar_text(d), 44))
+            words = "\n".join(textwrap.wrap(rotary_words(no_bar_text(d), d.axis.units[1]), 44))
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
@@ -497,9 +497,10 @@ def draw_candidates(d: Findings, ax: Any) -> None:
         ax.barh(
             row, value - 1.0, left=1.0, height=0.75, edgecolor="white", lw=0.5, label=label, **style
         )
+    names = {slug: rotary_words(title_of(slug), d.axis.units[1]) for slug in times}
     ax.set_yticks(
         range(len(times)),
-        [f"{rank[slug]}. {title_of(slug)}" if slug in rank else title_of(slug) for slug in times],
+        [f"{rank[slug]}. {name}" if slug in rank else name for slug, name in names.items()],
         parse_math=False,
     )
     for tick, slug in zip(ax.get_yticklabels(), times, strict=True):

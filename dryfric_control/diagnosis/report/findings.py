@@ -16,7 +16,15 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
 from dryfric_control.records.bad_readings import Masked
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, fields_of, length_text, percent, table, wrapped
+from dryfric_control.text import (
+    Result,
+    fields_of,
+    length_text,
+    percent,
+    rotary_words,
+    table,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.experiment import Experiment
@@ -362,11 +370,12 @@ def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]
     for name, value in cause.parameters.items():
         unit = cause.units[name]
         found = with_error(value, cause.standard_errors[name], unit)
+        shown = rotary_words(name, unit)
         if name not in nominal:
-            texts.append(f"{name} = {found}")
+            texts.append(f"{shown} = {found}")
             continue
         change = change_text(kind_of(cause.effect, name), nominal[name], value, unit)
-        text = f"{name} {nominal[name]:.5g} -> {found}"
+        text = f"{shown} {nominal[name]:.5g} -> {found}"
         texts.append(f"{text} ({change})" if change else text)
     return texts
 
@@ -378,7 +387,7 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     if cause.alternatives:
         others = ", ".join(map(titles_of, cause.alternatives))
         text += f"; alternatives: {others}"
-    return text
+    return rotary_words(text, " ".join(cause.units.values()))
 
 
 def plain(value: float) -> str:

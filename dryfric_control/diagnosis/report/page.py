@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.drawing import control_plot
 from dryfric_control.store.axis_file import axis_text
-from dryfric_control.text import force_or_torque, length_text, percent, table, typeset
+from dryfric_control.text import length_text, percent, rotary_words, table, typeset
 
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
 # resolution of clouds of dots.
@@ -45,8 +45,16 @@ _TEMPLATES = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-_TEMPLATES.filters["typeset"] = lambda value: typeset(str(value))
 _TEMPLATES.globals["br"] = Markup("<br>")
+
+
+@jinja2.pass_context
+def _words(context: Any, value: Any) -> str:
+    """Text in the words of the axis, typeset; names are left as they are."""
+    return typeset(rotary_words(value, context["force"]))
+
+
+_TEMPLATES.filters |= {"typeset": typeset, "words": _words}
 
 
 def html_summary(d: Findings) -> str:
@@ -80,6 +88,7 @@ def html_page(d: Findings) -> str:
 def _found(d: Findings) -> dict[str, Any]:
     """What the summary shows, as text."""
     return {
+        "force": d.axis.units[1],
         "verdict": wording.headline(d),
         "meaning": MEANING.get(d.verdict, ""),
         "causes": [_cause(d, cause) for cause in d.main_causes],
@@ -160,7 +169,6 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     # Of several records the curves are of one: each caption says of which.
     which = f" {shown[0].upper()}{shown[1:]}." if shown else ""
     force = before.axis.units[1]
-    kind = force_or_torque("force", force)
     rms = f"RMS {before.force_rms:.3g} {force} nominal"
     if after is not None:
         rms += f", {after.force_rms:.3g} {force} with the causes"
@@ -169,7 +177,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
             lambda ax: figures.draw_friction_curves(d, before, after, ax),
             "Friction over velocity, nominal and with the causes, over the measured friction.",
             "Friction over velocity; bands where it depends on the position. Dots: measured "
-            f"{kind} net of inertia and of the other effects.{which}",
+            f"force net of inertia and of the other effects.{which}",
         ),
         _picture(
             lambda ax: figures.draw_errors(d, before, after, ax),
@@ -194,8 +202,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         )
     hidden = wording.hidden_text(d, before.hidden)
     what = {
-        "velocity": f"{kind.capitalize()} residual over velocity: the {kind} that the model would "
-        f"need beside its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
+        "velocity": "Force residual over velocity: the force that the model would need "
+        f"beside its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
         f"{hidden}",
         "position": "The same over position, a line for each direction.",
         "time": "The same over time.",
@@ -203,7 +211,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     }
     for by, caption in what.items():
         over = by.replace("reversal", "time since reversal")
-        words = f"{kind.capitalize()} residual against {over}; {rms}."
+        words = f"Force residual against {over}; {rms}."
         pictures.append(_picture(residual(by), words, caption.rstrip() + which))
     table = wording.level_table(d)
     if wording.level_varies(table):
@@ -238,7 +246,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     pictures.append(
         _picture(
             lambda ax: figures.draw_autocorrelation(before, after, ax),
-            f"Autocorrelation of the {kind} residual over the lag, with the band of white noise.",
+            "Autocorrelation of the force residual over the lag, with the band of white noise.",
             "A residual that is noise stays in the band, but for the shortest lags, which the "
             f"smoothing correlates.{which}",
         )
@@ -248,8 +256,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         pictures.append(
             _picture(
                 lambda ax: figures.draw_remaining(d, ax),
-                f"Spectrum of the random {kind} that is left, {left.rms:.3g} {left.unit} RMS.",
-                f"Spectrum of the random {kind} that is left with the causes in the model. A peak "
+                f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
+                "Spectrum of the random force that is left with the causes in the model. A peak "
                 f"is a cause that repeats; a rise to low frequencies, one that drifts.{which}",
             )
         )
@@ -268,7 +276,7 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
     return [
         (wording.shown_record(d) or "whole record", "nominal", "with the causes")[: len(sides) + 1],
         (
-            force_or_torque("force residual, RMS", force),
+            rotary_words("force residual, RMS", force),
             *(f"{s.force_rms:.3g} {force}" for s in sides),
         ),
         ("free runs, RMS error", *(length_text(s.position_rms, length) for s in sides)),
@@ -285,7 +293,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     length, force = d.axis.units
     believed, found = d.axis.effective(), d.extended.effective()
     rows: list[tuple[str, float, float, str]] = [
-        ("mass", believed.mass, found.mass, d.axis.unit("kg"))
+        (rotary_words("mass", force), believed.mass, found.mass, d.axis.unit("kg"))
     ]
     for sign, way in wording.WAYS:
         before, after = (wording.viscous_coefficient(axis, sign) for axis in (believed, found))

@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
-from dryfric_control.text import length_text, percent
+from dryfric_control.text import length_text, percent, rotary_words
 
 # What tells a gain of the drive from base parameters that are all wrong.
 _BY_A_FORCE = (
@@ -281,7 +281,7 @@ def summary_lines(d: Findings) -> list[str]:
     lines += [f"warning: {message}" for message in d.messages]
     if d.next_experiment is not None:
         lines.append(f"next experiment: {d.next_experiment.summary()}")
-    return lines
+    return [rotary_words(line, d.axis.units[1]) for line in lines]
 
 
 def further_lines(d: Findings) -> list[str]:

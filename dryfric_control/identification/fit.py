@@ -39,7 +39,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.saved import load_object, save_object
-from dryfric_control.text import Result, length_text, percent, plain_data
+from dryfric_control.text import Result, length_text, percent, plain_data, rotary_words
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
 
@@ -51,6 +51,13 @@ _STARTS = 6
 # Power of what is left at low frequency over that of white noise, from which the model
 # does not fit (`benchmarks/identification.py coverage`).
 _LASTING = 1.5
+# Factor between start and end of a base parameter beyond which the fit says so, and what shows it.
+_BOLD = 2.0
+_SHOWN_BY = {
+    "mass": "quick reversals",
+    "viscous": "several velocities",
+    **dict.fromkeys(("coulomb", "coulomb_plus", "coulomb_minus"), "slow motion both ways"),
+}
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -389,8 +396,9 @@ def fit(
     -----
     FitWarning
         When the record does not determine a parameter or does not separate two, a
-        parameter ends at a bound, or the model does not fit: the random force that is
-        left is correlated in time.
+        parameter ends at a bound, a base parameter ends more than a factor of two from its
+        start value, or the model does not fit: the random force that is left is
+        correlated in time.
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -525,7 +533,7 @@ def fit_windows(
     if noises and not reached:
         likely = by_likelihood(problem, z, nominal, tolerance or {}, block)
         evidence = evidence if likely is None else likely
-    return _result(problem, first, evidence, window)
+    return _result(problem, first, evidence, window, nominal=noises)
 
 
 def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) -> Fit:
@@ -597,6 +605,29 @@ def _limits(problem: Problem, z: FloatArray) -> list[str]:
     return found
 
 
+def _far(problem: Problem, first: FloatArray, z: FloatArray) -> list[str]:
+    """Base parameters that a fit left far from their start values, in one message."""
+    ends = []
+    for p, start, end in zip(problem.parameters, first, z, strict=True):
+        before, after = p.value(start), p.value(end)
+        if p.name not in _SHOWN_BY or min(before, after) <= 0.0:
+            continue
+        factor = max(before, after) / min(before, after)
+        if factor > _BOLD:
+            way = "above" if after > before else "below"
+            ends.append(
+                (p.name, f"{p.name} ended {factor:.3g} times {way} its start value "
+                f"({after:.4g}, start {before:.4g} {p.unit})")
+            )  # fmt: skip
+    if not ends:
+        return []
+    shown = " and ".join(_SHOWN_BY[name] for name, _ in ends)
+    return [
+        f"{', '.join(text for _, text in ends)}: if the start is trusted, check the units of u and "
+        f"x, the gain of the drive (read_record(..., gain=...)), and that the record has {shown}"
+    ]
+
+
 def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
     """Words for a random force that is correlated in time."""
     if evidence.lasting < _LASTING:
@@ -611,7 +642,10 @@ def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
     ]
 
 
-def _result(problem: Problem, first: FloatArray, evidence: Evidence, window: float) -> Fit:
+def _result(
+    problem: Problem, first: FloatArray, evidence: Evidence, window: float, nominal: bool = False
+) -> Fit:
+    """The fit from its end; `nominal`: whether it started from what the user gave."""
     z, gradients, normals, labels = evidence[:4]
     prior = _prior(problem.parameters) + problem.prior(z)[2]
     covariance, away = jackknife(gradients, normals, labels, prior)
@@ -636,7 +670,9 @@ def _result(problem: Problem, first: FloatArray, evidence: Evidence, window: flo
     messages = cannot_tell(
         model.axis, records, problem.parameters, values, errors, correlation, away, slopes
     )
-    messages = (*messages, *_limits(problem, z), *_misfit(model.axis, evidence))
+    messages += (*_limits(problem, z), *_misfit(model.axis, evidence))
+    messages += tuple(_far(problem, first, z)) if nominal else ()
+    messages = tuple(rotary_words(message, model.axis.units[1]) for message in messages)
     for message in messages:
         warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
     return Fit(

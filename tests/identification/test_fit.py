@@ -247,6 +247,52 @@ def test_crawl_without_acceleration_names_the_inertia():
         fit(axis, record, free=("mass", "coulomb"))
 
 
+SWEEP = 1e-3 * np.arange(4000)
+PUSH = 20.0 * np.sin(6.0 * SWEEP) + 10.0 * np.sin(17.0 * SWEEP)
+
+
+def swept(axis, gain=1.0):
+    """Record of an axis, its drive off by a factor."""
+    x = axis.simulate(PUSH, dt=1e-3).y[0]
+    return Record(SWEEP, PUSH * gain, x)
+
+
+def test_a_parameter_far_from_its_start_is_said():
+    """A drive in other units ended silently at a mass 100 times the start."""
+    true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    with pytest.warns(
+        FitWarning, match="mass ended 100 times above its start value .*gain="
+    ) as told:
+        found = fit(true, swept(true, 100.0))
+    (said,) = [m for m in found.messages if "start value" in m]
+    assert said in [str(one.message) for one in told] and said in found.summary().replace(
+        "\n    ", " "
+    )
+    assert said.startswith(
+        "mass ended 100 times above its start value (200, start 2 kg), viscous ended"
+    )
+    with pytest.warns(
+        FitWarning, match=r"mass ended 4 times below its start value \(2, start 8 kg\): "
+    ):
+        fit(true.replace(mass=8.0), swept(true))
+
+
+def test_a_parameter_near_its_start_is_not():
+    true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FitWarning)
+        fit(true.replace(mass=3.0, viscous=10.0, coulomb=5.0), swept(true))
+
+
+def test_a_rotary_axis_has_an_inertia():
+    true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, units=("rad", "N m"))
+    with pytest.warns(FitWarning, match="inertia ended 4 times below .* start 8 kg m.2"):
+        found = fit(true.replace(mass=8.0), swept(true), free=("mass", "bias_force"))
+    text = found.summary()
+    assert "inertia" in text and "bias_force.force" in text and "random torque" in text
+    assert "mass" not in text and "mass" in found.parameters
+
+
 def test_viscous_friction_that_is_small_is_not_put_down_to_one_velocity():
     """It said that the speed changes little, where it ran up to 2 m/s."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=0.1, coulomb=8.0)

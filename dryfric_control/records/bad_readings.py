@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from dryfric_control.records.resolution import ROUNDING
+from dryfric_control.text import table
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -35,6 +36,8 @@ _LONGEST, _STEP = 5, 8.0
 # More bad readings than this are no exceptions: such a record is left as it is.
 _MOST = 0.05
 _PASSES = 3
+# Runs of masked readings that print lists.
+_LISTED = 20
 # A grid point further than this from every stamp, in steps, has no reading of its own.
 _OWN = 0.75
 
@@ -55,6 +58,10 @@ class Masked(NamedTuple):
     --------
     >>> NONE.within(slice(0, 5)).indices.size
     0
+    >>> Masked(np.array([30, 51, 52]), ("jump", "filled", "filled"), np.zeros(3))
+    masked  from sample  to sample  readings
+    jump    30           30         1
+    filled  51           52         2
     """
 
     indices: NDArray[np.int64]
@@ -71,6 +78,43 @@ class Masked(NamedTuple):
             tuple(r for r, k in zip(self.reasons, inside, strict=True) if k),
             self.readings[inside],
         )
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Table of the runs: reason, first and last sample, how many; headings first."""
+        known = np.unique(self.reasons, return_inverse=True)[1]
+        ends = (np.diff(self.indices) != 1) | (np.diff(known) != 0)
+        runs = np.split(np.arange(self.indices.size), np.flatnonzero(ends) + 1)
+        rows = [("masked", "from sample", "to sample", "readings")]
+        for run in runs[:_LISTED]:
+            first, last = self.indices[run[[0, -1]]]
+            rows.append((self.reasons[run[0]], str(first), str(last), str(run.size)))
+        if left := runs[_LISTED:]:
+            rows.append((f"{len(left)} more runs", "", "", str(sum(run.size for run in left))))
+        return rows
+
+    def __repr__(self) -> str:
+        return table(self.rows()) if self.reasons else "no readings masked"
+
+
+class Masks(tuple[Masked, ...]):
+    """Masked readings of several records that show themselves; a tuple otherwise.
+
+    Examples
+    --------
+    >>> Masks([NONE, Masked(np.array([30]), ("jump",), np.zeros(1))])
+    record 1:
+    no readings masked
+    record 2:
+    masked  from sample  to sample  readings
+    jump    30           30         1
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        if len(self) == 1:
+            return repr(self[0])
+        return "\n".join(f"record {i}:\n{one!r}" for i, one in enumerate(self, 1))
 
 
 NONE = Masked(np.empty(0, np.int64), (), np.empty(0))

@@ -44,6 +44,12 @@ def test_masked_and_bridged():
         record = dfc.Record(T, U, x)
     assert record.masked.indices.tolist() == [300, 701, 1001, 1002]
     assert record.masked.reasons == ("jump", "repeated", "repeated", "repeated")
+    assert repr(record.masked).splitlines() == [
+        "masked    from sample  to sample  readings",
+        "jump      300          300        1",
+        "repeated  701          701        1",
+        "repeated  1001         1002       2",
+    ]
     assert np.array_equal(record.measured, x)
     assert np.flatnonzero(~record.good).tolist() == [300, 701, 1001, 1002]
     # A cubic misses 0.1 sin(5 t) by less than a quantum over three milliseconds.

@@ -14,7 +14,7 @@ from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of
-from dryfric_control.records.bad_readings import Masked
+from dryfric_control.records.bad_readings import Masks
 from dryfric_control.records.record import Record
 from dryfric_control.text import (
     Result,
@@ -249,7 +249,7 @@ class Findings:
         object.__setattr__(self, "causes", Causes(self.causes))
 
     @property
-    def masked(self) -> tuple[Masked, ...]:
+    def masked(self) -> Masks:
         """Readings that were left out: indices and reasons, one entry a record.
 
         Examples
@@ -264,8 +264,11 @@ class Findings:
         >>> d = dfc.diagnose(axis, dfc.Record(t, u, x, good=good))
         >>> d.verdict, d.masked[0].indices.tolist(), d.masked[0].reasons
         ('nothing to find', [700], ('given',))
+        >>> d.masked
+        masked  from sample  to sample  readings
+        given   700          700        1
         """
-        return tuple(record.masked for record in (self.record, *self.others))
+        return Masks(record.masked for record in (self.record, *self.others))
 
     @property
     def small_corrections(self) -> Causes:

@@ -346,8 +346,7 @@ class Excitation:
 
     def words(self, stage: Stage) -> str:
         """The description with the numbers of a stage."""
-        length, force = stage.axis.units
-        mass = "kg" if (length, force) == ("m", "N") else f"{force} s^2/{length}"
+        mass, force = (stage.axis.unit(unit) for unit in ("kg", "N"))
         return self.description.format(
             mass=f"{_added_mass(stage):.3g} {mass}", force=f"{_added_force(stage):.3g} {force}"
         )

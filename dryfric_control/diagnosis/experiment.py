@@ -15,7 +15,7 @@ from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import class_of, title_of
+from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result, fields_of, rotary_words
@@ -109,11 +109,14 @@ class Experiment(Result):
         """What to do and what it separates, in a sentence or two."""
         text = f"{self.title}: {self.description}"
         if self.separates:
-            shown = ", ".join(f"{slug} ({self.score[slug]:.3g} quanta)" for slug in self.separates)
-            text += f" It separates {self.cause} from {shown}."
+            shown = ", ".join(
+                f"{titles_of(slug)} (they differ by {self.score[slug]:.3g} encoder quanta RMS)"
+                for slug in self.separates
+            )
+            text += f" It separates {titles_of(self.cause)} from {shown}."
         left = [slug for slug in self.score if slug not in self.separates]
         if left and self.separates:
-            text += f" It leaves {', '.join(left)} open."
+            text += f" It leaves {', '.join(map(titles_of, left))} open."
         return rotary_words(text, self.units[1])
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,7 +166,8 @@ class Experiment(Result):
         axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
         for i, name in enumerate(self.positions):
             style = {"color": f"C{i}", "linestyle": DASHES[i % len(DASHES)], "linewidth": 1.2}
-            axes[0].plot(self.t, self.positions[name], label=name, **style)
+            label = rotary_words(titles_of(name), force)
+            axes[0].plot(self.t, self.positions[name], label=label, **style)
             axes[1].plot(self.t, self.drives[name], **style)
         if self.force is not None:
             axes[1].plot(self.t, self.force, color="0.6", linewidth=1.0, label="added force")
@@ -358,8 +362,8 @@ def _change_of_bench(
     changes = [e.title for e in EXCITATIONS if e.change is not None and e.name in tried]
     nor = f", nor does {' or '.join(changes)}" if changes else ""
     why = (
-        f"No motion within these limits separates {names[0]} from {', '.join(names[1:])}{nor}: the "
-        "same record comes out either way."
+        f"No motion within these limits separates {titles_of(names[0])} from "
+        f"{', '.join(map(titles_of, names[1:]))}{nor}: the same record comes out either way."
         if tried
         else "No experiment of the set keeps the limits of travel, drive and speed: widen them."
     )

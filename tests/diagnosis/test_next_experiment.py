@@ -217,7 +217,7 @@ def test_equal_and_different_rivals_together():
     experiment = next_experiment(machine, [rival, spring], record)
     assert experiment.separates == ("spring",)
     assert experiment.score["coulomb_asymmetry"] == 0.0
-    assert "coulomb_asymmetry open" in experiment.summary()
+    assert "Coulomb asymmetry open" in experiment.summary()
 
 
 def test_only_a_known_mass_or_force_parts_inertia_from_gain():
@@ -276,7 +276,7 @@ def test_report_file_and_figure(tmp_path):
     experiment = next_experiment(
         machine, [rival], record, names=["dead_zone", "coulomb"], limits=limits
     )
-    assert "dead_zone from coulomb" in experiment.summary()
+    assert "dead zone from Coulomb level error" in experiment.summary()
     json.dumps(experiment.to_dict())
     path = tmp_path / "next.csv"
     experiment.to_csv(path)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
 from dryfric_control.diagnosis.held_out import LEAST
-from dryfric_control.diagnosis.report.findings import Findings, plain, title_of
+from dryfric_control.diagnosis.report.findings import Findings, plain
 from dryfric_control.diagnosis.report.wording import (
     WAYS,
     headline,
@@ -22,6 +22,7 @@ from dryfric_control.diagnosis.report.wording import (
     times_smaller,
 )
 from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
 from dryfric_control.text import prefixed, rotary_words, typeset
 

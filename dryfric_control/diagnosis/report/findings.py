@@ -13,7 +13,7 @@ from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import class_of, title_of
+from dryfric_control.model.effects.naming import class_of, titles_of
 from dryfric_control.records.bad_readings import Masks
 from dryfric_control.records.record import Record
 from dryfric_control.text import (
@@ -337,17 +337,6 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     power = int(f"{size:.15e}".split("e")[1])
     digits, scale = max(power - last, 0), 10.0**power
     return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
-
-
-def titles_of(alternative: str) -> str:
-    """Names in words of effects that are joined by "+".
-
-    Examples
-    --------
-    >>> titles_of("inertia+coulomb")
-    'inertia error + Coulomb level error'
-    """
-    return " + ".join(map(title_of, alternative.split("+")))
 
 
 def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:

@@ -21,9 +21,9 @@ from dryfric_control.diagnosis.report.findings import (
     change_text,
     parameter_texts,
     plain,
-    titles_of,
 )
 from dryfric_control.drawing import control_plot
+from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.store.axis_file import axis_text
 from dryfric_control.text import length_text, percent, rotary_words, table, typeset
 

@@ -14,11 +14,10 @@ from dryfric_control.diagnosis.report.findings import (
     Cause,
     Findings,
     cause_text,
-    titles_of,
     with_error,
 )
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import class_of
+from dryfric_control.model.effects.naming import class_of, titles_of
 from dryfric_control.text import length_text, percent, rotary_words
 
 # What tells a gain of the drive from base parameters that are all wrong.

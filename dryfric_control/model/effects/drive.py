@@ -155,7 +155,7 @@ class InputGain(Effect):
     action = "input"
     depends_on_place = False
     rank = 2
-    trades = ("mass", "add a known mass, or measure the force, to part them")
+    trades = ("mass", "add a known mass, or measure the force, to separate them")
     explanation = "The drive gives more or less force than assumed: torque constant or scaling."
     experiment = "Hang a known weight on the axis and read the command that balances it."
 

@@ -55,7 +55,7 @@ class BiasForce(Effect):
         "coulomb",
         "a bias and levels that differ between the directions are the same force as long as "
         "neither a Stribeck peak nor the position changes the levels: tilt the axis or turn it "
-        "round to part them",
+        "round to separate them",
     )
     explanation = (
         "A constant force pulls the axis to one side: gravity on a slope, a preloaded "

@@ -50,7 +50,8 @@ class CoulombAsymmetry(Effect):
     trades = BiasForce.trades
     explanation = "Dry friction is larger one way: worn or preloaded contact, a wedge, a brush."
     experiment = (
-        "Crawl both ways at the same speed and compare the levels; tilt to part it from a bias."
+        "Crawl both ways at the same speed and compare the levels; tilt the axis to separate it "
+        "from a bias."
     )
 
     @staticmethod

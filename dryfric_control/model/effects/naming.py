@@ -29,6 +29,17 @@ def title_of(name: str) -> str:
     return title if number == 1 else f"{title} {number}"
 
 
+def titles_of(alternative: str) -> str:
+    """Names in words of effects that are joined by "+".
+
+    Examples
+    --------
+    >>> titles_of("inertia+coulomb")
+    'inertia error + Coulomb level error'
+    """
+    return " + ".join(map(title_of, alternative.split("+")))
+
+
 def followed(name: str, names: Iterable[str]) -> bool:
     """Whether an effect of the same kind with a higher number is among names.
 

@@ -84,7 +84,7 @@ class Masked(NamedTuple):
         known = np.unique(self.reasons, return_inverse=True)[1]
         ends = (np.diff(self.indices) != 1) | (np.diff(known) != 0)
         runs = np.split(np.arange(self.indices.size), np.flatnonzero(ends) + 1)
-        rows = [("masked", "from sample", "to sample", "readings")]
+        rows: list[tuple[str, ...]] = [("masked", "from sample", "to sample", "readings")]
         for run in runs[:_LISTED]:
             first, last = self.indices[run[[0, -1]]]
             rows.append((self.reasons[run[0]], str(first), str(last), str(run.size)))

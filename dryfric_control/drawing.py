@@ -100,24 +100,28 @@ control.ControlPlot
 """
 
 
-def panels(rows: int, **options: Any) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
+def panels(
+    rows: int | Callable[[Any], int], **options: Any
+) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
     """Make the `plot` of a result out of a method that draws in given axes.
 
-    The method takes the axes, shape (rows,), and returns its title; `options` go to
+    The method takes the axes, shape (rows,), and returns its title; `rows` may be a
+    function of the result; `options` go to
     `matplotlib.pyplot.subplots` where a figure is made.
     """
 
     def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
         def plot(self: Any, ax: Any = None, title: str | None = None) -> PanelPlot:
-            axes = axes_of(ax, rows, **options)
+            axes = axes_of(ax, rows(self) if callable(rows) else rows, **options)
             own = draw(self, axes)
             title_above(axes[0], own if title is None else title)
             return control_plot(axes)
 
         # Not functools.wraps, whose signature would be that of `draw`.
         plot.__module__, plot.__qualname__ = draw.__module__, draw.__qualname__
+        many = "sequence of Axes" if callable(rows) else f"sequence of {_COUNTED.get(rows)} Axes"
         plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(
-            what=f"sequence of {_COUNTED[rows]} Axes" if rows > 1 else "Axes"
+            what="Axes" if rows == 1 else many
         )
         return plot
 

@@ -40,7 +40,7 @@ def plots():
     run = presets.clutch_experiment(duration=2.0)
     return {
         "record": (record.plot, 2),
-        "response": (loop.plot, 3),
+        "response": (loop.plot, 4),
         "fit": (found.plot, 2),
         "replay": (found.training[0].plot, 2),
         "replayed loop": (dfc.replay_loop(AXIS, record, CONTROLLER).plot, 3),
@@ -218,6 +218,16 @@ def test_friction_that_depends_on_the_position_is_a_band():
 
 
 # -------------------------------------------------------------------- texts
+
+
+def test_a_loop_shows_its_tracking_error():
+    run = dfc.simulate_loop(AXIS, CONTROLLER, R, quantum=1e-6, x0=0.1)
+    drawn = run.plot()
+    labels = [one.get_ylabel() for one in drawn.axes[:, 0]]
+    assert labels == ["position [m]", "error [mm]", "velocity [m/s]", "force [N]"]
+    np.testing.assert_allclose(drawn.lines[1, 0][0].get_ydata(), 1e3 * (R - run.y[0]))
+    # What follows no reference has no such error.
+    assert AXIS.simulate([9.0] * 10, dt=1e-3).plot().axes.shape == (3, 1)
 
 
 def test_mass_has_a_unit():

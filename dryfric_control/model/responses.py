@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.drawing import legend_above, panels, shade_stuck
+from dryfric_control.text import prefixed, typeset
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
@@ -179,27 +180,39 @@ class SimulationResponse(Response):
         )
         self.events = events
 
-    @panels(3)
+    @property
+    def _follows(self) -> bool:
+        """Whether the input is a reference of the position."""
+        return bool(self.input_labels[0] == "r")
+
+    @panels(lambda self: 3 + self._follows)
     def plot(self, axes: Any) -> str:
         """Draw position, velocity and force, rest as a light band.
 
+        A closed loop has four panels: its tracking error (reference - position) is the second.
         `control.time_response_plot` draws every signal in a panel of its own.
         """
         length, force = self.units
         labels = self.output_labels
         axes[0].plot(self.t, self.y[0], "k", label="x")
-        if self.input_labels[0] == "r":
-            axes[0].plot(self.t, self.u[0], "k--", linewidth=0.8, label="reference")
-        axes[1].plot(self.t, self.y[1], "k", label="v")
+        names = [f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]"]
+        if self._follows:
+            axes[0].plot(self.t, self.u[0], "C0--", linewidth=1.0, label="reference")
+            error = self.u[0] - self.y[0]
+            factor, short = prefixed(float(np.abs(error).max()), length)
+            axes[1].plot(self.t, error / factor, "C3", linewidth=1.0)
+            axes[1].axhline(0.0, color="k", linewidth=0.6, zorder=0)
+            names.insert(1, typeset(f"error [{short}]"))
+        velocity, forces = axes[-2:]
+        velocity.plot(self.t, self.y[1], "k", label="v")
         drive = self.y[labels.index("u")] if "u" in labels else self.u[0]
-        axes[2].plot(self.t, drive, color="0.55", linewidth=1.0, label="drive u")
-        axes[2].plot(self.t, self.y[2], "k", linewidth=1.0, label="friction F")
-        names = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
+        forces.plot(self.t, drive, color="0.55", linewidth=1.0, label="drive u")
+        forces.plot(self.t, self.y[2], "k", linewidth=1.0, label="friction F")
         for one, name in zip(axes, names, strict=True):
             shade_stuck(one, self.t, self.y[3])
             one.set_ylabel(name)
             one.margins(x=0.0)
         legend_above(axes[0])
-        legend_above(axes[2])
+        legend_above(forces)
         axes[-1].set_xlabel("Time [s]")
         return str(self.title)

@@ -426,6 +426,11 @@ def spread_of(x: FloatArray, quantum: float) -> float:
     return max(floor, spread / 0.6745 / math.sqrt(70))
 
 
+# Part of the steps of one size with which a grid is believed only where they lie on it as exactly
+# as this, in parts of the grid.
+_ALIKE, _EXACT = 0.9, 0.01
+
+
 def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
     """Largest grid on which the positions lie, None if there is none.
 
@@ -452,7 +457,12 @@ def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
             longest = sound & (count >= max(1, 0.5 * count[sound].max()))
             step = float(np.median(seen[longest] / count[longest]))
         near = seen[seen < 256.5 * step] / step
-        on_grid = np.mean(np.abs(near - np.rint(near)) < 0.1)
+        # So are nearly all of a motion that runs up to it, but for what disturbs them.
+        far = np.abs(near - np.rint(near))
+        on_grid = np.mean(far < 0.1)
+        alike = np.unique(np.rint(near), return_counts=True)[1].max() > _ALIKE * near.size
+        if alike and np.median(far) > _EXACT:
+            continue
         if on_grid >= 0.98 and near.size >= 0.5 * gaps.size and step > 1e3 * resolution:
             return step
     return decimal_grid(x, factor)

@@ -538,6 +538,8 @@ def test_quantum_survives_rounded_storage_and_bad_samples():
         0.1 * np.sin(3 * T),
         np.random.default_rng(0).standard_normal(N),
         0.7 * T,  # constant speed: one step, no encoder
+        # run up to in a few samples, with a ripple of 2 %
+        0.7e-3 * np.cumsum(np.minimum(T / 0.0053, 1.0) ** 1.3 * (1.0 + 0.02 * np.sin(40 * T))),
         0.1 * np.float32(np.sin(3 * T)),
         np.cumsum(np.random.default_rng(1).uniform(0, 1e-4, N)),
         np.sin(2 * np.pi * np.arange(N) / 100),  # values repeat, but for rounding

@@ -36,6 +36,8 @@ _LONGEST, _STEP = 5, 8.0
 # More bad readings than this are no exceptions: such a record is left as it is.
 _MOST = 0.05
 _PASSES = 3
+# Changes of a reading that a slower source holds, and the part that must be about as far apart.
+_CHANGES, _ON_CLOCK = 20, 0.8
 # Runs of masked readings that print lists.
 _LISTED = 20
 # A grid point further than this from every stamp, in steps, has no reading of its own.
@@ -216,6 +218,31 @@ def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
         if m + 0.5 < made_up < m + 1.5:
             found.extend(range(int(a) + 1, int(b) + 2))
     return found
+
+
+def held_for(x: FloatArray, quantum: float = 0.0) -> tuple[int, int]:
+    """Samples for which a slower source holds each reading, 1 if none does, and the first new one.
+
+    Its steps are long, one after so many samples; those of a coarse encoder are one
+    quantum.
+
+    Examples
+    --------
+    >>> held_for(np.repeat(np.arange(50.0) ** 2, 4)[1:])
+    (4, 3)
+    """
+    steps = np.diff(x)
+    changes = np.flatnonzero(steps) + 1
+    gaps = np.diff(changes)
+    count = int(np.median(gaps)) if gaps.size >= _CHANGES else 1
+    usual = np.abs(gaps - count) <= max(1, count // 4)
+    if (
+        count < 2
+        or np.mean(usual) < _ON_CLOCK
+        or np.median(np.abs(steps[changes - 1])) <= _STEP * quantum
+    ):
+        return 1, 0
+    return count, int(np.bincount(changes % count).argmax())
 
 
 def evened(t: FloatArray, x: FloatArray, noise: float) -> FloatArray | None:

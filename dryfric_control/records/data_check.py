@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dryfric_control.records.bad_readings import FILLED, REASONS
+from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import directions, reversals
 from dryfric_control.text import Result, length_text, plain_data
 
@@ -191,6 +191,26 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
     )
 
 
+def held_message(record: Record) -> str | None:
+    """What to say of positions that are read more slowly than they were logged; None if not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> held_message(dfc.Record(t, np.cos(t), np.repeat(np.sin(t[::4]), 4), quantum=0))[:40]
+    'the position is new only every 4 samples'
+    """
+    count, first = held_for(record.x, record.quantum or 0.0)
+    if count == 1:
+        return None
+    return (
+        f"the position is new only every {count} samples, between them the last one stands: take "
+        f"record[{first}:].decimated({count})"
+    )
+
+
 def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
     """Look a record over; `units` are those of position and drive, empty if not known."""
     moving = directions(record)
@@ -218,13 +238,13 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         messages=(),
         assumed=assumed_units(record.units),
     )
-    return replace(found, messages=tuple(_messages(found, energy_message(record, units))))
+    looked_over = [energy_message(record, units), held_message(record)]
+    return replace(found, messages=tuple(_messages(found, filter(None, looked_over))))
 
 
-def _messages(found: RecordCheck, energy: str | None) -> Iterator[str]:
-    """What a user has to know before a fit."""
-    if energy:
-        yield energy
+def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
+    """What a user has to know before a fit; `looked_over`: what the samples themselves say."""
+    yield from looked_over
     if found.clipped:
         yield (
             f"the drive rests at both its extremes for {_percent(found.clipped)} of the time: make "

@@ -191,3 +191,23 @@ def test_plot_shows_rest_and_clipped_samples():
     assert words == [["measured", "at rest"], ["clipped"]]
     clipped = drawn.lines[1, 0][1].get_ydata()
     assert np.array_equal(np.isfinite(clipped), record.u == -30.0)
+
+
+@pytest.mark.parametrize("count", [2, 5, 20])
+def test_positions_that_are_read_more_slowly_than_logged_are_told(count):
+    t = 1e-3 * np.arange(4000)
+    rng = np.random.default_rng(count)
+    x = np.sin(2.0 * t) + 1e-4 * rng.normal(size=t.size)
+    held = dfc.Record(t[1:], np.cos(t[1:]), np.repeat(x[::count], count)[1:], quantum=0)
+    [message] = [m for m in held.check().messages if "new only every" in m]
+    assert f"every {count} samples" in message
+    better = eval(message.rpartition("take ")[2], {"record": held})
+    assert np.array_equal(better.x, x[::count][1:])
+    assert not any("new only every" in m for m in better.check().messages)
+
+
+def test_a_coarse_encoder_is_not_taken_for_a_slow_one():
+    t = 1e-3 * np.arange(8000)
+    for x in (np.sin(2.0 * t), 0.05 * t, 0.3 * np.sin(0.5 * t) ** 3):
+        coarse = dfc.Record(t, np.cos(t), 1e-3 * np.round(1e3 * x), quantum=1e-3)
+        assert not any("new only every" in m for m in coarse.check().messages)

@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor, usual_rms
-from dryfric_control.diagnosis.random_force import Answer, Gate, answer, varying
+from dryfric_control.diagnosis.random_force import Answer, Gate, answer, apart
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
@@ -231,9 +231,7 @@ def diagnose(
                 return by_runs
         if len(records) > 1:
             tell("differences between the records")
-            found.varies = varying(search, found.final)
-            if found.varies and found.verdict == "nothing to find":
-                found.verdict = "explained"
+            apart(search, found, trial(search.shift).cuts)
         found.messages[:0] = told
         return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
 

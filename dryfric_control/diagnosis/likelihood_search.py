@@ -86,6 +86,8 @@ _SLOWEST = 0.1
 # Samples of corrections at which first guesses look.
 _SEEN = 8000
 _BIAS = "bias_force"
+#: Name of the reference without drive and friction.
+STRAIGHT = "straight line"
 #: Actions of effects that move the drive in time.
 LATE = ("delay", "lag")
 # Units a sample by which a straight line is ahead of the base where the motion is imposed, and
@@ -306,7 +308,7 @@ class Search:
         comes to.
         """
         found = {"nominal axis": self.reference(self.believed).cost}
-        return found if self.imposed else found | {"straight line": self._line(self.runs)}
+        return found if self.imposed else found | {STRAIGHT: self._line(self.runs)}
 
     def _line(self, runs: Sequence[Run]) -> float:
         """Cost of a straight line."""
@@ -456,8 +458,10 @@ class Search:
         """A fit with the random force that the inputs leave as they were recorded."""
         if self.smooth == 1:
             return fit
-        shift = fit.values().get(SHIFT, self.shift)
-        return self.reference(fit.axis, runs=self.recorded, shift=shift)
+        problem, known = fit.problem.on(self.recorded), slice(len(fit.problem.names))
+        problem.low, problem.high = problem.low.copy(), problem.high.copy()
+        problem.low[known] = problem.high[known] = fit.z[known]
+        return maximise(problem, fit.z, 12)
 
     def still_early(self, fit: Solution) -> bool:
         """Whether unseen data still ask for inputs that act before their time stamps."""

@@ -18,7 +18,14 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
-from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Candidate, Search, hard
+from dryfric_control.diagnosis.likelihood_search import (
+    EQUAL,
+    MOVED,
+    STRAIGHT,
+    Candidate,
+    Search,
+    hard,
+)
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
@@ -237,7 +244,7 @@ def answer(
         heard = search.as_recorded(final)
         motion, left, _ = _judge(search)(search, windows, heard)
     structured = left.significant
-    beaten = any(cost < final.cost for cost in references.values())
+    beaten = references.get(STRAIGHT, math.inf) < final.cost
     if beaten:
         messages.append(LINE)
     if beaten or (not search.imposed and motion.beyond):
@@ -253,10 +260,7 @@ def answer(
     elif search.smooth > 1:
         over = length_text(search.smooth * search.scales.step, "s")
         messages.append(f"noise was recorded with the input: it was smoothed over {over}")
-    if causes:
-        verdict = "partly explained" if structured else "explained"
-    else:
-        verdict = "unexplained" if structured else "nothing to find"
+    verdict = _verdict(causes, structured)
     if not final.converged or any("bound" in m for m in messages):
         verdict = {"explained": "partly explained"}.get(verdict, verdict)
     unit = search.believed.units[1]
@@ -615,10 +619,32 @@ def _apart(less: Solution, more: Solution) -> bool:
     )
 
 
-def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]]:
-    """Parameters that differ from record to record: values and standard errors."""
+def _verdict(found: Sequence[Any], structured: bool) -> str:
+    """The verdict, with what was found and whether structure is left."""
+    if found:
+        return "partly explained" if structured else "explained"
+    return "unexplained" if structured else "nothing to find"
+
+
+def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
+    """Add what differs from record to record, and judge each record with its own values."""
+    found.varies, own = varying(search, found.final)
+    if own is found.final:
+        return
+    heard = search.as_recorded(own)
+    found.gain, left, _ = _judge(search)(search, windows, heard)
+    structured = left.significant or found.gain.beyond or LINE in found.messages
+    if structured:
+        left = replace(left, fraction=found.gain.left, significant=True)
+    found.unexplained = left
+    found.remaining = remaining(heard, structured, left.where, search.believed.units[1])
+    found.verdict = _verdict([*found.causes, *found.varies], structured)
+
+
+def varying(search: Search, final: Solution) -> tuple[dict[str, dict[str, list[float]]], Solution]:
+    """Parameters that differ from record to record: values and standard errors; their fit."""
     if len(search.runs) < 2:
-        return {}
+        return {}, final
     names, free = list(final.problem.names), search.free_of(final)
     base = [n for n in BASE if n not in search.known and n not in free]
     noises = final.z[len(names) :]
@@ -652,4 +678,4 @@ def varying(search: Search, final: Solution) -> dict[str, dict[str, list[float]]
             "standard_errors": [errors[f"{n}@{i}"] for i in count],
         }
         for n in own
-    }
+    }, now

@@ -68,6 +68,8 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
                 moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
                 widths.append(abs(moved[j] - z[j]))
                 costs.append(compiled.cost(problem._filter(moved, (j - n) // 2)[0], run.active))
+            if not np.all(np.isfinite(costs)):
+                continue
             slope = (costs[1] - costs[0]) / sum(widths)
             here = compiled.cost(point.out[(j - n) // 2], run.active)
             bend = (sum(costs) - 2.0 * here) / _NOISE_WIDE**2 if min(widths) > 0.0 else 0.0

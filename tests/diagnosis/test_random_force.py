@@ -12,7 +12,7 @@ from dryfric_control.diagnosis.forward_search import State, forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.random_force import _or_a_gain, _wrong_base
+from dryfric_control.diagnosis.random_force import LINE, _or_a_gain, _wrong_base
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
@@ -127,6 +127,20 @@ def test_two_records_show_what_has_changed():
     first, second = d.varies["coulomb"]["values"]
     assert second / first == pytest.approx(1.2, rel=0.02)
     assert d.others == (records[1],)
+    # Each record is explained by a level of its own.
+    assert d.verdict == "explained"
+    assert d.causes or "explained: values that differ from record to record" in d.summary()
+
+
+@pytest.mark.slow
+def test_a_model_behind_a_straight_line_explains_nothing():
+    # The contact gives way below breakaway: the nominal axis is stuck.
+    t = DT * np.arange(4000)
+    x = 4e-5 * np.sin(4.0 * t) + 1e-8 * np.random.default_rng(1).normal(size=t.size)
+    with among("bias_force", "viscous_asymmetry"):
+        d = dfc.diagnose(AXIS, dfc.Record(t, 4.0 * np.sin(4.0 * t), x), jobs=1)
+    assert (d.verdict, d.causes) == ("unexplained", ())
+    assert d.references["straight line"] < 0.0 and LINE in d.messages
 
 
 def test_a_muted_mass_is_out_of_reach():
@@ -201,7 +215,7 @@ def test_a_load_is_a_gain_to_a_drive_that_never_brakes(most, rate, alike):
     x = np.round(machine.simulate(u, dt=DT).y[0] * 1e6) * 1e-6
     search = Search(AXIS, [dfc.Record(t, u + 0.2 * rng.standard_normal(t.size), x)])
     state = State(search.alone())
-    wrong = _wrong_base(search, state.fit, ("mass", "viscous", "coulomb"))
+    wrong = _wrong_base(search, state.fit, ("mass", "viscous", "coulomb"), state.fit.random_force())
     told = {c.effect: c.alternatives for c in _or_a_gain(search, state, state.fit, wrong)}
     assert set(told) == {"inertia", "viscous", "coulomb"}
     for slug, alternatives in told.items():

@@ -178,7 +178,7 @@ def gain_title(d: Findings) -> str:
 def gain_text(d: Findings) -> str:
     """Error of free runs before and after, and how much of it is left, in one line."""
     g = d.gain
-    if not d.causes:
+    if not (d.causes or d.varies):
         before, floor = (length_text(v, g.unit) for v in (g.before, g.floor))
         return f"{before} RMS; noise floor {floor}"
     share = d.unexplained.fraction
@@ -264,7 +264,7 @@ def shown_record(d: Findings) -> str:
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
-    lines = [f"verdict: {d.verdict}{of}"]
+    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
     for i, cause in enumerate(d.main_causes, start=1):
         lines.append(f"{i}. {cause_text(cause, d.axis)}")
         lines += [f"    {line}" for line in meaning(d, cause)]
@@ -309,8 +309,9 @@ def headline(d: Findings, most: int | None = None) -> str:
     """Verdict with the names of at most so many causes, the rest counted, in one line."""
     names = [cause.title or cause.effect for cause in d.main_causes]
     if not names:
-        small = ": small corrections of nominal values" if d.causes else ""
-        return f"{d.verdict}{small}"
+        what = ": small corrections of nominal values" if d.causes else ""
+        what = ": values that differ from record to record" if d.varies and not what else what
+        return f"{d.verdict}{what}"
     shown = ", ".join(names[:most])
     if most is not None and len(names) > most:
         shown += f" and {len(names) - most} more"

@@ -441,11 +441,12 @@ class Search:
             for runs in inputs.values()
         ])  # fmt: skip
         fits = dict(zip(inputs, found, strict=True))
-        best = min(fits, key=lambda count: fits[count].cost)
-        if fits[best].cost < fits[self.smooth].cost - SLACK:
-            self.smooth = best
-            self._take(inputs[best])
-            now = self.fit(now.axis, self.free_of(now), fits[best].z)
+        enough = min(fit.cost for fit in found) + SLACK
+        smooth = next(count for count in inputs if fits[count].cost < enough)
+        if smooth != self.smooth:
+            self.smooth = smooth
+            self._take(inputs[smooth])
+            now = self.fit(now.axis, self.free_of(now), fits[smooth].z)
         self._quiet = now
         return now
 

@@ -111,20 +111,26 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
     `values`: by the names of its free parameters, those of a second of its kind with its own.
     """
     kinds = effect_class(name).parameters()
-    low = min(float(r.x.min()) for r in records)
-    high = max(float(r.x.max()) for r in records)
-    room = _OUTSIDE * (high - low)
+    low, high = travelled(records)
     shortest = _SOONEST * float(np.median([r.dt for r in records]))
     for own, value in values.items():
         of_kind = kinds[own.partition(".")[2]]
         kind = of_kind["kind"]
-        if kind == "place" and not low - room <= value <= high + room:
+        if kind == "place" and not low <= value <= high:
             return False
         if kind == "time" and value < shortest:
             return False
         if of_kind["unit"] == "m/s" and value > _FASTER * max(_fastest(r) for r in records):
             return False
     return True
+
+
+def travelled(records: Sequence[Record]) -> tuple[float, float]:
+    """Lowest and highest place that counts as one where the machine has been."""
+    low = min(float(r.x.min()) for r in records)
+    high = max(float(r.x.max()) for r in records)
+    room = _OUTSIDE * (high - low)
+    return low - room, high + room
 
 
 def _fastest(record: Record) -> float:

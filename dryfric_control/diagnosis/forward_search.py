@@ -136,6 +136,19 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
 
 
 def _rounds(search: Search, state: State, most: int, end: Ends | None) -> bool:
+    """Add causes to a state as long as they pay; whether `end` has said to end.
+
+    One that has moved to the edge of where the machine has been may come back when a
+    further one is there; then it falls, and the others may be others without it.
+    """
+    while True:
+        if _added(search, state, most, end):
+            return True
+        if not _sift(search, state, edge=False):
+            return False
+
+
+def _added(search: Search, state: State, most: int, end: Ends | None) -> bool:
     """Add causes to a state as long as they pay; whether `end` has said to end."""
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
@@ -329,13 +342,19 @@ def _no_more(candidates: Sequence[Candidate], one: Candidate) -> list[Candidate]
     return [c for c in candidates if c.slug != one.slug and len(c.free) <= len(one.free)]
 
 
-def _sift(search: Search, state: State) -> None:
-    """Drop causes that further ones have left undetermined, or moved where nothing has been."""
+def _sift(search: Search, state: State, edge: bool = True) -> bool:
+    """Drop causes that further ones have left undetermined, or moved where nothing has been.
+
+    `edge`: whether they may be at its edge.  Returns whether there are any.
+    """
+    before = len(state.causes)
     for slug in list(state.causes):
-        alone = not followed(slug, state.causes)
-        if alone and not search.late and not search.sound(state.fit, slug, state.free[slug]):
+        if followed(slug, state.causes) or search.late:
+            continue
+        if not search.sound(state.fit, slug, state.free[slug], edge):
             state.refuted.add(slug)
             state.drop(slug, without(search, state, slug))
+    return len(state.causes) < before
 
 
 def _backward(search: Search, state: State) -> None:

@@ -19,7 +19,9 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     guesses,
+    holds,
     placed,
+    travelled,
     with_effect,
 )
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
@@ -264,6 +266,8 @@ class Search:
             elif p.kind == "speed":
                 slowest = min(r.resolution.step / r.dt for r in self.records)
                 problem.low[j] = max(problem.low[j], p.search(max(_SLOWEST * slowest, p.low)))
+            elif p.kind == "place" and not holds(self.believed, p.name.partition(".")[0]):
+                problem.low[j], problem.high[j] = map(p.search, travelled(self.records))
         return problem
 
     def fit(
@@ -846,8 +850,8 @@ class Search:
         """Whether one cause stands for several base parameters, wrong all at once without it."""
         return len(self.off(less)) > len(self.off(fit)) + 1
 
-    def sound(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
-        """Whether a cause is determined, and where the machine has been."""
+    def sound(self, fit: Solution, slug: str, free: Sequence[str], edge: bool = False) -> bool:
+        """Whether a cause is determined, and where the machine has been, or at the `edge` of it."""
         values, errors = fit.values(), fit.standard_errors()
         own = {n: values[n] for n in free if n in values}
         if not placed(slug, own, self.records):
@@ -863,6 +867,8 @@ class Search:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
             if name in hidden or (kind == "speed" and name in fit.at_bound):
+                return False
+            if kind == "place" and name in fit.at_bound and not edge:
                 return False
             # Of what acts at breakaway alone the cost is too rough for standard errors: that it
             # gains is what says that it is there.

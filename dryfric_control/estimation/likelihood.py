@@ -37,6 +37,7 @@ from dryfric_control.estimation.parameters import (
 )
 from dryfric_control.estimation.windows import shifted
 from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +78,8 @@ _NOISE_BENT = 0.15
 _NOISE_STEP = 0.05
 # Part of what the random force does to the velocity by which a step may be off.
 _HIDDEN = 0.05
+# Part of the record's share of motion below which evenly spread stretches hardly move.
+_STILL = 0.5
 # Bounds of the random force's standard deviation, over the drive's.
 _FORCE = (1e-5, 10.0)
 
@@ -127,12 +130,22 @@ def prepare(record: Record, active: BoolArray | None = None, block: float = _BLO
 
 
 def some_of(run: Run, most: int, count: int = 4) -> Run:
-    """Stretches of a run, evenly spread, with some samples in all."""
+    """Stretches of a run with some samples in all, evenly spread over it.
+
+    Over its motion where they would hardly move: rest says little.
+    """
     n = len(run.record)
     if n <= 1.25 * most:
         return run
     size = most // count
     starts = np.linspace(0, n - size, count).astype(int)
+    moving = directions(run.record) != 0
+    if np.mean([moving[a : a + size].mean() for a in starts]) < _STILL * moving.mean():
+        moved = np.cumsum(moving)
+        middle = np.searchsorted(moved, moved[-1] * (np.arange(count) + 0.5) / count)
+        first = size * np.arange(count)  # none before the end of the one before it
+        starts = np.maximum.accumulate(middle - size // 2 - first) + first
+        starts = np.clip(starts, first, n - size * count + first)
     active = np.zeros(n, bool)
     for a in starts:
         active[a + compiled.FIRST + 1 : a + size] = True

@@ -447,3 +447,23 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
     assert problem.tried(problem.start()).cost == np.inf
     with pytest.raises(ValueError, match="within a part of an increment"):
         problem.at(problem.start())
+
+
+@pytest.mark.parametrize("moves", [(0.12, 0.17), (0.4, 0.44, 0.56, 0.6), (0.1, 0.13, 0.9, 0.93)])
+def test_stretches_lie_where_a_record_moves(moves):
+    # Evenly spread ones would stand still.
+    n, size = 40_000, 2000
+    v = np.zeros(n)
+    for begin, end in zip(moves[::2], moves[1::2], strict=True):
+        v[int(begin * n) : int(end * n)] = 0.2
+    t = 1e-3 * np.arange(n)
+    x = 1e-6 * np.round(1e3 * np.cumsum(v * (1.0 + 0.5 * np.sin(t))))
+    run = prepare(dfc.Record(t, np.sign(v) + np.sin(t), x, quantum=1e-6))
+    pieces = np.array(some_of(run, 4 * size).pieces)
+    assert np.all(pieces[:, 1] - pieces[:, 0] == size)
+    assert pieces[0, 0] >= 0 and pieces[-1, 1] <= n and np.all(np.diff(pieces[:, 0]) >= size)
+    moved = sum((v[a:b] != 0.0).sum() for a, b in pieces)
+    assert moved > 0.6 * min((v != 0.0).sum(), 4 * size)
+    # Where they move as the record does they stay evenly spread.
+    always = prepare(dfc.Record(t, np.sin(t), 1e-6 * np.round(1e5 * np.sin(t)), quantum=1e-6))
+    assert [a for a, _ in some_of(always, 4 * size).pieces] == [0, 12666, 25333, 38000]

@@ -78,7 +78,7 @@ def test_inputs_are_smoothed_over_no_more_than_the_record(samples):
     t = 1e-3 * np.arange(samples)
     u = 20.0 * np.sin(40.0 * t)
     search = Search(axis, [dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0])])
-    (short,), (long,) = search._smooth(0.005), search._smooth(1.6)
+    (short,), (long,) = search._smooth(5), search._smooth(1600)
     assert short.u.size == long.u.size == samples
     np.testing.assert_allclose(short.u, u, atol=0.05)
     assert np.ptp(long.u) < np.ptp(u)

@@ -30,6 +30,27 @@ def walked(level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0)
     return dfc.Record(t, u, 4e-6 * np.round(x / 4e-6), quantum=4e-6)
 
 
+def arm(seed: int) -> dfc.Record:
+    """A vertical arm that a tight loop turns to and fro at 0.35 rad/s; its torque is noisy."""
+    rng = np.random.default_rng(seed)
+    t = 1.5e-2 * np.arange(1600)
+    v = 0.35 * np.clip(4.0 * np.sin(2.0 * np.pi * t / 12.0), -1.0, 1.0)
+    q = 1.5e-2 * np.cumsum(v) + 3e-5 * rng.standard_normal(t.size)
+    u = 2.5 * np.gradient(v, t) + 3.0 * v + 9.0 * np.sign(v) + 38.0 * np.sin(q)
+    units = {"u": "N m", "x": "rad"}
+    return dfc.Record(t, u + rng.standard_normal(t.size), q, units=units, quantum=0)
+
+
+@pytest.mark.slow
+def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
+    # A model that mutes its drive foresees as well as a straight line: a limit far below it.
+    axis = dfc.FrictionAxis(mass=2.5, viscous=3.0, coulomb=9.0, units=("rad", "N m"))
+    d = dfc.diagnose(axis, arm(1), known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.main_causes] == ["gravity"]
+    assert d.causes[0].parameters["amplitude"] == pytest.approx(38.0, rel=0.02)
+    assert IMPOSED in d.messages
+
+
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)

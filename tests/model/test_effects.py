@@ -343,6 +343,8 @@ def test_limits_and_dead_zones_within_noise_are_none():
     assert not dfc.effects.Saturation(9.9).beyond_noise(noisy, 0.3)
     assert dfc.effects.Saturation(8.0).beyond_noise(noisy, 0.3)
     assert not dfc.effects.Saturation(12.0).beyond_noise(noisy, 0.3)
+    # What every sample exceeds is no limit: it takes the drive away.
+    assert not dfc.effects.Saturation(8.0).beyond_noise(20.0 + noisy, 0.3)
     # A dead zone shrinks the noise of a small drive.
     assert not dfc.effects.DeadZone(0.5).beyond_noise(noisy, 0.3)
     assert dfc.effects.DeadZone(0.8).beyond_noise(noisy, 0.3)

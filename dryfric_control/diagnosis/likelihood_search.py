@@ -438,8 +438,7 @@ class Search:
         """
         if self.imposed or self.late or now is self._quiet:
             return now
-        shift = now.values().get(SHIFT, self.shift)
-        inputs = {n: runs for n in _SMOOTHER if self._takes_noise(runs := self._smooth(n))}
+        shift, inputs = now.values().get(SHIFT, self.shift), self._smoother
         found = self._parallel([
             (self.reference, (now.axis, False, self._some(runs, _SOME), shift))
             for runs in inputs.values()
@@ -453,6 +452,11 @@ class Search:
             now = self.fit(now.axis, self.free_of(now), fits[smooth].z)
         self._quiet = now
         return now
+
+    @cached_property
+    def _smoother(self) -> dict[int, list[Run]]:
+        """The records with inputs from which smoothing takes only noise, by its samples."""
+        return {n: runs for n in _SMOOTHER if self._takes_noise(runs := self._smooth(n))}
 
     def _takes_noise(self, runs: Sequence[Run]) -> bool:
         """Whether what smoothing takes off the inputs is white."""

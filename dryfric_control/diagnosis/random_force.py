@@ -68,9 +68,11 @@ _BLURRED = 2.0
 _SMOOTH = 1.5
 # The effect that scales every force of the drive that never brakes, and turns of a fit with it.
 _LOAD, _LOAD_TURNS = "load_dependence", 10
-# What is said where a line is the better model, and where the force decides.
+# What is said of a fit that did not end, where a line is the better model, and where the force
+# decides.
+UNFINISHED = "the last fit had not converged"
 LINE = (
-    "a straight line foretells the readings better than the model does: the drive and the friction "
+    "a straight line predicts the readings better than the model does: the drive and the friction "
     "of the model are not those of this motion"
 )
 IMPOSED = (
@@ -243,13 +245,9 @@ def answer(
         kept, final = [], search.reference(search.believed)
         heard = search.as_recorded(final)
         motion, left, _ = _judge(search)(search, windows, heard)
-    structured = left.significant
-    beaten = references.get(STRAIGHT, math.inf) < final.cost
-    if beaten:
+    if references.get(STRAIGHT, math.inf) < final.cost:
         messages.append(LINE)
-    if beaten or (not search.imposed and motion.beyond):
-        structured = True
-        left = replace(left, fraction=motion.left, significant=True)
+    left = _in_all(search, motion, left, messages)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
     causes += _or_a_gain(
         search, state, final, _wrong_base(search, final, kept, heard.random_force())
@@ -260,14 +258,11 @@ def answer(
     elif search.smooth > 1:
         over = length_text(search.smooth * search.scales.step, "s")
         messages.append(f"noise was recorded with the input: it was smoothed over {over}")
-    verdict = _verdict(causes, structured)
-    if not final.converged or any("bound" in m for m in messages):
-        verdict = {"explained": "partly explained"}.get(verdict, verdict)
     unit = search.believed.units[1]
     scores = {slug: -2.0 * gain / search.samples for slug, gain in state.first.items()}
     return Answer(
-        verdict, causes, final, motion, left,
-        remaining(heard, structured, left.where, unit),
+        _verdict(causes, left, messages), causes, final, motion, left,
+        remaining(heard, left.significant, left.where, unit),
         {name: cost - final.cost for name, cost in references.items()},
         messages, scores | {"": 0.0}, state.rivals, state.names,
     )  # fmt: skip
@@ -501,7 +496,7 @@ def _warnings(final: Solution, causes: Sequence[Cause]) -> list[str]:
         messages.append(f"{name} ended at a bound: the model does not fit, or the records do not "
                         "determine it")  # fmt: skip
     if not final.converged:
-        messages.append("the last fit had not converged")
+        messages.append(UNFINISHED)
     return [*messages, *hardly_determined(causes)]
 
 
@@ -619,11 +614,21 @@ def _apart(less: Solution, more: Solution) -> bool:
     )
 
 
-def _verdict(found: Sequence[Any], structured: bool) -> str:
-    """The verdict, with what was found and whether structure is left."""
-    if found:
-        return "partly explained" if structured else "explained"
-    return "unexplained" if structured else "nothing to find"
+def _in_all(
+    search: Search, motion: Gain, left: Unexplained, messages: Sequence[str]
+) -> Unexplained:
+    """What is left of free runs, and of what else says that something is."""
+    if LINE in messages or (not search.imposed and motion.beyond):
+        return replace(left, fraction=motion.left, significant=True)
+    return left
+
+
+def _verdict(found: Sequence[Any], left: Unexplained, messages: Sequence[str]) -> str:
+    """The verdict, with what was found, what is left, and what is said of the last fit."""
+    if not found:
+        return "unexplained" if left.significant else "nothing to find"
+    doubtful = any("bound" in m or m == UNFINISHED for m in messages)
+    return "partly explained" if left.significant or doubtful else "explained"
 
 
 def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
@@ -633,12 +638,9 @@ def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
         return
     heard = search.as_recorded(own)
     found.gain, left, _ = _judge(search)(search, windows, heard)
-    structured = left.significant or found.gain.beyond or LINE in found.messages
-    if structured:
-        left = replace(left, fraction=found.gain.left, significant=True)
-    found.unexplained = left
-    found.remaining = remaining(heard, structured, left.where, search.believed.units[1])
-    found.verdict = _verdict([*found.causes, *found.varies], structured)
+    found.unexplained = left = _in_all(search, found.gain, left, found.messages)
+    found.remaining = remaining(heard, left.significant, left.where, search.believed.units[1])
+    found.verdict = _verdict([*found.causes, *found.varies], left, found.messages)
 
 
 def varying(search: Search, final: Solution) -> tuple[dict[str, dict[str, list[float]]], Solution]:

@@ -40,6 +40,9 @@ _PACE, _INSIDE = 0.15, 0.5
 _SEEN, _LONGEST = 0.1, 8
 # Part of the change of the velocity meanwhile by which it may be off.
 _CURVED = 0.25
+# Slopes and variances of a velocity at rest below which they are none: they fall off for ever,
+# and the smallest numbers are slow.
+_NOTHING = 1e-100
 # What a resting axis may creep in a sample, as a part of the reading's variance.
 _CREEP = 0.01
 # Deviations of the velocity within which its sign is not sure, and the velocities, forces
@@ -111,11 +114,11 @@ def _smooth(plant, drive, t, h, x, v, s, k1):
 
 
 @step.internal
-def _coarse(plant, held, t, h, x, v, rest):
+def _coarse(plant, held, t, h, x, v, rest, fall):
     """A sample from a velocity that stands for many: its end, and the mode there.
 
     Under constant acceleration between switches, an error far below the width of what
-    it stands for.
+    it stands for.  `fall`: part of its velocity that an axis at rest loses in the sample.
     """
     sigma = plant.numbers[step.STICK_SPEED]
     if abs(v) > sigma:
@@ -129,6 +132,7 @@ def _coarse(plant, held, t, h, x, v, rest):
         x += 0.5 * (v + s * sigma) * moving
         v = s * sigma
         h -= moving
+        fall = -math.expm1(-plant.numbers[step.STICK_RATE] * h)
     w = step.load(plant, held, t, 0.0, x, 0.0, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
     if s * w > step.breakaway_level(plant, t, x, w, s, rest):
@@ -136,7 +140,6 @@ def _coarse(plant, held, t, h, x, v, rest):
         end = v + h * _rate(plant, held, t, x, s * sigma, s)
         if s * end > 0.0:
             return x + 0.5 * h * (v + end), end, s
-    fall = -math.expm1(-plant.numbers[step.STICK_RATE] * h)
     return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
 
 
@@ -274,6 +277,7 @@ def innovations(
     points = np.empty((2, 5))
     deviation = math.sqrt(force)
     dx = 1e-6 * span
+    fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
     farthest = _FASTER * max(np.abs(np.diff(y)).max(), _FASTER * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
@@ -341,7 +345,7 @@ def innovations(
                     felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
                     x1, v1, mode1 = _coarse(
                         plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
-                        x + slope * c, v + c, rest,
+                        x + slope * c, v + c, rest, fall,
                     )  # fmt: skip
                 else:
                     x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
@@ -443,6 +447,8 @@ def innovations(
             m01 = g * m00 + variance * b0 * b1
             m00 += variance * b0 * b0
             p, g, d = m00, m01 / m00, d_new / m00
+            if not sliding and abs(g) < _NOTHING and d < _NOTHING:
+                g, d = 0.0, 0.0
         # Reading.
         x, v = memory[step.X], memory[step.V]
         v_free = v

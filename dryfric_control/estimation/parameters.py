@@ -233,10 +233,6 @@ def with_values(
         owner, dot, part = name.partition(".")
         if dot:
             own.setdefault(owner, {})[part] = value
-    if own:
-        present = named(axis)
-        changed = {n: replace(present[n], **parts) for n, parts in own.items() if n in present}
-        axis = with_named(axis, changed)
     changes: dict[str, object] = {
         name: given[name]
         for name in ("mass", "viscous", "stick_speed", "stick_rate")
@@ -244,7 +240,9 @@ def with_values(
     }
     if any(name.startswith("coulomb") for name in given):
         changes["coulomb"] = CoulombMap(*_levels(axis, given))
-    return axis.replace(**changes) if changes else axis
+    present = named(axis) if own else {}
+    changed = {n: replace(present[n], **parts) for n, parts in own.items() if n in present}
+    return with_named(axis, changed, **changes)
 
 
 def _levels(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 
 #: Powers of force, length and time; on a rotary axis the radian is the length.
@@ -43,6 +44,7 @@ def powers(unit: str) -> tuple[int, int, int]:
     return (total[0], total[1], total[2])
 
 
+@functools.cache
 def on_axis(unit: str, units: tuple[str, str]) -> str:
     """A unit, given for metres and newtons, in the units of an axis.
 

@@ -85,15 +85,15 @@ def named(axis: BaseAxis) -> dict[str, Effect]:
     return found | dict(zip(_listed(axis), axis.effects, strict=True))
 
 
-def with_named(axis: Any, changed: dict[str, Effect]) -> Any:
-    """The axis with other numbers in some of its effects, in their order."""
+def with_named(axis: Any, changed: dict[str, Effect], **changes: Any) -> Any:
+    """The axis with other numbers in some of its effects, in their order, and in its fields."""
     names = dict(zip(_listed(axis), axis.effects, strict=True))
     for name, effect in changed.items():
         if name not in names:
             axis = effect.alter(axis)
-    if names.keys().isdisjoint(changed):
-        return axis
-    return axis.replace(effects=tuple(changed.get(n, e) for n, e in names.items()))
+    if not names.keys().isdisjoint(changed):
+        changes["effects"] = tuple(changed.get(n, e) for n, e in names.items())
+    return axis.replace(**changes) if changes else axis
 
 
 def put(axis: Any, name: str, effect: Effect | None) -> Any:

@@ -54,7 +54,7 @@ LAW = types.float64(
     types.float64,  # t: time [s]
     types.float64,  # x: position
     types.float64,  # v: speed
-    types.float64,  # u: force the law acts on (drive, or net force for friction)
+    types.float64,  # u: force the law acts on (drive, or the load for friction)
     types.float64,  # level: Coulomb level at this place, 0 for force laws
     types.float64,  # direction: +1, -1; 0 while stuck
     types.float64,  # rest: time at rest [s]
@@ -124,8 +124,9 @@ FILIPPOV, PAPER = 0, 1
     TASK,
     N_PEAKED,
     N_READING,
+    N_CARRIED,
     LAWS,
-) = range(15)
+) = range(16)
 
 #: What a STRUCTURE is made of, to be added up; ON_LOAD: the encoder is on the load.
 CONTACT, PLAY, SPRING, ON_LOAD = 1, 2, 4, 8
@@ -334,31 +335,44 @@ def base_level(plant, x, s):
 
 
 @internal(forceinline=True)
-def _full_level(plant, t, x, v, w, base, s, rest):
+def _carried(plant, t, x, v, w, s, rest):
+    """Load of the transmission, given the net force: the drive less the force effects.
+
+    A drive that holds a weight is pressed against it by both.  What a force effect makes
+    of the drive counts as drive.
+    """
+    if plant.integers[N_CARRIED] == 0:
+        return w
+    force = _place_force(plant, t, x, s, rest) + _motion_force(plant, t, x, v, 0.0, s, rest)
+    return w - 2.0 * force
+
+
+@internal(forceinline=True)
+def _full_level(plant, t, x, v, carried, base, s, rest):
     """Level that the Stribeck peak raises, without it, given the map's level."""
     level = base
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     for i in range(first, first + plant.integers[N_PEAKED]):
-        level += _law(plant, i, t, x, v, w, base, s, rest)
+        level += _law(plant, i, t, x, v, carried, base, s, rest)
     return max(level, 0.0)
 
 
 @internal(forceinline=True)
-def _further_level(plant, t, x, v, w, base, s, rest):
+def _further_level(plant, t, x, v, carried, base, s, rest):
     """Friction of other contacts, which the Stribeck peak does not raise."""
     level = 0.0
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     for i in range(first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]):
-        level += _law(plant, i, t, x, v, w, base, s, rest)
+        level += _law(plant, i, t, x, v, carried, base, s, rest)
     return level
 
 
 @internal(forceinline=True)
 def coulomb_level(plant, t, x, v, w, s, rest):
     """Friction level without Stribeck peak in direction s, a magnitude."""
-    base = base_level(plant, x, s)
-    own = _full_level(plant, t, x, v, w, base, s, rest)
-    return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
+    base, carried = base_level(plant, x, s), _carried(plant, t, x, v, w, s, rest)
+    own = _full_level(plant, t, x, v, carried, base, s, rest)
+    return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
 
 
 @internal(forceinline=True)
@@ -375,8 +389,9 @@ def _stribeck(plant, level, v, s):
 @internal(forceinline=True)
 def peaked_level(plant, t, x, v, slip, w, base, s, rest):
     """Friction level with its Stribeck peak at the speed `slip`, a magnitude."""
-    own = _stribeck(plant, _full_level(plant, t, x, v, w, base, s, rest), slip, s)
-    return max(own + _further_level(plant, t, x, v, w, base, s, rest), 0.0)
+    carried = _carried(plant, t, x, v, w, s, rest)
+    own = _stribeck(plant, _full_level(plant, t, x, v, carried, base, s, rest), slip, s)
+    return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
 
 
 @internal(forceinline=True)
@@ -388,9 +403,9 @@ def sliding_level(plant, t, x, v, w, s):
 @internal
 def breakaway_level(plant, t, x, w, s, rest):
     """Friction that a stuck axis can hold against motion in direction s."""
-    base = base_level(plant, x, s)
-    own = (1.0 + plant.numbers[EXCESS]) * _full_level(plant, t, x, 0.0, w, base, s, rest)
-    return max(own + _further_level(plant, t, x, 0.0, w, base, s, rest), 0.0)
+    base, carried = base_level(plant, x, s), _carried(plant, t, x, 0.0, w, s, rest)
+    own = (1.0 + plant.numbers[EXCESS]) * _full_level(plant, t, x, 0.0, carried, base, s, rest)
+    return max(own + _further_level(plant, t, x, 0.0, carried, base, s, rest), 0.0)
 
 
 @internal(forceinline=True)

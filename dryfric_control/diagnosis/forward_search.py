@@ -122,7 +122,7 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
     search.tell("causes beside the nominal base")
     base, search.base = search.base, ()
     held = State(search.alone(), refuted=state.refuted)
-    _rounds(search, held, most, None)
+    _rounds(search, held, most, None, alone=True)
     search.base = base
     if not held.causes:
         return state
@@ -135,20 +135,21 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
     return held
 
 
-def _rounds(search: Search, state: State, most: int, end: Ends | None) -> bool:
+def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bool = False) -> bool:
     """Add causes to a state as long as they pay; whether `end` has said to end.
 
     One that has moved to the edge of where the machine has been may come back when a
     further one is there; then it falls, and the others may be others without it.
+    `alone`: only those that pay by themselves.
     """
     while True:
-        if _added(search, state, most, end):
+        if _added(search, state, most, end, alone):
             return True
         if not _sift(search, state, edge=False):
             return False
 
 
-def _added(search: Search, state: State, most: int, end: Ends | None) -> bool:
+def _added(search: Search, state: State, most: int, end: Ends | None, alone: bool) -> bool:
     """Add causes to a state as long as they pay; whether `end` has said to end."""
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
@@ -186,7 +187,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None) -> bool:
         enough = partial(_adds, so_far, search.samples)
         least = max(ranked[0][0], 0.0) if ranked else 0.0
         ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
-        if (least == 0.0 or ahead) and not search.late:
+        if (least == 0.0 or ahead) and not (alone or search.late):
             pair = _pair(search, now, candidates, least, enough)
             pair = pair or _ahead(search, now, ahead, least, enough)
             if pair is not None:

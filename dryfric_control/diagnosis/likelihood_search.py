@@ -520,7 +520,8 @@ class Search:
             # The base may have bent only for want of the cause.
             besides.append(self._at_nominal(now))
         if stiff:
-            starts = self._guessed(besides[-1], effects)
+            # Beside causes the model is nearly right, however far its base has moved.
+            starts = self._guessed(besides[-1] if first else now, effects)
             found = self._parallel([(self._patiently, (now, one, first)) for one in starts])
         else:
             terms = now.problem._terms(now.z, now.point)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_a
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import above, ranked
@@ -171,6 +173,14 @@ class View(Sliding):
         self.residual = self.force_residual(axis)
         self.quantum = record.resolution.step
         self.dt, self.drive = record.dt, record.u
+
+    @cached_property
+    def carried(self) -> FloatArray:
+        """Load of the transmission: the drive less the force effects, shape (n,)."""
+        forces = tuple(e for e in self.axis.effects if e.action == "force")
+        bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=forces)
+        none = np.zeros(self.t.size)
+        return self.u - _accelerations(bare, self.t, self.x, self.v, none, self.direction)
 
     def regress(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, Values]:
         """Robust least squares of the residual on columns and the base parameters.

@@ -969,6 +969,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         task.address,
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
+        sum(effect.depends_on_load for effect in levels),
     ]
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]

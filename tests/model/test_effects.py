@@ -74,6 +74,25 @@ def test_force_effect_acts_by_its_equation(effect, law, s):
     np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
 
 
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_transmission_carries_the_drive_and_the_weight_that_it_lifts_or_lowers(s):
+    weight, share, drive = dfc.effects.BiasForce(-2.0), 0.3, 9.0 * s
+    resp = axis_with(weight, dfc.effects.LoadDependence(share)).simulate(
+        np.full(201, drive), DT, x0=0.01, v0=0.5 * s
+    )
+    level = COULOMB + share * abs(drive + 2.0)
+    x, v = slide(lambda t: drive, lambda t, x, v: -2.0, level=level, v0=0.5 * s)
+    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(("weight", "held"), [(7.1, True), (7.2, False)])
+def test_a_weight_without_drive_holds_itself_by_the_friction_of_its_load(weight, held):
+    # 5 N, and 0.3 of the weight: 7.14 N hold themselves.
+    axis = axis_with(dfc.effects.BiasForce(-weight), dfc.effects.LoadDependence(0.3))
+    assert bool(axis.simulate(np.zeros(101), DT).y[0, -1] == 0.0) is held
+
+
 @pytest.mark.parametrize(("effect", "level"), LEVELS, ids=lambda p: getattr(p, "slug", ""))
 @pytest.mark.parametrize("s", [1.0, -1.0])
 def test_friction_effect_acts_by_its_equation(effect, level, s):

@@ -29,7 +29,7 @@ One line for each effect; the parameter names are those of the truth dict.
     spring              e = - stiffness (x - centre)
     gravity             e = - amplitude sin(x + phase), rotary axis
     cogging             e = + amplitude sin(2 pi x/pitch + phase)
-    load_dependence     g = Fc S + coefficient |w|
+    load_dependence     g = Fc S + coefficient |w - e - f v|
     drift               g = Fc (1 + rate t) S
     dwell_time          breakaway + rise (1 - exp(-T/time_constant)), T = time since
                         the axis came to rest; gone as soon as it slides
@@ -56,7 +56,7 @@ Added to the catalogue later, and no part of the blind conditions:
     warm_up             g = Fc (1 + rise exp(-t/time_constant)) S
     stribeck_asymmetry  g + s Fc difference exp(-(v/speed)^2); breakaway: at v = 0
     velocity_strengthening  g - Fc deficit (1 - tanh(speed/deficit_speed))
-    load_asymmetry      g + s coefficient |w|
+    load_asymmetry      g + s coefficient |w - e - f v|
     eccentric_encoder   the encoder reads x + amplitude sin(2 pi x/period + phase)
     load_encoder_backlash  as backlash, the encoder reads the load's position
 
@@ -199,7 +199,12 @@ def _level(p, t, x, speed, w, s, wander):
             ratio = (speed - p.stick_speed) / p.stribeck_speed
             if ratio < 6.0:
                 g *= 1.0 + p.excess * exp(-ratio * ratio)
-    g += p.load * abs(w)
+    carried = 0.0
+    if p.load != 0.0 or p.load_difference != 0.0:
+        # The teeth carry the drive on one side, all other forces but drag on the other.
+        v = s * max(speed, 0.0)
+        carried = abs(w - _external(p, t, x, v) - p.viscous * v)
+    g += p.load * carried
     if p.excess_difference != 0.0:
         ratio = max(speed, 0.0) / p.difference_speed
         g += s * p.coulomb * p.excess_difference * exp(-ratio * ratio)
@@ -207,7 +212,7 @@ def _level(p, t, x, speed, w, s, wander):
         fall = exp(-2.0 * max(speed, 0.0) / p.deficit_speed)
         g -= p.coulomb * p.deficit * 2.0 * fall / (1.0 + fall)
     if p.load_difference != 0.0:
-        g += s * p.load_difference * abs(w)
+        g += s * p.load_difference * carried
     return max(g, 0.0)
 
 

@@ -222,7 +222,8 @@ class Effect:
 
     - "force": a force added to the drive [N]; `u` is the drive force;
     - "friction": an addition to the Coulomb level [N]; `level` is that level
-      here and in this `direction`, `u` the net force, `rest` the time at rest.
+      here and in this `direction`, `u` the load of the transmission, which is the drive
+      less the force effects, `rest` the time at rest.
       The Stribeck peak raises what it adds, unless `within_peak` is false;
     - "input": the drive force that takes the place of `u` [N];
     - "reading": an addition to what the encoder reads [m]; it must change by less than
@@ -251,6 +252,8 @@ class Effect:
     depends_on_place: ClassVar[bool] = True
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
+    #: Whether a friction law reads u; one that does not costs less.
+    depends_on_load: ClassVar[bool] = True
     #: Whether it differs between the directions of motion beyond its sign.
     depends_on_direction: ClassVar[bool] = False
     #: Whether it changes with time.

@@ -44,6 +44,7 @@ class CoulombAsymmetry(Effect):
     slug = "coulomb_asymmetry"
     title = "Coulomb asymmetry"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     depends_on_direction = True
     rank = 16
@@ -104,6 +105,7 @@ class PositionDependence(Effect):
     slug = "position_dependence"
     title = "position-dependent friction"
     action = "friction"
+    depends_on_load = False
     rank = 7
     explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
     experiment = "Crawl over the whole travel both ways and plot the force over position."
@@ -136,14 +138,16 @@ class LoadDependence(Effect):
     Parameters
     ----------
     coefficient : float
-        Added friction over net force [1].
+        Added friction over the load of the transmission [1].
 
     Notes
     -----
-    .. math:: F_c \to F_c + \text{coefficient} \cdot {|w|}
+    .. math:: F_c \to F_c + \text{coefficient} \cdot {|u - e|}
 
-    The Stribeck peak does not raise this part: it is the friction of another
-    contact.
+    with the drive u and the sum e of the force effects: a weight that the drive holds
+    presses the teeth together from both sides, as in the load-dependent model of
+    Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this
+    part: it is the friction of another contact.
 
     Examples
     --------
@@ -156,9 +160,7 @@ class LoadDependence(Effect):
     1.0
     """
 
-    coefficient: float = parameter(
-        "1", "added friction over net force", bounds=(0.0, 1.0), size=0.1
-    )
+    coefficient: float = parameter("1", "added friction over the load", bounds=(0.0, 1.0), size=0.1)
 
     slug = "load_dependence"
     title = "load-dependent friction"
@@ -179,8 +181,8 @@ class LoadDependence(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
-        # Friction with the drive force.
-        yield from linear(view, -np.sign(view.v) * np.abs(view.u), "coefficient", 1e-3)
+        # Friction with the load.
+        yield from linear(view, -np.sign(view.v) * np.abs(view.carried), "coefficient", 1e-3)
         # To a drive that hardly brakes it is a gain, which wrong base parameters hide.
         axis = view.axis
         base = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": view.level}
@@ -196,13 +198,15 @@ class LoadAsymmetry(Effect):
     Parameters
     ----------
     coefficient : float
-        Half the difference of added friction over net force [1]: added for motion in
-        positive direction, subtracted in negative direction.
+        Half the difference of added friction over the load of the transmission [1]: added
+        for motion in positive direction, subtracted in negative direction.
 
     Notes
     -----
-    .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|w|}, \quad s = \pm 1
+    .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|u - e|}, \quad s = \pm 1
         \text{ the direction}
+
+    with the drive u and the sum e of the force effects.
 
     Beside `LoadDependence` it leaves each direction its own coefficient.  The
     Stribeck peak does not raise this part, and no level falls below zero.
@@ -219,7 +223,7 @@ class LoadAsymmetry(Effect):
     """
 
     coefficient: float = parameter(
-        "1", "half the difference of added friction over net force", bounds=(-1.0, 1.0), size=0.1
+        "1", "half the difference of added friction over the load", bounds=(-1.0, 1.0), size=0.1
     )
 
     slug = "load_asymmetry"
@@ -243,8 +247,8 @@ class LoadAsymmetry(Effect):
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
-        # A force against the drive's size, of one sign both ways.
-        yield from linear(view, -np.abs(view.u), "coefficient")
+        # A force against the load's size, of one sign both ways.
+        yield from linear(view, -np.abs(view.carried), "coefficient")
 
 
 @register_effect
@@ -291,6 +295,7 @@ class StribeckAsymmetry(Effect):
     slug = "stribeck_asymmetry"
     title = "Stribeck peak by direction"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     depends_on_direction = True
     within_peak = False
@@ -375,6 +380,7 @@ class VelocityStrengthening(Effect):
     slug = "velocity_strengthening"
     title = "velocity strengthening"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     within_peak = False
     rank = 9.5
@@ -441,6 +447,7 @@ class WarmUp(Effect):
     slug = "warm_up"
     title = "warm-up"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     depends_on_time = True
     rank = 12.5
@@ -499,6 +506,7 @@ class Drift(Effect):
     slug = "drift"
     title = "friction drift"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     depends_on_time = True
     rank = 8
@@ -557,6 +565,7 @@ class DwellTime(Effect):
     slug = "dwell_time"
     title = "dwell-time dependence"
     action = "friction"
+    depends_on_load = False
     depends_on_place = False
     within_peak = False
     remembers = True

@@ -51,10 +51,11 @@ axis = dfc.FrictionAxis(
 )
 ```
 
-In the equations $x$ is the position, $v$ the velocity, $u$ the drive force, $e$ the sum of the force
-effects, $w = u + e$ the force on the mass without friction, $F_c$ the Coulomb level (a magnitude, for
-each direction), $t$ the time; an arrow shows what replaces what, and words are parameters. Units are
-those of an axis in metres and newtons; a rotary axis has radians and newton metres.
+In the equations $x$ is the position, $v$ the velocity, $u$ the drive force, $e$ the sum of the
+force effects, $w = u + e$ the force on the mass without friction, $F_c$ the Coulomb level (a
+magnitude, for each direction), $t$ the time; an arrow shows what replaces what, and words are
+parameters. Units are those of an axis in metres and newtons; a rotary axis has radians and newton
+metres.
 
 Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` or `compliance`,
 there is one at most; of the others there may be several. The second of a kind has the name

@@ -120,10 +120,12 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
     Without its causes a base may bend so far that it hides them.
     """
     search.tell("causes beside the nominal base")
-    base, search.base = search.base, ()
+    base, search.base, smooth = search.base, (), search.smooth
     held = State(search.alone(), refuted=state.refuted)
     _rounds(search, held, most, None, alone=True)
     search.base = base
+    # Costs of inputs that are smoothed otherwise do not compare.
+    search.smooth_by(smooth)
     if not held.causes:
         return state
     noises = held.fit.z[len(held.fit.problem.names) :]

@@ -447,11 +447,16 @@ class Search:
         enough = min(fit.cost for fit in found) + SLACK
         smooth = next(count for count in inputs if fits[count].cost < enough)
         if smooth != self.smooth:
-            self.smooth = smooth
-            self._take(inputs[smooth])
+            self.smooth_by(smooth)
             now = self.fit(now.axis, self.free_of(now), fits[smooth].z)
         self._quiet = now
         return now
+
+    def smooth_by(self, count: int) -> None:
+        """Go on with inputs smoothed over some samples."""
+        if count != self.smooth:
+            self.smooth = count
+            self._take(self._smoother[count])
 
     @cached_property
     def _smoother(self) -> dict[int, list[Run]]:

@@ -507,3 +507,31 @@ def test_results_show_themselves():
     axes = found.training[0].plot().axes.ravel()
     assert axes[-1].get_xlabel() == "Time [s]"
     plt.close("all")
+
+
+PENDULUM = EMPS.parents[1] / "bam_xl330"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not PENDULUM.exists(), reason="no servo pendulum: ../shared/data/bam_xl330")
+def test_the_gear_of_a_servo_rubs_with_the_weight_it_carries_on_unseen_logs_too():
+    logs = [dfc.read_bam(path) for path in sorted(PENDULUM.glob("*.json"))]
+
+    def gain(kp):
+        ends = [np.flatnonzero(~log["torque_enable"]) for log in logs]
+        pairs = zip(logs, ends, strict=True)
+        return [g["record"][: e[0] if e.size else None] for g, e in pairs if g["kp"] == kp]
+
+    axis = dfc.FrictionAxis(
+        mass=0.49 * 0.1**2, viscous=0.1, coulomb=0.05, stick_speed=1e-2, units=("rad", "N m"),
+        effects=(dfc.effects.Gravity(0.49 * 9.81 * 0.1), dfc.effects.InputGain(0.2)),
+    )  # fmt: skip
+    free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase", "load_dependence")
+    found = fit(axis, gain(100), free)
+    assert found.parameters["load_dependence.coefficient"] == pytest.approx(0.29, abs=0.05)
+    # Of a gain four times as high: 0.11 rad, and whole turns, without what the gear carries.
+    unseen = gain(400)
+    assert np.sqrt(np.mean([found.replay(r).rms ** 2 for r in unseen])) < 0.07
+    for r in unseen:
+        whole = found.axis.simulate(r.u, r.dt, x0=float(r.x[0])).y[0]
+        assert np.sqrt(np.mean((whole - r.x) ** 2)) < 0.3

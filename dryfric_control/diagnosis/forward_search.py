@@ -15,7 +15,9 @@ from dryfric_control.diagnosis.candidates import (
     own_names,
     with_effect,
 )
-from dryfric_control.diagnosis.likelihood_search import EQUAL, LATE, SLACK, Candidate, Search
+from dryfric_control.diagnosis.likelihood_fits import LATE
+from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
+from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered

@@ -18,17 +18,12 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
-from dryfric_control.diagnosis.likelihood_search import (
-    EQUAL,
-    MOVED,
-    STRAIGHT,
-    Candidate,
-    Search,
-    hard,
-)
+from dryfric_control.diagnosis.likelihood_fits import hard
+from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, STRAIGHT, Search
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import typical, with_values
 from dryfric_control.estimation.solution import Solution

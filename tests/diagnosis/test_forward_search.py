@@ -24,7 +24,8 @@ from dryfric_control.diagnosis.forward_search import (
     forward,
     notable,
 )
-from dryfric_control.diagnosis.likelihood_search import EQUAL, Candidate, Search
+from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
+from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.parameters import SHIFT
 
 DT = 1e-3

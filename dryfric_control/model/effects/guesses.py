@@ -32,6 +32,8 @@ class View(Protocol):
         The axis that leaves the residual.
     t, x, v, a, u : ndarray, shape (n,)
         Zero-phase motion and drive of sliding samples.
+    carried : ndarray, shape (n,)
+        Load of the transmission there: the drive less the force effects [N].
     direction : ndarray of int64, shape (n,)
         +1 or -1.
     residual : ndarray, shape (n,)
@@ -63,6 +65,10 @@ class View(Protocol):
     dt: float
     drive: FloatArray
     believed: dict[str, float]
+
+    @property
+    def carried(self) -> FloatArray:
+        """Load of the transmission."""
 
     def regress(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, dict[str, float]]:
         """Coefficients of force columns, and the base parameters beside them."""

@@ -1,0 +1,217 @@
+"""Fits of an axis with causes by the likelihood of the hybrid filter."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import (
+    effect_class,
+    holds,
+    travelled,
+)
+from dryfric_control.diagnosis.held_out import LEAST
+from dryfric_control.diagnosis.starts import beside_jumps
+from dryfric_control.estimation.force_view import ForceView
+from dryfric_control.estimation.likelihood import (
+    BASE,
+    Likelihood,
+    Run,
+    prepare,
+    some_of,
+)
+from dryfric_control.estimation.parameters import SHIFT, typical, values_of
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import KINDS
+from dryfric_control.model.effects.naming import named, put
+from dryfric_control.records.record import Record
+
+FloatArray = NDArray[np.float64]
+
+# Samples of all records together on which candidates are compared, and those on which a net
+# of starts is hung.
+_SOME, _NET = 8000, 4000
+#: Iterations of a fit while candidates are compared, and of a fit that ends.
+ITERATIONS, LAST = 15, 30
+# Increments a sample below which no speed of sliding is told from rest.
+_SLOWEST = 0.1
+#: Actions of effects that move the drive in time.
+LATE = ("delay", "lag")
+
+
+def hard(slug: str) -> bool:
+    """Whether an effect has states that move with every reading, or a memory of the mode.
+
+    Then slopes tell little far from the best values.
+    """
+    effect = effect_class(slug)
+    return effect.remembers and effect.action not in LATE
+
+
+@dataclass(eq=False)
+class Fits:
+    """Fits of an axis with causes to records of one machine.
+
+    Parameters
+    ----------
+    believed : FrictionAxis
+    records : sequence of Record
+    known : sequence of str
+        Parameters that stay as believed.
+    tolerance : mapping of str to float
+        Relative standard deviations of priors.
+    own : sequence of str
+        Parameters of which every record has its own value.
+    also : sequence of str
+        Further parameters of the believed axis that are free.
+    hold : str
+    jobs : int
+    until, end : float
+        Readings of `time.monotonic` at which the search ends, and the answer too.
+    tell : callable
+        Is told each step.
+    """
+
+    believed: FrictionAxis
+    records: Sequence[Record]
+    known: Sequence[str] = ()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    own: Sequence[str] = ()
+    also: Sequence[str] = ()
+    hold: str = "zero"
+    jobs: int = 1
+    until: float = math.inf
+    end: float = math.inf
+    tell: Callable[[str], None] = lambda what: None
+
+    def __post_init__(self) -> None:
+        self.believed = self.believed.effective()
+        self.whole = sum(len(r) for r in self.records)
+        self.recorded: list[Run] = [prepare(r) for r in self.records]
+        # Noise that was recorded with the inputs pushes nothing: how smooth they are taken.
+        self.smooth = 1
+        self._take(self.recorded)
+        self.samples = sum(int(r.active.sum()) for r in self.few)
+        self.part = self.samples / self.whole
+        self.scales = typical(self.records)
+        values = values_of(self.believed, BASE)
+        self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
+        # What is zero by belief, such as an axis without viscous friction, may be wrong too.
+        self.base = tuple(n for n in BASE if n not in self.known)
+        # Time by which the recorded inputs act later than their time stamps say, and its
+        # name where it is free: before them only, as after them is a delay of the machine.
+        self.clock: tuple[str, ...] = ()
+        self.shift = 0.0
+        self.view: type[Likelihood] = Likelihood
+        # What each record has of its own, by parameter and number of the record.
+        self.each: dict[tuple[str, int], float] = {}
+
+    def _take(self, runs: list[Run]) -> None:
+        """Go on with runs, and with some of their samples."""
+        self.runs = runs
+        self.few, self.fewer = self._some(runs), self._some(runs, _NET)
+
+    def _some(self, runs: Sequence[Run], most: int = _SOME) -> list[Run]:
+        """Some samples of runs, so many of all together."""
+        return [some_of(r, max(most * len(r.record) // self.whole, 500)) for r in runs]
+
+    @property
+    def late(self) -> bool:
+        """Whether time is over."""
+        return time.monotonic() > self.until
+
+    def penalty(self, count: int) -> float:
+        """Gain that so many parameters bring by chance, at most."""
+        return 0.5 * count * math.log(self.samples)
+
+    def worth(self, gain: float, count: int, causes: int = 1) -> float:
+        """Gain of log-likelihood less what so many parameters and causes must bring."""
+        return gain - self.penalty(count) - causes * LEAST
+
+    def problem(
+        self, axis: FrictionAxis, free: Sequence[str], runs: Sequence[Run] | None = None,
+        base: Sequence[str] | None = None, wonder: bool = True,
+    ) -> Likelihood:  # fmt: skip
+        """Likelihood of an axis with the base and further parameters free."""
+        base = self.base if base is None else base
+        problem = self.view(
+            axis, (*base, *self.clock, *free), self.few if runs is None else runs,
+            believed=self.believed, tolerance=self.tolerance, own=self.own, each=self.each,
+            hold=self.hold, scales=self.scales, wonder=wonder, shift=self.shift,
+        )  # fmt: skip
+        if self.clock:
+            problem.high[problem.names.index(SHIFT)] = 0.0
+        for j, p in enumerate(problem.parameters):
+            if p.kind == "share":
+                # One so light rattles by the thousand steps where the other stands.
+                problem.low[j], problem.high[j] = map(p.search, KINDS["share"])
+            elif p.kind == "speed":
+                slowest = min(r.resolution.step / r.dt for r in self.records)
+                problem.low[j] = max(problem.low[j], p.search(max(_SLOWEST * slowest, p.low)))
+            elif p.kind == "place" and not holds(self.believed, p.name.partition(".")[0]):
+                problem.low[j], problem.high[j] = map(p.search, travelled(self.records))
+        return problem
+
+    def fit(
+        self, axis: FrictionAxis, free: Sequence[str], noises: FloatArray | None = None,
+        iterations: int = LAST, **settings: Any,
+    ) -> Solution:  # fmt: skip
+        """Most likely parameters from one axis."""
+        problem = self.problem(axis, free, **settings)
+        z = problem.start(1.0)
+        if noises is not None:
+            z[len(problem.names) :] = noises
+        found = maximise(problem, z, iterations, self.until)
+        # What acts at breakaway alone, and by a memory.
+        rough = [
+            p.name for p in problem.parameters
+            if p.breaks_away and p.name not in self.own and hard(p.name.partition(".")[0])
+        ]  # fmt: skip
+        if not rough or iterations < ITERATIONS or self.late:
+            return found
+        z = beside_jumps(problem, found.z, rough, lambda: self.late)
+        return min(found, maximise(problem, z, iterations, self.until), key=lambda s: s.cost)
+
+    def possible(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
+        """Whether there is a fit from an axis: it may be stiffer than the samples show."""
+        problem = self.problem(axis, free)
+        return math.isfinite(problem.tried(problem.start(1.0)).cost)
+
+    def reference(
+        self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None,
+        shift: float = 0.0,
+    ) -> Solution:  # fmt: skip
+        """An axis as it is, its noises fitted alone; `idle`: without its drive."""
+        runs = self.runs if runs is None else runs
+        runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in runs]
+        problem = self.view(axis, (), runs, hold=self.hold, scales=self.scales, shift=shift)
+        return maximise(problem, problem.start(1.0), 12)
+
+    @property
+    def imposed(self) -> bool:
+        """Whether something other than the drive makes the motion."""
+        return self.view is ForceView
+
+    def _parallel(self, tasks):  # type: ignore[no-untyped-def]
+        if self.jobs == 1 or len(tasks) < 2:
+            return [f(*a) for f, a in tasks]
+        run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
+        return run(joblib.delayed(f)(*a) for f, a in tasks)
+
+    def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
+        """An axis with an effect as it is in the nominal one, or not at all."""
+        return put(axis, slug, named(self.believed).get(slug))
+
+    def free_of(self, now: Solution) -> tuple[str, ...]:
+        """Free parameters of a model beside the base."""
+        others = (*self.base, SHIFT)
+        return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))

@@ -1,0 +1,322 @@
+"""Effects of the catalogue beside a model: their first guesses, quickly refined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    guesses,
+    with_effect,
+)
+from dryfric_control.diagnosis.likelihood_fits import LATE, Fits, hard
+from dryfric_control.diagnosis.starts import Start, in_valleys
+from dryfric_control.estimation.force_residual import View
+from dryfric_control.estimation.likelihood import (
+    Likelihood,
+)
+from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.scoring import maximise, within_reach
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import named
+
+# Guesses of a candidate that are refined, and candidates that are refined to the end.
+_REFINED, _AHEAD = 2, 10
+# Guesses of an effect with inner states that are fitted for some turns, of the first cause
+# and of further ones; how many turns, and those that may be of use which are fitted for more.
+_HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
+# Turns of the quick refinement, along slopes of the base that stay as they are.
+_TURNS = 4
+# Turns of a fit beside the nominal base.
+_LED_TURNS = 8
+# Base values whose logarithm is off by more may be bent by what is missing, beside none and
+# beside some causes.
+_BENT, _BOLD = 0.1, math.log(2.0)
+# Samples of corrections at which first guesses look.
+_SEEN = 8000
+# Actions of effects that show as a force in a motion that is imposed.
+_FORCES = ("force", "friction", "contact")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A cause on trial: its name, free parameters, the axis with it, cost."""
+
+    slug: str
+    free: tuple[str, ...]
+    axis: FrictionAxis
+    cost: float
+
+
+def hidden_shares(fit: Solution) -> list[str]:
+    """Shares that ended at a bound: one of the two parts is too light to be seen."""
+    p = fit.problem
+    rows = zip(p.names, p.parameters, strict=True)
+    return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
+
+
+class Corrections(View):
+    """What first guesses look at: the force by which the filter corrects a model.
+
+    Readings that it believes, in place of derivatives of all readings: far less noisy
+    where the readings are.
+    """
+
+    def __init__(self, found: Solution, believed: dict[str, float]) -> None:
+        axis, run = found.axis, found.problem.runs[0]
+        record, state = run.record, found.point.states[0]
+        super().__init__(axis, record, believed)
+        pick = np.flatnonzero((state[2] != 0.0) & run.active)
+        if pick.size < self.t.size // 4:
+            return
+        stride = -(-pick.size // _SEEN)
+        force = axis.mass * state[3] / record.dt
+        force = np.convolve(force, np.full(stride, 1.0 / stride), "same")
+        pick = pick[::stride]
+        self.t, self.x, self.v, self.u = record.t[pick], record.x[pick], state[1][pick], run.u[pick]
+        self.a = (np.gradient(state[1]) / record.dt)[pick]
+        self.direction = np.sign(state[2][pick]).astype(np.int64)
+        self.residual = force[pick]
+
+
+class Screening(Fits):
+    """Fits, and effects of the catalogue on trial beside them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._screened: dict[tuple[Solution, bool], list[Candidate]] = {}
+
+    def screen(self, now: Solution, first: bool = True, stiff: bool = False) -> list[Candidate]:
+        """Effects of the catalogue beside a model, quickly refined, best first.
+
+        Those that are `hard`, or all others: these take as long again.
+        """
+        if (now, stiff) not in self._screened:
+            self._screened[now, stiff] = self._screen(now, first, stiff)
+        return self._screened[now, stiff]
+
+    def _screen(self, now: Solution, first: bool, stiff: bool) -> list[Candidate]:
+        rows = zip(now.problem.parameters, now.problem.place, now.z, strict=False)
+        self.each = {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
+        present = named(now.axis)
+        effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
+        if self.imposed:
+            # Of what remembers, a contact shows in a motion as it is: since the last turn.
+            shown = [e for e in effects if not hard(e) or effect_class(e).action == "contact"]
+            effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
+        if self.clock:
+            # An input that may be early cannot tell a delay, and with a lag it is smoothed.
+            effects = tuple(e for e in effects if effect_class(e).action not in LATE)
+        effects = tuple(e for e in effects if hard(e) is stiff)
+        besides = [now]
+        if effects and self._bent(now, _BENT if first else _BOLD):
+            # The base may have bent only for want of the cause.
+            besides.append(self._at_nominal(now))
+        if stiff:
+            # Beside causes the model is nearly right, however far its base has moved.
+            starts = self._guessed(besides[-1] if first else now, effects)
+            found = self._parallel([(self._patiently, (now, one, first)) for one in starts])
+        else:
+            terms = now.problem._terms(now.z, now.point)
+            found = [c for b in besides for c in self._easily(now, b, terms, effects)]
+        best: dict[str, Candidate] = {}
+        for c in found:
+            if c and (c.slug not in best or c.cost < best[c.slug].cost):
+                best[c.slug] = c
+        return sorted(best.values(), key=lambda c: c.cost)
+
+    def _at_nominal(self, now: Solution) -> Solution:
+        """A fit with the base as believed."""
+        names = [n for n in self.base if n in now.problem.names]
+        axis = with_values(now.axis, names, [self.nominal[n] for n in names])
+        alone = self.view(axis, (), self.few, hold=self.hold, scales=self.scales)
+        noises = maximise(alone, alone.start(1.0), 6).z
+        return self.fit(axis, self.free_of(now), noises, 0)
+
+    def _guessed(self, beside: Solution, effects: Sequence[str]) -> list[list[Start]]:
+        """First guesses of each effect that has some."""
+        views = [
+            View(beside.axis, self.records[0], self.nominal),
+            Corrections(beside, self.nominal),
+        ]
+        return [one for one in self._parallel(
+            [(self._guess, (beside, e, views)) for e in effects]
+        ) if one]  # fmt: skip
+
+    def _easily(
+        self, now: Solution, beside: Solution, terms: Any, effects: Sequence[str]
+    ) -> list[Candidate | None]:
+        """Candidates beside a model, from guesses beside it or beside the nominal base."""
+        led, plain = list[list[Start]](), list[list[Start]]()
+        for one in self._guessed(beside, effects):
+            # What the base has bent for shows where all is free; so does what moves
+            # the drive in time, and every other parameter with it.
+            late = effect_class(one[0].slug).action in LATE
+            (led if beside is not now or late else plain).append(one)
+        found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
+        return found + self._quickly(now, terms, plain)
+
+    def _is_free(self, now: Solution, name: str) -> bool:
+        return any(n.startswith(f"{name}.") for n in now.problem.names)
+
+    def bold(self, fit: Solution) -> bool:
+        """Whether a fit has moved a base parameter by more than a factor of two."""
+        return self._bent(fit, _BOLD)
+
+    def _bent(self, now: Solution, most: float) -> bool:
+        values = now.values()
+        return any(
+            self.nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / self.nominal[n])) > most
+            for n in self.base
+            if n in values
+        )
+
+    def _guess(self, now: Solution, effect: str, views: Sequence[View]) -> list[Start]:
+        """The guesses of one effect, best first."""
+        tried: list[Start] = []
+        seen: list[Any] = []
+        if self.late:
+            return tried
+        noises = now.z[len(now.problem.names) :]
+        for values, base in (guess for view in views for guess in guesses(effect, view)):
+            change = {n: c for n, c in base.items() if n in self.base}
+            if (values, change) in seen:
+                continue
+            seen.append((dict(values), change))
+            axis = now.axis
+            if change:
+                axis = with_values(axis, list(change), list(change.values()))
+            for beside in (now.axis, axis) if change else (axis,):
+                try:
+                    start = with_effect(beside, effect, dict(values))
+                    free = (*self.free_of(now), *(n for n in start.free if n not in self.known))
+                    problem = self.problem(start.axis, free)
+                    z = problem.start()
+                    z[len(problem.names) :] = noises
+                    cost = problem.at(np.clip(z, problem.low, problem.high)).cost
+                except ValueError:
+                    continue
+                tried.append(Start(cost, problem, np.clip(z, problem.low, problem.high), effect))
+        tried.sort(key=lambda one: one.cost)
+        return tried
+
+    def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
+        """The best of some guesses after a quick refinement."""
+        best = None
+        for one in guessed:
+            found = self._quick(now, terms, one.slug, one.problem, one.z, turns)
+            if best is None or found[0].cost < best[0].cost:
+                best = found
+        return best
+
+    def _quickly(self, now: Solution, terms, begun):  # type: ignore[no-untyped-def]
+        """Candidates after a quick refinement of their best guesses, the best ones longer."""
+        begun = sorted((one[:_REFINED] for one in begun), key=lambda one: one[0].cost)
+        runs = self._parallel([(self._refine, (now, terms, one, 1)) for one in begun])
+        runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
+        ahead = self._parallel(
+            [(self._refine, (now, terms, [Start(c.cost, p, z, c.slug)], _TURNS))
+             for c, p, z in runs[:_AHEAD]]
+        )  # fmt: skip
+        return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
+
+    def _patiently(self, now: Solution, guessed: Sequence[Start], first: bool) -> Candidate | None:
+        """A candidate from many guesses; to the end those that promise to be of use.
+
+        Beside a cause the model is nearly right: what does not help it as it is hardly
+        helps it changed.
+        """
+        own = [n for n in guessed[0].problem.names if n not in now.problem.names]
+        guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
+        guessed = guessed[: _HARD_TRIED[0 if first else 1]]
+        if not first and not self.own:  # by itself it would have one record's values in all
+            guessed = [one for one in guessed if not self.late and self._helps(now, one)]
+        return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
+
+    def _helps(self, now: Solution, start: Start) -> bool:
+        """Whether an effect, fitted by itself, promises to lower the cost of a model as it is."""
+        problem, z = start.problem, start.z
+        own = [n for n in problem.names if n not in now.problem.names]
+        alone = self.problem(problem.axis_at(z), own, base=())
+        begin = alone.start()
+        begin[len(alone.names) :] = z[len(problem.names) :]
+        fit = maximise(alone, begin, _HARD_TURNS[0], self.until)
+        return fit.cost - fit.promised < now.cost - now.problem.prior(now.z)
+
+    def _fitted(
+        self, now: Solution, guessed: Sequence[Start], turns: int, below: float | None = None
+    ) -> Candidate | None:
+        """The best of an effect's guesses, fitted with everything free for some turns.
+
+        Those that promise to come `below` a cost are fitted for more.
+        """
+        fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
+        if below is not None:
+            fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
+            fits = [
+                maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
+            ]
+        fits = [f for f in fits if not hidden_shares(f)]
+        if not fits:
+            return None
+        best, slug = min(fits, key=lambda f: f.cost), guessed[0].slug
+        free = tuple(n for n in best.problem.names if n not in now.problem.names)
+        return Candidate(slug, free, best.axis, best.cost)
+
+    def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
+        """A few joint steps along new slopes of the candidate and old ones of the rest."""
+        count = len(problem.names)
+        old = len(now.problem.names)
+        own = list(range(old, count))
+        place = [*range(old), *range(count, problem.size)]  # where old coordinates are now
+        point = problem.at(z)
+        damping, fall = 1e-3, 0.0
+        for turn in range(turns):
+            if self.late:
+                break
+            _, g, curvature = problem.prior_terms(z)
+            h = np.diag(curvature)
+            for i, run in enumerate(problem.runs):
+                slope = np.zeros((problem.size, 2, len(run.record)))
+                slope[place] = terms[2][i]
+                exact = [problem.slope(z, point, i, j, slope[j]).sum() for j in own]
+                edges = np.array([0, len(run.record)])
+                gi, hi = np.zeros((1, problem.size)), np.zeros((1, problem.size, problem.size))
+                compiled.normal_terms(point.out[i], run.active, edges, slope, gi, hi)
+                gi[0, own] = exact
+                g = g + gi[0]
+                h = h + hi[0]
+            held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
+            held |= np.diag(h) <= 1e-12
+            free = np.flatnonzero(~held)
+            size = np.sqrt(np.diag(h)[free])
+            unit = h[np.ix_(free, free)] / np.outer(size, size)
+            far = problem.reach(free, size)
+            moved = False
+            for _ in range(3):
+                step = np.zeros(problem.size)
+                damped = unit + damping * np.eye(free.size)
+                step[free] = within_reach(damped, g[free] / size, far) / size
+                new = np.clip(z + step, problem.low, problem.high)
+                tried = problem.tried(new)
+                if tried.cost < point.cost:
+                    fall = point.cost - tried.cost
+                    z, point, moved = new, tried, True
+                    damping *= 0.1
+                    break
+                damping = max(10.0 * damping, 0.1)
+            if not moved or fall < 0.5:
+                break
+            if point.cost - (turns - turn) * fall > now.cost:
+                # At this pace it would not even reach the model without it.
+                break
+        free_names = tuple(problem.names[j] for j in own)
+        return Candidate(slug, free_names, problem.axis_at(z), point.cost), problem, z

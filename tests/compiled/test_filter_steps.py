@@ -1,5 +1,7 @@
 """Steps of the filter of the diagnosis, against closed forms and the axis' own exact step."""
 
+import math
+
 import numpy as np
 import pytest
 from numba import njit
@@ -14,7 +16,8 @@ H = 1e-3
 def coarse(numbers, integers, force, h, x, v):
     """A sample from one velocity under one force."""
     plant = axis_step.point(numbers, integers)
-    return likelihood._coarse(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0)
+    fall = -math.expm1(-plant.numbers[axis_step.STICK_RATE] * h)
+    return likelihood._coarse(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0, fall)
 
 
 @njit(error_model="numpy")

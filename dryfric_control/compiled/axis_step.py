@@ -104,7 +104,8 @@ FILIPPOV, PAPER = 0, 1
 #: Places in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
 #: force laws depend on place and time alone, the first N_PEAKED of the N_LEVEL
-#: level laws are raised by the Stribeck peak; the N_READING laws of the encoder come last.
+#: level laws are raised by the Stribeck peak; N_CARRIED of the level laws read the load of the
+#: transmission; the N_READING laws of the encoder come last.
 #: STRUCTURE tells which inner states the axis has, 0 for none.  With two masses
 #: the numbers are there twice, N_NUMBERS each: with the whole mass, and with
 #: that of the load.  RIGID_TASK and TASK are addresses of what moves the axis
@@ -343,8 +344,7 @@ def _carried(plant, t, x, v, w, s, rest):
     """
     if plant.integers[N_CARRIED] == 0:
         return w
-    force = _place_force(plant, t, x, s, rest) + _motion_force(plant, t, x, v, 0.0, s, rest)
-    return w - 2.0 * force
+    return w - 2.0 * load(plant, held_force(0.0), t, 0.0, x, v, s, rest)
 
 
 @internal(forceinline=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -125,6 +127,8 @@ class Race:
         Base parameters that stay as believed.
     tolerance : mapping of str to float
         Base parameters that may be wrong by so much without being an assumption.
+    until : float
+        Reading of `time.monotonic` at which fits stop where they are.
     """
 
     def __init__(
@@ -137,7 +141,9 @@ class Race:
         jobs: int = 2,
         known: Sequence[str] = (),
         tolerance: Mapping[str, float] | None = None,
+        until: float = math.inf,
     ) -> None:
+        self.until = until
         self.bench, self.fit, self.judge = bench, fit, judge
         self.sieve = fit
         self.sizes = scales
@@ -162,7 +168,14 @@ class Race:
             return Problem(axis, (), [self.bench])
         axis, parameters = choose(axis, [*names, *free], self.sizes)
         believed = {n: v for n, v in self.believed.items() if n not in self.tolerance}
-        return Problem(axis, parameters, [self.bench], believed, _bounds(parameters))
+        problem = Problem(axis, parameters, [self.bench], believed, _bounds(parameters))
+        problem.until = self.until
+        return problem
+
+    @property
+    def late(self) -> bool:
+        """Whether time is over."""
+        return time.monotonic() > self.until
 
     def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
         if key not in self._answers:
@@ -342,7 +355,9 @@ class Race:
 
     def _first(self, base, name, free, settled):  # type: ignore[no-untyped-def]
         """Best of the first guesses after a first fit, of every origin as good."""
-        options = []
+        options = list[Any]()
+        if self.late:
+            return options
         for number, (seen, known) in enumerate(self._answers["views", base]):
             some = []
             for values, regressed in guesses(name, seen):

@@ -185,13 +185,15 @@ def diagnose(
         bar.update()
 
     with bar:
-        settings: dict[str, Any] = {"jobs": jobs, "known": known, "tolerance": tolerance}
         until = begun + _SEARCHING * limit
+        settings: dict[str, Any] = {
+            "jobs": jobs, "known": known, "tolerance": tolerance, "until": until,
+        }  # fmt: skip
 
         @functools.cache
         def trial(shift: float) -> Trial:
             moved = [cut(one, window, hold) for one in _later(records, shift)] if shift else cuts
-            return Trial.of(axis, moved, settings, tell, until)
+            return Trial.of(axis, moved, settings, tell)
 
         search = Search(
             axis,
@@ -279,13 +281,13 @@ class Trial:
     @classmethod
     def of(
         cls, axis: FrictionAxis, cuts: list[Windows], settings: dict[str, Any],
-        tell: Callable[[str], None], until: float,
+        tell: Callable[[str], None],
     ) -> Trial:  # fmt: skip
         """All of it, of some records."""
         first, part = cuts[0], roles(cuts[0])
         race = Race(first, axis, part == FIT, part == JUDGE, typical([first.record]), **settings)
         gate = Gate(first, axis, race.fit, race.judge, settings)
-        return cls(cuts, part, Selector(race, axis, tell, until), gate)
+        return cls(cuts, part, Selector(race, axis, tell), gate)
 
     @property
     def records(self) -> list[Record]:
@@ -516,6 +518,8 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
             best = before
         best, kept = selector.without_a_gain(found, best, kept, floor)
     selector.tell("all data")
+    late = selector.late
+    race.until = search.end
     free = [n for names in found.free.values() for n in names]
     final = best
     if free or kept:
@@ -535,7 +539,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     experiment = None
     doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
     messages = hardly_determined(causes)
-    if selector.late:
+    if late:
         messages.append(LATE)
     messages += _left_out([record])
     if doubtful is not None:
@@ -543,7 +547,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
         alike = {s: in_place(rest, r, s) for s, r in found.rivals[doubtful].items()}
     elif alike:
         doubtful = causes[0].effect
-    if doubtful is not None and not selector.late:
+    if doubtful is not None and not late:
         selector.tell("next experiment")
         rivals = dict(list(alike.items())[:_RIVALS])
         experiment = next_experiment(

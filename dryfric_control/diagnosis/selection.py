@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -93,9 +91,8 @@ class Selector:
         race: Race,
         axis: FrictionAxis,
         tell: Callable[[str], None],
-        until: float = math.inf,
     ) -> None:
-        self.race, self.axis, self.tell, self.until = race, axis, tell, until
+        self.race, self.axis, self.tell = race, axis, tell
         self.bench = race.bench
         self.known = race.fit | race.judge
         self.labels = block_labels([self.bench])
@@ -105,7 +102,7 @@ class Selector:
     @property
     def late(self) -> bool:
         """Whether time is over."""
-        return time.monotonic() > self.until
+        return self.race.late
 
     # -- tests -----------------------------------------------------------------
 

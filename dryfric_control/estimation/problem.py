@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -148,6 +150,8 @@ class Problem:
         Windows of each record that count; all, until they are set.
     steps : ndarray, shape (nparameters,)
         Changes of the coordinates over which slopes are taken.
+    until : float
+        Reading of `time.monotonic` at which a descent stops where it is.
     """
 
     def __init__(
@@ -167,6 +171,7 @@ class Problem:
         self.scales = [w.floor for w in self.windows]
         self.active = [np.ones(len(w), bool) for w in self.windows]
         self.steps = np.full(len(self.parameters), _WIDEST)
+        self.until = math.inf
         self.low, self.high = search_bounds(self.parameters) if bounds is None else bounds
         known = {} if believed is None else believed
         self._believed = [
@@ -438,6 +443,8 @@ def levenberg(
     at = problem.evaluate(z, options) if at is None else at
     loss, damping = problem.loss(z, at), 1e-3
     for _ in range(options.iterations):
+        if time.monotonic() > problem.until:
+            break
         gradients, normals, back = problem.terms(z, at, options)
         _, prior_g, prior_h = problem.prior(z)
         g, h = gradients.sum(axis=0) + prior_g, normals.sum(axis=0) + np.diag(prior_h)

@@ -154,6 +154,15 @@ def test_both_schedules_end_at_the_same_place():
     assert problem.values(z)["input_shift"] == pytest.approx(3e-4, rel=0.02)
 
 
+def test_a_descent_whose_time_is_over_stays_where_it_is():
+    record = made(BASE, 2000)
+    axis, parameters = choose(BASE.replace(mass=3.0), ["mass"], typical([record]))
+    problem = Problem(axis, parameters, [cut(record)])
+    assert minimise(problem, problem.start)[0] != problem.start[0]
+    problem.until = 0.0
+    assert minimise(problem, problem.start)[0] == problem.start[0]
+
+
 if __name__ == "__main__":
     made_anew = {name: fit() for name, fit in FITS.items()} | {"coulomb": coulomb()}
     made_anew |= {name: diagnosed(case()) for name, case in CASES.items()}

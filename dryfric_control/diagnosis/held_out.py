@@ -13,7 +13,7 @@ from scipy.stats import norm, wilcoxon
 LEAST = 6.0
 #: Standard errors by which what is sure must differ from zero.
 CLEAR = 3.0
-# Separate stretches of blocks that must gain where most say nothing, and the part of their
+# Separate events that must gain where most blocks say nothing, and the part of their
 # gain that others may lose: of a small gain, and of one so large that it is no chance
 # (causes that were not there gained up to 50, and lost 0.33 of it and more).
 _EVENTS, _LOST, _LARGE, _LOST_OF_LARGE = 3, 0.15, 300.0, 0.3
@@ -33,8 +33,8 @@ class HeldOut(NamedTuple):
         Gain over its standard error where no block counts for more than the upper quartile
         does: a few that gain most widen the spread and say all the more.
     events : int
-        Separate stretches of blocks that each gain, where the others lose little: a drive
-        that is limited now and then says nothing in between.
+        Events that each gain, of two blocks side by side at most, where the others lose little:
+        a drive that is limited now and then says nothing in between.
     """
 
     gain: float
@@ -47,7 +47,8 @@ class HeldOut(NamedTuple):
     def of(cls, less: NDArray[np.float64], more: NDArray[np.float64]) -> HeldOut:
         """From the costs of each block without and with a cause."""
         fall = less - more
-        rise = np.diff((np.isfinite(fall) & (fall > LEAST)).astype(int), prepend=0)
+        gains = np.isfinite(fall) & (fall > LEAST)
+        ends = np.flatnonzero(np.diff(gains.astype(int), prepend=0, append=0))
         fall = fall[np.isfinite(fall) & (fall != 0.0)]
         if fall.size == 0:
             return cls(0.0, 0.0, 0.0)
@@ -55,7 +56,8 @@ class HeldOut(NamedTuple):
         error = float(np.std(fall) * math.sqrt(fall.size))
         part = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
         lost = -fall[fall < 0.0].sum() > part * fall[fall > 0.0].sum()
-        events = 0 if lost else int(np.sum(rise > 0))
+        # One event may lie across the edge of two blocks, not of more.
+        events = 0 if lost else int(np.sum((ends[1::2] - ends[::2] + 1) // 2))
         most = np.quantile(np.abs(fall), 0.75)
         limited = np.clip(fall, -most, most)
         usual = float(limited.sum() / max(np.std(limited) * math.sqrt(fall.size), 1e-300))

@@ -194,6 +194,9 @@ def test_bad_knowledge_is_refused(settings, words):
         # So much in so many places is no chance, though others lose a quarter of it.
         ([600, -80, 0, -90, 500, 2, -60, 200, -70, 0, 1, -50, 3, 0, -10], True),
         ([60, -8, 0, -9, 50, 2, -6, 20, -7, 0, 1, -5, 3, 0, -1], False),
+        # A short record: what gains in six blocks without a pause is three events, in four two.
+        ([0, 90, 40, 300, 30, 70, 120, -4, 0], True),
+        ([0, 90, 40, 3000, 30, -4, 0, -1, -2], False),
     ],
 )
 def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):

@@ -408,9 +408,9 @@ class Likelihood:
         gradients : ndarray, shape (nblocks, ncoordinates)
         information : ndarray, shape (nblocks, ncoordinates, ncoordinates)
         """
-        return self._terms(z, point, sides)[:2]
+        return self.with_slopes(z, point, sides)[:2]
 
-    def _terms(
+    def with_slopes(
         self, z: FloatArray, point: Point, sides: int = 2
     ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """`terms`, and the slopes of each record, shape (ncoordinates, 2, n)."""
@@ -428,6 +428,25 @@ class Likelihood:
             all_h.append(h)
             kept.append(slope)
         return np.concatenate(all_g), np.concatenate(all_h), kept
+
+    def followed(
+        self, slopes: Sequence[FloatArray], before: Point, point: Point, way: FloatArray,
+        scale: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """Gradient and information without the prior, by slopes that follow a step.
+
+        `slopes` are changed in place: by what the step from `before` changed and they did not
+        foresee, along the step (Broyden 1965).  `way`: the step, times `scale`.
+        """
+        g, h = np.zeros((1, self.size)), np.zeros((1, self.size, self.size))
+        total_g, total_h = np.zeros(self.size), np.zeros((self.size, self.size))
+        for run, old, new, slope in zip(self.runs, before.out, point.out, slopes, strict=True):
+            compiled.follow(old, new, way, scale, slope)
+            edges = np.array([0, len(run.record)])
+            compiled.normal_terms(new, run.active, edges, slope, g, h)
+            total_g += g[0]
+            total_h += h[0]
+        return total_g, total_h
 
     def slope(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray, sides: int = 2

@@ -26,9 +26,9 @@ from dryfric_control.model.effects.naming import followed, named, put, renumbere
 # must explain: where a model leaves something out, that is not white, and likelihood counts
 # what follows it as evidence.
 _FURTHER, _QUIETER = 0.02, 0.02
-# Candidates of which pairs are tried, and by how much a pair may gain more than its
-# members one by one.
-_PAIRED, _HOPE = 5, 3.0
+# Candidates of which pairs are tried, beside none and beside some causes, and by how much a
+# pair may gain more than its members one by one.
+_PAIRED, _HOPE = (5, 3), 3.0
 # Causes that are unsure by themselves with which a search looks one round ahead.
 _UNSURE = 2
 # Candidates beside the chosen one that are tried in its place later, and the part of its
@@ -103,6 +103,10 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
     None where `end`, which is asked about every round's candidates, says that the
     likelihood is not the judge.
     """
+    # Before the search goes on: most of what free runs are the judge of is told at a glance.
+    if end and not search.clock and search.driven:
+        if end(State(search.begun), search.glance(search.begun)):
+            return None
     # Inputs that were found to be early before stay so.
     state = State(search.alone() if search.clock else search.first[0])
     if _rounds(search, state, most, end):
@@ -163,17 +167,23 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         state.fit = now
         if state.causes:
             search.tell(f"cause {len(state.causes) + 1}")
+        # The first cause is enough in itself.
+        so_far = first - now.cost if state.causes else -math.inf
+        enough = partial(_adds, so_far, search.samples)
+        needed = _least(so_far, search.samples) if state.causes else 0.0
         candidates: list[Candidate] = []
         for stiff in (False, True):
-            some = search.screen(now, not state.causes, stiff)
+            some = search.screen(now, not state.causes, stiff, needed)
             some = [c for c in some if c.slug not in state.refuted]
-            if end is not None and end(state, some):
+            # What reaches the readings' noise gains a great deal.
+            likely = [c for c in some if stiff or now.cost - c.cost >= needed]
+            if end is not None and end(state, likely):
                 return True
             candidates += some
         candidates.sort(key=lambda c: c.cost)
         if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
-        ranked = search.extend(now, candidates)
+        ranked = search.extend(now, candidates, needed)
         better = _better(search, now, ranked)
         if better is not None:
             state.fit = better
@@ -186,13 +196,10 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
                 search.shifted_by(early)
                 state.fit = early
                 continue
-        # The first cause is enough in itself.
-        so_far = first - now.cost if state.causes else -math.inf
-        enough = partial(_adds, so_far, search.samples)
         least = max(ranked[0][0], 0.0) if ranked else 0.0
         ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
         if (least == 0.0 or ahead) and not (alone or search.late):
-            pair = _pair(search, now, candidates, least, enough)
+            pair = _pair(search, now, candidates, least, enough, bool(state.causes))
             pair = pair or _ahead(search, now, ahead, least, enough)
             if pair is not None:
                 for c in pair[0]:
@@ -231,6 +238,11 @@ def _adds(so_far: float, samples: int, gain: float) -> bool:
     return notable(gain, so_far + gain, samples)
 
 
+def _least(so_far: float, samples: int) -> float:
+    """The least gain beside that so far that is notable."""
+    return min(_FURTHER / (1.0 - _FURTHER) * so_far, _QUIETER * samples)
+
+
 def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: ignore[no-untyped-def]
     """A fit without the best cause that its fit leads to, where the one so far ended early.
 
@@ -258,12 +270,12 @@ def _tidy(search: Search, state: State) -> None:
     _sift(search, state)
 
 
-def _pair(search, now, candidates, least, enough):  # type: ignore[no-untyped-def]
+def _pair(search, now, candidates, least, enough, beside):  # type: ignore[no-untyped-def]
     """The best two causes that only together are sure, and worth more than any one that is.
 
-    `enough`: whether a gain is.
+    `enough`: whether a gain is.  `beside`: whether there are causes already.
     """
-    some = candidates[:_PAIRED]
+    some = candidates[: _PAIRED[beside]]
     gains = sum(now.cost - c.cost for c in some[:2])
     if search.worth(_HOPE * gains, sum(len(c.free) for c in some[:2]), 2) < least:
         return None
@@ -280,24 +292,35 @@ def _pair(search, now, candidates, least, enough):  # type: ignore[no-untyped-de
             tasks.append((a, b, axis))
     noises = now.z[len(now.problem.names) :]
     free = search.free_of(now)
-    fits = search._parallel(
-        [(search.fit, (axis, (*free, *a.free, *b.free), noises, 8)) for a, b, axis in tasks]
-    )
-    order = sorted(range(len(fits)), key=lambda i: fits[i].cost)
-    for i in order[:1]:
-        a, b, _ = tasks[i]
+
+    def tried(a: Candidate, b: Candidate, axis: FrictionAxis) -> Solution | None:
         names = (*a.free, *b.free)
-        if search.worth(now.cost - fits[i].cost, len(names), 2) < least - SLACK:
+        fit = search.fit(axis, (*free, *names), noises, _SOME_TURNS)
+        hoped = now.cost - fit.cost + fit.promised
+        if search.worth(hoped, len(names), 2) < least - SLACK or not enough(hoped + SLACK):
             return None
-        fit = search.fit(fits[i].axis, (*free, *names), noises)
-        if (
-            search.worth(now.cost - fit.cost, len(names), 2) > least
-            and enough(now.cost - fit.cost)
-            and search.sound(fit, a.slug, a.free)
-            and search.sound(fit, b.slug, b.free)
-            and (search.simpler(fit, now) or search.held_out(now, fit).sure)
-        ):
-            return (a, b), fit
+        return search.fit(fit.axis, (*free, *names), fit.z[len(fit.problem.names) :], _SOME_TURNS)
+
+    fits = [
+        (fit.cost, i, fit) for i, fit in enumerate(search._parallel([(tried, t) for t in tasks]))
+        if fit is not None
+    ]  # fmt: skip
+    if not fits:
+        return None
+    _, i, best = min(fits)
+    a, b, _ = tasks[i]
+    names = (*a.free, *b.free)
+    if search.worth(now.cost - best.cost, len(names), 2) < least - SLACK:
+        return None
+    fit = search.fit(best.axis, (*free, *names), noises)
+    if (
+        search.worth(now.cost - fit.cost, len(names), 2) > least
+        and enough(now.cost - fit.cost)
+        and search.sound(fit, a.slug, a.free)
+        and search.sound(fit, b.slug, b.free)
+        and (search.simpler(fit, now) or search.held_out(now, fit).sure)
+    ):
+        return (a, b), fit
     return None
 
 

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import (
     effect_class,
+    guesses,
     holds,
     travelled,
 )
 from dryfric_control.diagnosis.held_out import LEAST
 from dryfric_control.diagnosis.starts import beside_jumps
+from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import (
     BASE,
@@ -27,7 +29,7 @@ from dryfric_control.estimation.likelihood import (
     prepare,
     some_of,
 )
-from dryfric_control.estimation.parameters import SHIFT, typical, values_of
+from dryfric_control.estimation.parameters import SHIFT, typical, values_of, with_values
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -42,6 +44,8 @@ FloatArray = NDArray[np.float64]
 _SOME, _NET = 8000, 4000
 #: Iterations of a fit while candidates are compared, and of a fit that ends.
 ITERATIONS, LAST = 15, 30
+# Guesses of what acts at breakaway alone from which a fit to all samples starts once more.
+_ANEW = 2
 # Increments a sample below which no speed of sliding is told from rest.
 _SLOWEST = 0.1
 #: Actions of effects that move the drive in time.
@@ -170,16 +174,47 @@ class Fits:
         z = problem.start(1.0)
         if noises is not None:
             z[len(problem.names) :] = noises
-        found = maximise(problem, z, iterations, self.until)
-        # What acts at breakaway alone, and by a memory.
-        rough = [
-            p.name for p in problem.parameters
-            if p.breaks_away and p.name not in self.own and hard(p.name.partition(".")[0])
-        ]  # fmt: skip
+        found = maximise(problem, z, iterations, self.until, rough=iterations < LAST)
+        rough = self.rough(found)
         if not rough or iterations < ITERATIONS or self.late:
             return found
         z = beside_jumps(problem, found.z, rough, lambda: self.late)
         return min(found, maximise(problem, z, iterations, self.until), key=lambda s: s.cost)
+
+    def rough(self, fit: Solution) -> list[str]:
+        """Free parameters of what acts at breakaway alone, and by a memory."""
+        return [
+            p.name for p in fit.problem.parameters
+            if p.breaks_away and p.name not in self.own and hard(p.name.partition(".")[0])
+        ]  # fmt: skip
+
+    def anew(self, fit: Solution, **settings: Any) -> Solution:
+        """A fit, or a likelier one from the guesses of what acts at breakaway alone.
+
+        Few samples hold few breakaways, and may have led another way than all do.
+        """
+        names = self.rough(fit)
+        noises = fit.z[len(fit.problem.names) :]
+        for slug in dict.fromkeys(n.partition(".")[0] for n in names):
+            own = [n for n in names if n.startswith(f"{slug}.")]
+            view = View(self.less(fit.axis, slug), self.records[0], self.nominal)
+            tried = list[tuple[float, int, FrictionAxis]]()
+            for values, _ in guesses(slug, view):
+                axis = with_values(fit.axis, own, [values[n.partition(".")[2]] for n in own])
+                tried.append((fit.problem.tried(self._at(fit, axis, own)).cost, len(tried), axis))
+            for _, _, axis in sorted(tried)[:_ANEW]:
+                if not self.late:
+                    other = self.fit(axis, self.free_of(fit), noises, **settings)
+                    fit = min(fit, other, key=lambda s: s.cost)
+        return fit
+
+    def _at(self, fit: Solution, axis: FrictionAxis, names: Sequence[str]) -> FloatArray:
+        """Coordinates of a fit with some parameters as they are in an axis."""
+        z = fit.z.copy()
+        for name, value in zip(names, values_of(axis, names), strict=True):
+            j = fit.problem.names.index(name)
+            z[j] = fit.problem.parameters[j].search(float(value))
+        return np.clip(z, fit.problem.low, fit.problem.high)
 
     def possible(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
         """Whether there is a fit from an axis: it may be stiffer than the samples show."""

@@ -39,6 +39,8 @@ EQUAL = 4.0
 # Part of the best quick gain below which a candidate is not fitted in full, the same for
 # hard ones, which have been, and what a full fit may add to a quick one.
 _SHARE, _HARD_SHARE, SLACK = 0.4, 0.8, 8.0
+# Gain of a full fit over that of a quick one, beside that.
+_FULLER = 2.0
 # Errors of a parameter within which its neutral value means that nothing is there.
 _SURE = 2.0
 # Part of the best worth within which causes are compared on all samples.
@@ -151,14 +153,27 @@ class Search(Screening):
         return min(found, key=lambda s: s.cost)
 
     @cached_property
+    def begun(self) -> Solution:
+        """The fit without causes."""
+        self.tell("base parameters")
+        return self.quieter(self.alone())
+
+    @cached_property
+    def _line_of_few(self) -> float:
+        return self._line(self.few)
+
+    @property
+    def driven(self) -> bool:
+        """Whether no straight line does better than the believed structure."""
+        return self.begun.cost <= self._line_of_few + _BEHIND * self.samples
+
+    @cached_property
     def first(self) -> tuple[Solution, list[Candidate]]:
         """The fit without causes, and every candidate beside it that is not hard, best first.
 
         Where a straight line does better than any, of the force that the motion needs.
         """
-        self.tell("base parameters")
-        now = self.quieter(self.alone())
-        line = self._line(self.few)
+        now, line = self.begun, self._line_of_few
         self.tell("first cause")
         found = self.screen(now)
 
@@ -166,7 +181,7 @@ class Search(Screening):
             return all(c.cost > line - _CLEAR_OF * self.samples for c in candidates)
 
         # A drive with a limit is no match for the line either, until that is tried.
-        if now.cost > line + _BEHIND * self.samples and lost(found) and not self.late:
+        if not self.driven and lost(found) and not self.late:
             if lost(self.screen(now, stiff=True)):
                 by_force = self._by_force()
                 if by_force is not None:
@@ -255,8 +270,11 @@ class Search(Screening):
         self.clock = () if fit is None else (SHIFT,)
         self.shift = 0.0 if fit is None else fit.values()[SHIFT]
 
-    def extend(self, now: Solution, candidates: Sequence[Candidate]):  # type: ignore[no-untyped-def]
-        """Fits of the most promising candidates beside a model: worth, candidate, fit."""
+    def extend(self, now, candidates, notable=0.0):  # type: ignore[no-untyped-def]
+        """Fits of the most promising candidates beside a model: worth, candidate, fit.
+
+        Of those that may gain what is `notable`, on few samples or on all.
+        """
         noises = now.z[len(now.problem.names) :]
         names = [n for n in self.base if n in now.problem.names]
         bent = list(map(now.values().__getitem__, names))
@@ -270,7 +288,7 @@ class Search(Screening):
             fits = [self.fit(axis, free, noises, ITERATIONS) for axis in starts]
             return min(fits, key=lambda s: s.cost)
 
-        left = list(candidates[:_FITTED])
+        left = [c for c in candidates[:_FITTED] if self._may_gain(now, c, notable)]
         self.unsure = []
         while left and not self.late:
             best = now.cost - left[0].cost
@@ -298,6 +316,16 @@ class Search(Screening):
             # What gains most may be refused: then it is no measure for the others.
             left = [c for c in left if c not in chosen]
         return []
+
+    def _may_gain(self, now: Solution, c: Candidate, least: float) -> bool:
+        """Whether a candidate, fitted to its end, may gain so much, on few samples or on all."""
+        if _FULLER * (now.cost - c.cost) + SLACK >= least or self.part == 1.0:
+            return _FULLER * (now.cost - c.cost) + SLACK >= least
+        noises = now.z[len(now.problem.names) :]
+        costs = [
+            self.problem(axis, (), self.runs, ()).tried(noises).cost for axis in (now.axis, c.axis)
+        ]
+        return _FULLER * self.part * (costs[0] - costs[1]) + SLACK >= least
 
     def _ranked(self, found):  # type: ignore[no-untyped-def]
         """Fits with a cause, those that are close to the best by all samples of the records."""

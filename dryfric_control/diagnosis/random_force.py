@@ -148,6 +148,8 @@ class Gate:
         base = self.race.alone(self.axis, ())
         for _ in range(_TOGETHER):
             runners = self._beside(base)
+            if self.race.late:
+                return False
             if any(map(self._reached, runners)):
                 return True
             best = min(runners, key=lambda r: r.scores[self.seen].mean(), default=base)
@@ -287,7 +289,8 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
     if search.part == 1.0:
         return full, kept
     every_sample: dict[str, Any] = {"base": kept, "wonder": False, "runs": search.runs}
-    return search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample), kept
+    whole = search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample)
+    return search.anew(whole, **every_sample), kept
 
 
 class Judged(NamedTuple):

@@ -63,6 +63,15 @@ def hidden_shares(fit: Solution) -> list[str]:
     return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
 
 
+def _best_of(candidates: Sequence[Candidate | None]) -> list[Candidate]:
+    """The best of each effect, best first."""
+    best: dict[str, Candidate] = {}
+    for c in candidates:
+        if c and (c.slug not in best or c.cost < best[c.slug].cost):
+            best[c.slug] = c
+    return sorted(best.values(), key=lambda c: c.cost)
+
+
 class Corrections(View):
     """What first guesses look at: the force by which the filter corrects a model.
 
@@ -92,18 +101,29 @@ class Screening(Fits):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._seen: dict[Solution, list[Candidate]] = {}
         self._screened: dict[tuple[Solution, bool], list[Candidate]] = {}
 
-    def screen(self, now: Solution, first: bool = True, stiff: bool = False) -> list[Candidate]:
+    def glance(self, now: Solution) -> list[Candidate]:
+        """Effects of the catalogue that are not `hard` beside a model as it is, best first."""
+        if now not in self._seen:
+            self._seen[now] = _best_of(self._easily(now, now, self._effects(now, False)))
+        return self._seen[now]
+
+    def screen(
+        self, now: Solution, first: bool = True, stiff: bool = False, notable: float = 0.0
+    ) -> list[Candidate]:
         """Effects of the catalogue beside a model, quickly refined, best first.
 
-        Those that are `hard`, or all others: these take as long again.
+        Those that are `hard`, or all others: these take as long again, and are given up where
+        they promise less than half of what is `notable`.
         """
         if (now, stiff) not in self._screened:
-            self._screened[now, stiff] = self._screen(now, first, stiff)
+            self._screened[now, stiff] = self._screen(now, first, stiff, 0.5 * notable)
         return self._screened[now, stiff]
 
-    def _screen(self, now: Solution, first: bool, stiff: bool) -> list[Candidate]:
+    def _effects(self, now: Solution, stiff: bool) -> tuple[str, ...]:
+        """Effects of the catalogue that may be beside a model."""
         rows = zip(now.problem.parameters, now.problem.place, now.z, strict=False)
         self.each = {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
         present = named(now.axis)
@@ -115,23 +135,21 @@ class Screening(Fits):
         if self.clock:
             # An input that may be early cannot tell a delay, and with a lag it is smoothed.
             effects = tuple(e for e in effects if effect_class(e).action not in LATE)
-        effects = tuple(e for e in effects if hard(e) is stiff)
-        besides = [now]
-        if effects and self._bent(now, _BENT if first else _BOLD):
-            # The base may have bent only for want of the cause.
-            besides.append(self._at_nominal(now))
+        return tuple(e for e in effects if hard(e) is stiff)
+
+    def _screen(self, now: Solution, first: bool, stiff: bool, least: float) -> list[Candidate]:
+        found: list[Candidate | None] = [] if stiff else [*self.glance(now)]
+        effects = self._effects(now, stiff)
+        # The base may have bent only for want of the cause.
+        bent = effects and self._bent(now, _BENT if first else _BOLD)
         if stiff:
             # Beside causes the model is nearly right, however far its base has moved.
-            starts = self._guessed(besides[-1] if first else now, effects)
-            found = self._parallel([(self._patiently, (now, one, first)) for one in starts])
-        else:
-            terms = now.problem._terms(now.z, now.point)
-            found = [c for b in besides for c in self._easily(now, b, terms, effects)]
-        best: dict[str, Candidate] = {}
-        for c in found:
-            if c and (c.slug not in best or c.cost < best[c.slug].cost):
-                best[c.slug] = c
-        return sorted(best.values(), key=lambda c: c.cost)
+            beside = self._at_nominal(now) if bent and first else now
+            starts = self._guessed(beside, effects)
+            found = self._parallel([(self._patiently, (now, one, first, least)) for one in starts])
+        elif bent:
+            found = found + self._easily(now, self._at_nominal(now), effects)
+        return _best_of(found)
 
     def _at_nominal(self, now: Solution) -> Solution:
         """A fit with the base as believed."""
@@ -152,7 +170,7 @@ class Screening(Fits):
         ) if one]  # fmt: skip
 
     def _easily(
-        self, now: Solution, beside: Solution, terms: Any, effects: Sequence[str]
+        self, now: Solution, beside: Solution, effects: Sequence[str]
     ) -> list[Candidate | None]:
         """Candidates beside a model, from guesses beside it or beside the nominal base."""
         led, plain = list[list[Start]](), list[list[Start]]()
@@ -162,7 +180,7 @@ class Screening(Fits):
             late = effect_class(one[0].slug).action in LATE
             (led if beside is not now or late else plain).append(one)
         found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
-        return found + self._quickly(now, terms, plain)
+        return found + self._quickly(now, plain)
 
     def _is_free(self, now: Solution, name: str) -> bool:
         return any(n.startswith(f"{name}.") for n in now.problem.names)
@@ -217,8 +235,11 @@ class Screening(Fits):
                 best = found
         return best
 
-    def _quickly(self, now: Solution, terms, begun):  # type: ignore[no-untyped-def]
+    def _quickly(self, now: Solution, begun):  # type: ignore[no-untyped-def]
         """Candidates after a quick refinement of their best guesses, the best ones longer."""
+        if not begun:
+            return []
+        terms = now.problem.with_slopes(now.z, now.point)
         begun = sorted((one[:_REFINED] for one in begun), key=lambda one: one[0].cost)
         runs = self._parallel([(self._refine, (now, terms, one, 1)) for one in begun])
         runs = sorted((r for r in runs if r), key=lambda r: r[0].cost)
@@ -228,8 +249,10 @@ class Screening(Fits):
         )  # fmt: skip
         return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
 
-    def _patiently(self, now: Solution, guessed: Sequence[Start], first: bool) -> Candidate | None:
-        """A candidate from many guesses; to the end those that promise to be of use.
+    def _patiently(
+        self, now: Solution, guessed: Sequence[Start], first: bool, least: float
+    ) -> Candidate | None:
+        """A candidate from many guesses; to the end those that promise to gain something.
 
         Beside a cause the model is nearly right: what does not help it as it is hardly
         helps it changed.
@@ -238,18 +261,18 @@ class Screening(Fits):
         guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
         guessed = guessed[: _HARD_TRIED[0 if first else 1]]
         if not first and not self.own:  # by itself it would have one record's values in all
-            guessed = [one for one in guessed if not self.late and self._helps(now, one)]
-        return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost)
+            guessed = [one for one in guessed if not self.late and self._helps(now, one, least)]
+        return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost - least)
 
-    def _helps(self, now: Solution, start: Start) -> bool:
-        """Whether an effect, fitted by itself, promises to lower the cost of a model as it is."""
+    def _helps(self, now: Solution, start: Start, least: float) -> bool:
+        """Whether an effect, fitted by itself, promises to gain so much on a model as it is."""
         problem, z = start.problem, start.z
         own = [n for n in problem.names if n not in now.problem.names]
         alone = self.problem(problem.axis_at(z), own, base=())
         begin = alone.start()
         begin[len(alone.names) :] = z[len(problem.names) :]
-        fit = maximise(alone, begin, _HARD_TURNS[0], self.until)
-        return fit.cost - fit.promised < now.cost - now.problem.prior(now.z)
+        fit = maximise(alone, begin, _HARD_TURNS[0], self.until, rough=True)
+        return fit.cost - fit.promised < now.cost - now.problem.prior(now.z) - least
 
     def _fitted(
         self, now: Solution, guessed: Sequence[Start], turns: int, below: float | None = None
@@ -258,11 +281,12 @@ class Screening(Fits):
 
         Those that promise to come `below` a cost are fitted for more.
         """
-        fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
+        fits = [maximise(one.problem, one.z, turns, self.until, rough=True) for one in guessed]
         if below is not None:
             fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
             fits = [
-                maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
+                maximise(f.problem, f.z, _HARD_TURNS[1], self.until, rough=True)
+                for f in fits[:_HARD_REFINED]
             ]
         fits = [f for f in fits if not hidden_shares(f)]
         if not fits:

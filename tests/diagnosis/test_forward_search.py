@@ -329,7 +329,7 @@ def test_a_search_whose_time_is_over_while_it_compares_ends_with_what_it_has(mon
     case = make_machine(2, ("bias_force", "stribeck"))[0]
     search = Search(believed(case), [record(case)])
 
-    def out_of_time(now, candidates):
+    def out_of_time(now, candidates, notable):
         search.until = 0.0
         return []
 

@@ -582,6 +582,6 @@ class DwellTime(Effect):
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:
         # A grid: breakaway is all there is to see, and a force read off there is too rough.
-        for part in np.geomspace(0.1, 1.2, 8):
+        for part in np.geomspace(0.1, 2.4, 10):
             for time_constant in np.geomspace(0.05, 1.5, 9):
                 yield {"rise": part * view.level, "time_constant": time_constant}, {}

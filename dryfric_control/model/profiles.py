@@ -30,6 +30,8 @@ class MotionProfile:
         Velocity [m/s].
     acceleration : ndarray, shape (n,)
         Acceleration [m/s^2].
+    unit : str
+        Unit of the position, "m" or that of a rotary axis, "rad": what text and figures show.
 
     Examples
     --------
@@ -43,6 +45,7 @@ class MotionProfile:
     position: Array
     velocity: Array
     acceleration: Array
+    unit: str = "m"
 
     @property
     def time(self) -> Array:
@@ -107,7 +110,8 @@ class MotionProfile:
         control.ControlPlot
         """
         axes = axes_of(ax, 3)
-        names = ("position [m]", "velocity [m/s]", "acceleration [m/s²]")
+        unit = self.unit
+        names = (f"position [{unit}]", f"velocity [{unit}/s]", f"acceleration [{unit}/s²]")
         for one, name, values in zip(axes, names, self.rows, strict=True):
             one.plot(self.time, values, "k", linewidth=1.0)
             one.set_ylabel(name)
@@ -121,10 +125,11 @@ class MotionProfile:
 
     def __repr__(self) -> str:
         peaks = [np.abs(row).max(initial=0.0) for row in self.rows[1:]]
+        unit = self.unit
         return (
             f"MotionProfile of {self.position.size} samples at {self.dt:g} s: "
-            f"{self.position.min():.6g} to {self.position.max():.6g} m, at most "
-            f"{peaks[0]:.4g} m/s and {peaks[1]:.4g} m/s^2"
+            f"{self.position.min():.6g} to {self.position.max():.6g} {unit}, at most "
+            f"{peaks[0]:.4g} {unit}/s and {peaks[1]:.4g} {unit}/s^2"
         )
 
 
@@ -136,6 +141,7 @@ def motion_profile(
     acceleration: float,
     jerk: float,
     dwell: float | ArrayLike = 0.0,
+    unit: str = "m",
 ) -> MotionProfile:
     """Fastest motion of bounded jerk through points of rest.
 
@@ -149,6 +155,8 @@ def motion_profile(
         Largest magnitudes [m/s], [m/s^2], [m/s^3].
     dwell : float or array_like, shape (npoints,), optional
         Time of rest at every point [s], one for all or one each.
+    unit : str, optional
+        Unit of the points: "rad" for a rotary axis, whose limits are in rad/s and so on.
 
     Returns
     -------
@@ -175,11 +183,13 @@ def motion_profile(
     >>> round(float(profile.velocity.max()), 12), round(profile.duration, 3)
     (0.2, 2.8)
     """
+    if unit not in ("m", "rad"):
+        raise ValueError(f'unit must be "m" or "rad", got {unit!r}: convert points and limits')
     dt = positive("dt", dt, unit="s")
     limits = (
-        positive("velocity", velocity, unit="m/s"),
-        positive("acceleration", acceleration, unit="m/s^2"),
-        positive("jerk", jerk, unit="m/s^3"),
+        positive("velocity", velocity, unit=f"{unit}/s"),
+        positive("acceleration", acceleration, unit=f"{unit}/s^2"),
+        positive("jerk", jerk, unit=f"{unit}/s^3"),
     )
     if np.ndim(points) == 0:
         points = [0.0, finite("points", points)]
@@ -194,9 +204,10 @@ def motion_profile(
     rests = np.broadcast_to(rests, places.shape)
     parts = [_rest(places[0], rests[0], dt)]
     for start, end, rest in zip(places[:-1], places[1:], rests[1:], strict=True):
-        parts += [_move(start, end, dt, *limits), _rest(end, rest, dt)]
+        parts += [_move(start, end, dt, *limits, unit), _rest(end, rest, dt)]
     parts.append(np.array([[places[-1]], [0.0], [0.0]]))
-    return MotionProfile(dt, *np.hstack(parts))
+    position, speed, rate = np.hstack(parts)
+    return MotionProfile(dt, position, speed, rate, unit)
 
 
 def _rest(place: float, duration: float, dt: float) -> Array:
@@ -206,14 +217,14 @@ def _rest(place: float, duration: float, dt: float) -> Array:
     return rows
 
 
-def _move(start: float, end: float, dt: float, v: float, a: float, j: float) -> Array:
+def _move(start: float, end: float, dt: float, v: float, a: float, j: float, unit: str) -> Array:
     """Rows of one move from rest to rest, without the sample at the end."""
     way = abs(end - start)
     jerks, lengths = move_phases(way, v, a, j)
     ends = np.cumsum(lengths)
     if ends[-1] / dt > 1e9:
         raise ValueError(
-            f"a move of {way:g} m takes {ends[-1]:.3g} s at these limits, over 1e9 samples: "
+            f"a move of {way:g} {unit} takes {ends[-1]:.3g} s at these limits, over 1e9 samples: "
             "check the units of points, velocity, acceleration and jerk"
         )
     # State at the start of every phase.

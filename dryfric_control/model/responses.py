@@ -124,6 +124,13 @@ class Response(ct.TimeResponseData):
         self.t, self.y, self.x, self.u = time, outputs, states, inputs
         self.units = units
 
+    def __repr__(self) -> str:
+        names = [", ".join(labels) for labels in (self.output_labels, self.input_labels or ())]
+        return (
+            f"{type(self).__name__} of {self.t.size} samples from {self.t[0]:g} to "
+            f"{self.t[-1]:g} s; outputs {names[0]}" + (f"; inputs {names[1]}" if names[1] else "")
+        )
+
     @property
     def mode(self) -> NDArray[np.int64]:
         """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""

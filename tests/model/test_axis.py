@@ -229,3 +229,10 @@ def test_bad_simulation_is_refused_by_name(arguments, words):
 def test_other_bad_input_is_refused_by_name(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_a_response_prints_its_length_and_signals():
+    resp = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0).simulate(np.zeros(101), dt=1e-3)
+    assert repr(resp) == (
+        "SimulationResponse of 101 samples from 0 to 0.1 s; outputs x, v, F, mode; inputs u"
+    )

@@ -86,6 +86,8 @@ def test_positions_alone_are_differenced():
         ({"dwell": [0.1, 0.2, 0.3]}, "dwell"),
         ({"dwell": -1.0}, "dwell"),
         ({"points": 1e12}, "units of points"),
+        ({"unit": "mm"}, "unit must be"),
+        ({"unit": "rad", "velocity": 0.0}, "rad/s"),
     ],
 )
 def test_bad_arguments_are_named(change, named):
@@ -105,3 +107,10 @@ def test_another_sampling_time_is_refused():
 def test_plot_returns_a_control_plot():
     move = dfc.motion_profile(0.1, 1e-3, velocity=0.2, acceleration=2.0, jerk=40.0)
     assert move.plot().axes.shape == (3, 1)
+
+
+def test_a_rotary_motion_is_shown_in_radians():
+    move = dfc.motion_profile(1.0, 1e-3, velocity=2.0, acceleration=10.0, jerk=200.0, unit="rad")
+    assert "to 1 rad, at most 2 rad/s and 10 rad/s^2" in repr(move)
+    labels = [ax.get_ylabel() for ax in move.plot().axes.flat]
+    assert labels == ["position [rad]", "velocity [rad/s]", "acceleration [rad/s²]"]

@@ -570,38 +570,6 @@ def slopes(out, before, after, low, high, slope):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def follow(before, after, way, scale, slope):
-    """Correct `slopes` by what a step changed and they did not foresee, along the step.
-
-    `way`: the step, each coordinate times its `scale`.  What changed by more than a
-    deviation says nothing, as in `slopes`.
-    """
-    p = slope.shape[0]
-    length = (way * way).sum()
-    if length == 0.0:
-        return
-    for k in range(slope.shape[2]):
-        s = before[1, k]
-        if not (s > 0.0 and after[1, k] > 0.0):
-            continue
-        de = (after[0, k] - before[0, k]) / math.sqrt(s)
-        ds = 0.5 * (after[1, k] - before[1, k]) / s
-        for j in range(p):
-            if scale[j] > 0.0:
-                part = way[j] / scale[j]
-                de -= slope[j, 0, k] * part
-                ds -= slope[j, 1, k] * part
-        if abs(de) > 1.0:
-            de = 0.0
-        if abs(ds) > 1.0:
-            ds = 0.0
-        for j in range(p):
-            part = way[j] * scale[j] / length
-            slope[j, 0, k] += de * part
-            slope[j, 1, k] += ds * part
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def normal_terms(out, active, edges, slope, g, h):
     """Gradient and information of each block of samples.
 

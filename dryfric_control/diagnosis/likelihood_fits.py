@@ -174,7 +174,7 @@ class Fits:
         z = problem.start(1.0)
         if noises is not None:
             z[len(problem.names) :] = noises
-        found = maximise(problem, z, iterations, self.until, rough=iterations < LAST)
+        found = maximise(problem, z, iterations, self.until)
         rough = self.rough(found)
         if not rough or iterations < ITERATIONS or self.late:
             return found

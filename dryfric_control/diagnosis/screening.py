@@ -271,7 +271,7 @@ class Screening(Fits):
         alone = self.problem(problem.axis_at(z), own, base=())
         begin = alone.start()
         begin[len(alone.names) :] = z[len(problem.names) :]
-        fit = maximise(alone, begin, _HARD_TURNS[0], self.until, rough=True)
+        fit = maximise(alone, begin, _HARD_TURNS[0], self.until)
         return fit.cost - fit.promised < now.cost - now.problem.prior(now.z) - least
 
     def _fitted(
@@ -281,12 +281,11 @@ class Screening(Fits):
 
         Those that promise to come `below` a cost are fitted for more.
         """
-        fits = [maximise(one.problem, one.z, turns, self.until, rough=True) for one in guessed]
+        fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
         if below is not None:
             fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
             fits = [
-                maximise(f.problem, f.z, _HARD_TURNS[1], self.until, rough=True)
-                for f in fits[:_HARD_REFINED]
+                maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]
         fits = [f for f in fits if not hidden_shares(f)]
         if not fits:

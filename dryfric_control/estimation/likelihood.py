@@ -429,25 +429,6 @@ class Likelihood:
             kept.append(slope)
         return np.concatenate(all_g), np.concatenate(all_h), kept
 
-    def followed(
-        self, slopes: Sequence[FloatArray], before: Point, point: Point, way: FloatArray,
-        scale: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-        """Gradient and information without the prior, by slopes that follow a step.
-
-        `slopes` are changed in place: by what the step from `before` changed and they did not
-        foresee, along the step (Broyden 1965).  `way`: the step, times `scale`.
-        """
-        g, h = np.zeros((1, self.size)), np.zeros((1, self.size, self.size))
-        total_g, total_h = np.zeros(self.size), np.zeros((self.size, self.size))
-        for run, old, new, slope in zip(self.runs, before.out, point.out, slopes, strict=True):
-            compiled.follow(old, new, way, scale, slope)
-            edges = np.array([0, len(run.record)])
-            compiled.normal_terms(new, run.active, edges, slope, g, h)
-            total_g += g[0]
-            total_h += h[0]
-        return total_g, total_h
-
     def slope(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray, sides: int = 2
     ) -> FloatArray:

@@ -18,9 +18,8 @@ FloatArray = NDArray[np.float64]
 # bring less; the promise beyond which a search that ends has not converged: where no step
 # keeps it, as the cost is rough, and where it ran out of turns.
 _PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
-# Promised fall from which on slopes are taken to both sides, and turns for which they serve
-# before that, of few parameters: of many one step tells little.
-_NEAR, _SERVE, _FEW = 3.0, 3, 12
+# Promised fall from which on slopes are taken to both sides.
+_NEAR = 3.0
 _ITERATIONS = 40
 # Slopes over this much more of a rough cost.
 _WIDER = 4.0
@@ -107,16 +106,12 @@ def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArr
 
 
 def maximise(
-    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf,
-    rough: bool = False,
-) -> Solution:  # fmt: skip
+    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
+) -> Solution:
     """Most likely parameters from one start: Fisher scoring, damped.
 
-    `until`: reading of `time.monotonic` at which it stops where it is.  `rough`: far from the end
-    slopes follow the steps for some turns (Broyden 1965), which takes two thirds of the time
-    and may end early where the cost is uneven.
+    `until`: reading of `time.monotonic` at which it stops where it is.
     """
-    serve = _SERVE if rough and len(problem.names) <= _FEW else 1
     z = np.clip(z, problem.low, problem.high)
     point = problem.at(z)
     if problem.names and iterations:
@@ -124,17 +119,10 @@ def maximise(
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
     quiet = stalled = False
     gradients = information = np.zeros(0)
-    slopes, age, last = list[FloatArray](), serve, point
-    way = scale = np.zeros(problem.size)
     for turn in range(iterations):  # noqa: B007
-        age += 1
-        if age < serve and promised > _NEAR:
-            g, h = problem.followed(slopes, last, point, way, scale)
-        else:
-            age, sides = 0, 1 if promised > _NEAR else 2
-            gradients, information, slopes = problem.with_slopes(z, point, sides)
-            g, h = gradients.sum(axis=0), information.sum(axis=0)
-            problem.refine(h, wider)
+        gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
+        g, h = gradients.sum(axis=0), information.sum(axis=0)
+        problem.refine(h, wider)
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
         h = problem.bent(h) + np.diag(prior_h)
@@ -149,8 +137,6 @@ def maximise(
         )
         if time.monotonic() > until:
             break
-        if age > 0 and promised <= _NEAR:
-            continue  # the next turn takes them anew
         if creeping >= _CREEPING:
             promised = min(promised, _PROMISED)
         if promised <= _PROMISED:
@@ -175,19 +161,11 @@ def maximise(
                     damping = max(0.1 * damping, 1e-9)
                 elif kept < _MISTRUSTED:
                     damping = 10.0 * max(damping, _DAMPED)
-                if age == 0 or fall >= _PROMISED:
-                    creeping = creeping + 1 if fall < _PROMISED else 0
-                if kept < _TRUSTED:
-                    age = serve
-                # In standard errors, or what is hardly known would take all of a change.
-                scale = np.sqrt(np.maximum(np.diag(h), 0.0))
-                way = (new - z) * scale
-                last, z, point, moved = point, new, new_point, True
+                creeping = creeping + 1 if fall < _PROMISED else 0
+                z, point, moved = new, new_point, True
                 break
             damping *= 10.0 if damping > 1e-3 else 100.0
-        if not moved and age > 0:
-            age, damping = serve, 1e-3
-        elif not moved:
+        if not moved:
             # Where the cost is rough, slopes over more of it may still descend.
             if wider > 1.0:
                 stalled = True

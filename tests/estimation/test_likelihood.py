@@ -414,45 +414,6 @@ def test_a_step_that_misses_does_not_speak_against_a_fit(sliding):
     assert np.abs(found.held_out() - here).max() > 1e-3
 
 
-def test_slopes_that_follow_a_step_foresee_it():
-    # Of a quadratic curve, the secant along the step, and across it what they were.
-    rng = np.random.default_rng(0)
-    size = 50
-    before = np.array([rng.normal(size=size), np.full(size, 4.0)])
-    slope = 0.05 * rng.normal(size=(3, 2, size))
-    told, step, scale = slope.copy(), np.array([0.3, -0.2, 0.1]), np.array([1.0, 5.0, 0.0])
-    bend = 0.1 * rng.normal(size=(2, size))
-    change = np.tensordot(step, slope, 1) + bend
-    after = before + change * np.array([[2.0], [2.0 * 4.0]])
-    compiled.follow(before, after, step * scale, scale, slope)
-    known = np.where(scale > 0.0, step, 0.0)
-    np.testing.assert_allclose(np.tensordot(known, slope, 1), change, atol=1e-14)
-    across = np.array([step[1] * scale[1] ** 2, -step[0] * scale[0] ** 2, 0.0])
-    np.testing.assert_allclose(
-        np.tensordot(across, slope, 1), np.tensordot(across, told, 1), atol=1e-14
-    )
-    # What jumps by more than a deviation, or was not read, says nothing.
-    after[0, 0] += 10.0
-    before[1, 1] = 0.0
-    again = slope.copy()
-    compiled.follow(before, after, step * scale, scale, again)
-    foreseen = np.tensordot(known, slope[:, 0, 0], 1)
-    assert np.tensordot(known, again[:, 0, 0], 1) == pytest.approx(foreseen, abs=1e-14)
-    np.testing.assert_array_equal(again[:, :, 1], slope[:, :, 1])
-    compiled.follow(before, after, 0.0 * step, scale, again)
-
-
-def test_a_rough_search_ends_where_a_fresh_one_does(sliding):
-    u, y = sliding
-    problem = Likelihood(
-        LINEAR, ("viscous", "coulomb"), [prepare(dfc.Record(DT * np.arange(u.size), u, y))]
-    )
-    begin = problem.start(0.03)
-    begin[:2] += 0.3
-    fresh, rough = maximise(problem, begin), maximise(problem, begin, rough=True)
-    assert rough.cost == pytest.approx(fresh.cost, abs=0.05)
-
-
 @pytest.mark.parametrize("open_", [0.0, 1e-17])
 def test_what_a_record_leaves_open_has_a_large_error(open_):
     # Viscous friction and a level at one speed alone, and a noise that nothing shows.

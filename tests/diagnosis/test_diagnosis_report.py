@@ -1286,8 +1286,14 @@ def test_no_motion_is_advised_where_a_gain_does_the_same(found):
         found.causes[0], effect="inertia", parameters={"mass": 2.5}, standard_errors={"mass": 0.1},
         units={"mass": "kg"}, alternatives=("input_gain+viscous+coulomb",),
     )  # fmt: skip
-    d = replace(found, causes=(wrong,), next_experiment=None)
+    too = replace(
+        wrong, effect="viscous", parameters={"viscous": 20.0}, standard_errors={"viscous": 0.1},
+        units={"viscous": "N s/m"}, alternatives=("input_gain+inertia+coulomb",),
+    )  # fmt: skip
+    d = replace(found, causes=(wrong, too), next_experiment=None)
+    # The same advice for all of them is said once.
     (step,) = [one for one in wording.next_steps(d) if one.startswith("Separate")]
+    assert f"{wrong.title} from" in step and f"{too.title} from" in step
     assert "known mass" in step and 'known=("mass",)' in step
 
 

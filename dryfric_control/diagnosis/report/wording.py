@@ -215,14 +215,18 @@ def next_steps(d: Findings) -> list[str]:
         steps.append(
             f"Add the effect that you suspect with register_effect and diagnose again{more}."
         )
+    by_force = []
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
-            others = " or ".join(map(titles_of, cause.alternatives))
-            gain = any(GAIN in other.split("+") for other in (cause.effect, *cause.alternatives))
-            how = _BY_A_FORCE if gain else cause.experiment
-            steps.append(f"Separate {cause.title} from {others}. {how}")
+            pair = f"{cause.title} from {' or '.join(map(titles_of, cause.alternatives))}"
+            if any(GAIN in other.split("+") for other in (cause.effect, *cause.alternatives)):
+                by_force.append(pair)
+            else:
+                steps.append(f"Separate {pair}. {cause.experiment}")
         if not all(map(math.isfinite, cause.standard_errors.values())):
             steps.append(f"Determine {cause.title} better. {cause.experiment}")
+    if by_force:
+        steps.append(f"Separate {', '.join(by_force)}. {_BY_A_FORCE}")
     if d.next_experiment is not None:
         steps.append(f"Next experiment: {d.next_experiment.summary()}")
     return steps

@@ -1189,6 +1189,8 @@ rows(
     (dict(jerk=1e-30), "check the units", "jerk"),
     (dict(dwell=-1.0), "zero or more"),
     (dict(dwell=[0.0, 0.0, 0.0]), "one each"),
+    (dict(unit="deg"), '"m" or "rad".*convert'),
+    (dict(unit=None), '"m" or "rad".*convert'),
 )
 for _method in ("mode_matrices", "error_dynamics"):
     rows(f"ObserverDesign.{_method}", (dict(mode=2), r"0, \+1 or -1"), (dict(mode=None), r"0, \+1"))

@@ -10,11 +10,6 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.text import rotary_words
 
-#: Said where a search has run out of time.
-LATE = (
-    "the time limit ended the search: the best answer so far; causes may be missing, and a base "
-    "parameter may replace one: allow more time"
-)
 # Standard errors, as parts of a value, beyond which a record hardly determines it.
 _HARDLY = 0.3
 

@@ -19,7 +19,7 @@ from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue
-from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
+from dryfric_control.diagnosis.causes import cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
@@ -28,7 +28,7 @@ from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor, u
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, apart
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
-from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.estimation.parameters import checked_knowledge, typical, values_of, with_values
 from dryfric_control.estimation.plausibility import warn_if_implausible

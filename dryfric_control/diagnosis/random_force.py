@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_effect
-from dryfric_control.diagnosis.causes import LATE, cause_of, hardly_determined
+from dryfric_control.diagnosis.causes import cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
@@ -22,7 +22,7 @@ from dryfric_control.diagnosis.likelihood_fits import hard
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, STRAIGHT, Search
 from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
 from dryfric_control.diagnosis.remaining import Remaining, remaining
-from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import typical, with_values

@@ -205,7 +205,8 @@ def observe(
     -------
     ObserverResponse
         Outputs xhat, vhat, Fhat, what, mode, each of shape (n,).  Position
-        and speed at a sample are predicted from the samples before it.
+        and velocity at a sample use its own reading in the current form of a design, and the
+        samples before it alone in the prediction form.
 
     Raises
     ------

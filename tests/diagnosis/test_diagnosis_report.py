@@ -28,7 +28,7 @@ from dryfric_control.diagnosis.evidence import (
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report import figures, findings, wording
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
-from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
+from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.drawing import control_plot, legend_above
 from dryfric_control.estimation.windows import cut
@@ -1279,6 +1279,15 @@ def test_records_that_were_diagnosed_together_are_named(found):
     nameless = replace(more, record=called(""))
     assert wording.records_text(nameless) == "3 records"
     assert wording.shown_record(nameless) == "the first of 3 records"
+
+
+def test_more_time_is_advised_before_an_effect_of_ones_own(found):
+    left = replace(found.unexplained, significant=True)
+    steps = wording.next_steps(replace(found, unexplained=left, messages=(LATE,)))
+    more, own = (i for i, one in enumerate(steps) if "more time" in one or "register" in one)
+    assert more < own and "diagnose(d.extended, record)" in steps[more]
+    steps = wording.next_steps(replace(found, unexplained=left, messages=()))
+    assert not any("more time" in one for one in steps)
 
 
 def test_no_motion_is_advised_where_a_gain_does_the_same(found):

@@ -33,6 +33,11 @@ VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained")
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
+#: Said where a search has run out of time.
+LATE = (
+    "the time limit ended the search: the best answer so far; causes may be missing, and a base "
+    "parameter may replace one: allow more time"
+)
 # RMS error of free runs over that of the replays beyond which there is something to find.
 _BEYOND = 4.0
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.diagnosis.gain_or_base import GAIN
 from dryfric_control.diagnosis.report.findings import (
+    LATE,
     SMALL,
     Cause,
     Findings,
@@ -212,8 +213,13 @@ def next_steps(d: Findings) -> list[str]:
         if d.unexplained.where:
             steps.append(f"Look at what is left where it is: {places_text(d)}.")
         more = "" if d.others else ", or diagnose several records of this machine together"
+        if LATE in d.messages:
+            steps.append(
+                "Allow more time, or start from what was found: diagnose(d.extended, record)."
+            )
         steps.append(
-            f"Add the effect that you suspect with register_effect and diagnose again{more}."
+            "Add the effect that you suspect with effects.register_effect and diagnose "
+            f"again{more}."
         )
     by_force = []
     for cause in d.main_causes:

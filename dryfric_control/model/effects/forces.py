@@ -363,9 +363,8 @@ class TimePeriodic(Effect):
 
     Notes
     -----
-    .. math::
-
-        w \to w + \text{amplitude} \cdot \sin(2\pi \cdot \text{frequency} \cdot t + \text{phase})
+    .. math:: w \to w + \text{amplitude}
+        \cdot \sin(2\pi \cdot \text{frequency} \cdot t + \text{phase})
 
     Examples
     --------

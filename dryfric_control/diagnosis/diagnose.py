@@ -231,7 +231,8 @@ def diagnose(
             found = found or answer(search, lambda shift: trial(shift).cuts)
             if found is None or not (muted or _prevails(search, found, by_runs)):
                 return by_runs
-        if len(records) > 1:
+        # A cause not yet found may look like a difference between the records.
+        if len(records) > 1 and LATE not in found.messages:
             tell("differences between the records")
             apart(search, found, trial(search.shift).cuts)
         found.messages[:0] = told

@@ -1281,6 +1281,17 @@ def test_records_that_were_diagnosed_together_are_named(found):
     assert wording.shown_record(nameless) == "the first of 3 records"
 
 
+@pytest.mark.parametrize(
+    ("values", "ratio"),
+    [([2.0, 5.0, 4.0], " (largest: 2.5 of the smallest)"), ([-1.0, 2.0], ""), ([0.0, 1.0], "")],
+)
+def test_what_differs_between_records_is_told_by_its_range(found, values, ratio):
+    varies = {"coulomb": {"values": values, "standard_errors": [0.1] * len(values)}}
+    line = wording.further_lines(replace(found, varies=varies))[-1]
+    assert line.startswith("differs from record to record: coulomb = ")
+    assert line.partition(" (")[2] == ratio.removeprefix(" (")
+
+
 def test_more_time_is_advised_before_an_effect_of_ones_own(found):
     left = replace(found.unexplained, significant=True)
     steps = wording.next_steps(replace(found, unexplained=left, messages=(LATE,)))

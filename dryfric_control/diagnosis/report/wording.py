@@ -305,13 +305,9 @@ def further_lines(d: Findings) -> list[str]:
         values = ", ".join(
             with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)
         )
-        mean = float(np.mean(found["values"]))
-        last = (
-            f" (last record: {found['values'][-1] / found['values'][0]:.3g} of the first)"
-            if mean and found["values"][0]
-            else ""
-        )
-        lines.append(f"differs from record to record: {name} = {values}{last}")
+        least, most = min(found["values"], key=abs), max(found["values"], key=abs)
+        ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
+        lines.append(f"differs from record to record: {name} = {values}{ratio}")
     return lines
 
 

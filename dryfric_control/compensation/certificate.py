@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import oaconvolve
 
 from dryfric_control.compiled import compensation as kernel
@@ -29,6 +30,8 @@ _LONGEST = 200_000
 _LATEST = 200
 #: Places, times and times at rest at which the axis' own laws are read.
 _PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+#: Tolerances by which an axis may rest beside the place that the drive is held for.
+_BESIDE = 10.0
 
 
 class Loop(NamedTuple):
@@ -394,7 +397,8 @@ def certify_tracking(
         )
     ]
     nominal = loop_gains(loop, axis.mass, axis.viscous, loop.drive_delay)
-    laws = _laws(axis, loop.dt, reference)
+    laws = _laws(axis, loop.dt, reference, _BESIDE * loop.tolerance,
+                 loop.numbers[kernel.HOLD_SHARE] / (1.0 - mu))  # fmt: skip
     level = laws.level
     left = {
         "levels": (1.0 - learned) * (1.0 + mu - c[kernel.COULOMB]) * level,
@@ -430,14 +434,19 @@ class _Laws(NamedTuple):
     """Levels and force effects of an axis, over its travel or along a reference."""
 
     level: float  # largest Coulomb level [N]
-    least: float  # smallest [N]
+    held: float  # lesser level of both directions, where it changes most within the reach [N]
+    kept: float  # smallest level within the reach of that place [N]
     slope: float  # largest slope of the force effects over place [N/m]
     wander: float  # largest change of force and level with time at rest [N]
     guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
 
-def _laws(axis: FrictionAxis, dt: float, reference: MotionProfile | None) -> _Laws:
+def _laws(
+    axis: FrictionAxis, dt: float, reference: MotionProfile | None, reach: float, share: float
+) -> _Laws:
     """Read levels and force effects of an axis over place and over time.
+
+    Levels are compared within a `reach` [m], where the held drive is a `share` of them.
 
     Places are those of the travel.  Without one they are those of the reference and a tenth of
     its way on either side.
@@ -458,9 +467,14 @@ def _laws(axis: FrictionAxis, dt: float, reference: MotionProfile | None) -> _La
 
     table = np.array([[read(t, x) for x in places] for t in _TIMES])
     slopes = [abs(read(0.0, x + near)[0] - read(0.0, x)[0]) / near for x in places]
+    lesser = table[..., 1:].min(axis=2)
+    near_by = 2 * math.ceil(reach * (_PLACES - 1) / (high - low)) + 1
+    held, kept = lesser.max(axis=0), minimum_filter1d(lesser.min(axis=0), near_by)
+    worst = int(np.argmin(kept - share * held))
     return _Laws(
         float(table[..., 1:].max()),
-        float(table[..., 1:].min()),
+        float(held[worst]),
+        float(kept[worst]),
         float(max(slopes)),
         float(np.ptp(table, axis=0).max()),
         None if known or np.ptp(table[..., 1:], axis=1).max() == 0.0 else (low, high),
@@ -472,8 +486,9 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
     length, force = loop.axis.units
     c = loop.numbers
     holds = c[kernel.HOLDS] != 0.0
-    held = c[kernel.HOLD_SHARE] * laws.level if holds else math.inf
-    least = (1.0 - mu) * laws.least
+    held = c[kernel.HOLD_SHARE] * laws.held if holds else math.inf
+    least = (1.0 - mu) * laws.kept
+    reach = length_text(_BESIDE * loop.tolerance, length)
     places = ""
     if laws.guessed:
         low, high = laws.guessed
@@ -485,7 +500,8 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         Condition(
             "the linear loop is stable for every axis within the mismatch",
             worst.radius < 1.0,
-            f"spectral radius at most {worst.radius:.5f}",
+            f"spectral radius at most {worst.radius:.5f}"
+            + ("" if worst.radius < 1.0 else ": lower bandwidth or mismatch"),
         ),
         Condition(
             "the drive is constant at rest after finitely many corrections",
@@ -493,17 +509,28 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
             f"each one widens the tolerance {length_text(loop.tolerance, length)} "
             f"by {c[kernel.GROWTH]:g}"
             if holds
-            else "the integral goes on at rest",
+            else 'the integral goes on at rest: law="learned" and "fixed" hold it',
         ),
         Condition(
             "the held drive stays below the least Coulomb level",
             held <= least,
-            f"{held:.3g} of {least:.3g} {force}{places}",
+            f"{held:.3g} of {least:.3g} {force}"
+            + (
+                ""
+                if held <= least or not holds
+                else f": the level changes too much over {reach}, or the design was made for a "
+                f"lower mismatch{places}"
+            ),
         ),
         Condition(
             "other forces and levels do not change with time by more than is left",
             bool(laws.wander <= max(least - held, 0.0)),
-            f"they change by {laws.wander:.3g} {force}",
+            f"they change by {laws.wander:.3g} of {max(least - held, 0.0):.3g} {force}"
+            + (
+                ""
+                if laws.wander <= max(least - held, 0.0)
+                else ": rest is not certain, however the loop is designed"
+            ),
         ),
         Condition(
             "the encoder's last digit does not end the hold",

@@ -259,7 +259,7 @@ def _follow_reference(c, memory, x, v):
 def _rest(c, memory, mode, error, moving, forces, level):
     """Whether the integral and whether the drive are held at this sample.
 
-    The held drive is a part of the Coulomb `level` from what balances the other
+    The held drive is a part of the lesser Coulomb `level` from what balances the other
     `forces`.  Every slip, and every release of the held drive, widens the
     tolerance: corrections end, and from then on the drive is constant.
     """
@@ -354,7 +354,10 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     memory[FORCE] = friction
 
     level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
-    integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, level)
+    # Which way the axis would break away is not known.
+    other = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, -memory[DIRECTION], 0.0)
+    least = min(level, other)
+    integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, least)
     damping = c[KD]
     if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
         # The elastic contact brakes; a late speed feedback would shake it.

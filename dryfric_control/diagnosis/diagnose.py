@@ -63,7 +63,7 @@ _RIVALS = 4
 # Part of the time limit after which no further cause is sought.
 _SEARCHING = 0.6
 # The same after which what was found is no longer tested.
-_ANSWERING = 0.85
+_ANSWERING = 0.9
 
 
 def roles(windows: Windows) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -30,6 +31,8 @@ from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
 
+# Times of the fit without causes that the answer after a search takes.
+_ANSWER = 5.0
 # Candidates that are fitted in full.
 _FITTED = 8
 #: Relative change of a parameter by less than this is none.
@@ -154,9 +157,12 @@ class Search(Screening):
 
     @cached_property
     def begun(self) -> Solution:
-        """The fit without causes."""
+        """The fit without causes; how long it takes says what an answer will take."""
         self.tell("base parameters")
-        return self.quieter(self.alone())
+        begun = time.monotonic()
+        found = self.quieter(self.alone())
+        self.until = max(self.until, self.end - _ANSWER * (time.monotonic() - begun))
+        return found
 
     @cached_property
     def _line_of_few(self) -> float:

@@ -30,7 +30,7 @@ class Remaining(Result):
         Its RMS [N], as if it were held over each sample; 0 where free runs err by
         no more than the noise of the readings.
     correlation_time : float
-        Time over which it keeps its value, 0 for white noise [s].
+        Time over which it keeps its value [s]; 0 for white noise, and below one sample.
     structured : bool
         Whether free runs err by more than a white force of this size makes them err.
     where : tuple of str
@@ -98,6 +98,7 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
         part = lags / lags[0]
         small = np.flatnonzero(part[1:] < 2.0 / np.sqrt(count))
         last = int(small[0]) + 1 if small.size else _LAGS
-        time = 2.0 * found.problem.runs[0].record.dt * float(part[1:last].sum())
+        samples = 2.0 * float(part[1:last].sum())
+        time = found.problem.runs[0].record.dt * samples if samples >= 1.0 else 0.0
     rms = float(np.sqrt(np.mean(np.square(sizes))))
     return Remaining(rms, time, structured, tuple(where), tuple(middle), tuple(power), unit)

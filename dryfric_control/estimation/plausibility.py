@@ -9,7 +9,7 @@ import numpy as np
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
-from dryfric_control.records.record_checks import RecordWarning
+from dryfric_control.records.record_warning import RecordWarning
 
 # Positions beyond the travel by this part of its length are no overshoot.
 _BEYOND = 0.25

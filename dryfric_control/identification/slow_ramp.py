@@ -24,7 +24,7 @@ from dryfric_control.text import Result
 
 FloatArray = NDArray[np.float64]
 
-# Stribeck velocitys beyond which the excess is gone (2 %), and switches below which
+# Stribeck velocities beyond which the excess is gone (2 %), and switches below which
 # a crawl does not stick and slip.
 _CLEAR, _STEADY = 2.0, 16
 

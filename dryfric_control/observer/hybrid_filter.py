@@ -36,7 +36,7 @@ _HAZARD = 0.35
 _RATE = 0.5
 #: Time constant at which the excess is forgotten at constant velocity [s].
 _FADE = 0.3
-#: Velocity over which the excess changes where no Stribeck velocity is known, in stick velocitys.
+#: Velocity over which the excess changes where no Stribeck velocity is known, in stick velocities.
 _STICK_SPEEDS = 11.0
 
 

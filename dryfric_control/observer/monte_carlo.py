@@ -56,7 +56,7 @@ class Mismatch:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
         """Draw from levels and inertia off by up to 20 % and 15 %, excess up to
-        60 %, and stick velocitys in a ratio of 0.3 to 1, all uniform."""
+        60 %, and stick velocities in a ratio of 0.3 to 1, all uniform."""
         plus, minus = rng.uniform(0.8, 1.2, 2)
         return cls(
             float(plus),

@@ -2,7 +2,7 @@
 
 from dryfric_control.records.read import read_bam, read_record
 from dryfric_control.records.record import Record
-from dryfric_control.records.record_checks import RecordWarning
+from dryfric_control.records.record_warning import RecordWarning
 from dryfric_control.records.scaling import Scaling
 
 __all__ = ["Record", "RecordWarning", "Scaling", "read_bam", "read_record"]

@@ -45,7 +45,6 @@ from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
     FloatArray,
-    RecordWarning,
     check_motion,
     checked_notes,
     checked_raw,
@@ -64,6 +63,7 @@ from dryfric_control.records.record_checks import (
     warn,
     warn_if_suspect,
 )
+from dryfric_control.records.record_warning import RecordWarning
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import replacing

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.record_warning import RecordWarning
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
@@ -28,25 +29,6 @@ IntArray = npt.NDArray[np.int64]
 MIN_SAMPLES = 10
 JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
 _MAX_MAGNITUDE = 1e100  # squares stay finite
-
-
-class RecordWarning(UserWarning):
-    """Data that can be used but look wrong.
-
-    Examples
-    --------
-    Time in milliseconds, taken for seconds:
-
-    >>> import warnings
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = np.arange(2000.0)
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
-    ...     record = dfc.Record(t, np.cos(3e-3 * t), np.sin(3e-3 * t))
-    >>> caught[0].category is dfc.RecordWarning
-    True
-    """
 
 
 # -------------------------------------------------------------------- checks

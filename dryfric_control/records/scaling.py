@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 import tomllib
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, positive
+from dryfric_control.records.record_warning import RecordWarning
 from dryfric_control.store.files import existing_file
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import si_unit
@@ -18,6 +20,8 @@ from dryfric_control.units import si_unit
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
 _OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
             "rated_force")  # fmt: skip
+# A lead [m] that was meant in millimetres.
+_LONG_LEAD = 1.0
 # What the table [record] says of the sampling, which `read_record` takes beside a scaling.
 _SAMPLING = ("dt", "rate", "max_gap")
 
@@ -60,6 +64,11 @@ class Scaling:
     ------
     ValueError
         For a number out of its range, or two that contradict each other.
+
+    Warns
+    -----
+    RecordWarning
+        If `lead` is a metre or more.
 
     Notes
     -----
@@ -106,6 +115,13 @@ class Scaling:
         for name in _OPTIONS:
             if (value := getattr(self, name)) is not None:
                 put(self, name, positive(name, value))
+        if self.lead is not None and self.lead >= _LONG_LEAD:
+            warnings.warn(
+                f"lead = {self.lead:g} m is a way of metres for one turn of the load: a screw of "
+                f"{self.lead:g} mm has lead={1e-3 * self.lead:g}",
+                RecordWarning,
+                stacklevel=3,
+            )
         put(self, "gear_ratio", positive("gear_ratio", self.gear_ratio))
         if not isinstance(self.load_encoder, bool):
             raise ValueError(f"load_encoder must be True or False, got {self.load_encoder!r}")

@@ -366,6 +366,22 @@ def test_levels_over_place_ask_for_a_travel_or_a_reference():
     assert "travel" not in dfc.design_compensation(NOMINAL, DT, QUANTUM).summary()
 
 
+@pytest.mark.parametrize("levels", [(9.0, 7.0), (7.0, 9.0)])
+def test_an_axis_rests_although_its_levels_differ_by_direction(levels):
+    """The drive was held below the level of the last direction, and the axis may turn."""
+    axis = NOMINAL.replace(coulomb=levels)
+    comp = dfc.design_compensation(axis, DT, QUANTUM)
+    assert comp.certificate.no_hunting
+    r = moves(dwell=2.0)
+    run = dfc.simulate_loop(axis, comp.controller, r, QUANTUM)
+    last = run.y[:, -1000:]
+    assert np.ptp(last[0]) == 0.0 and np.ptp(last[4]) == 0.0
+    assert abs(last[4, 0]) <= 0.9 * 0.8 * 7.0 * (1 + 1e-9)
+    weaker = comp.certify(mismatch=0.3)
+    (failed,) = (one for one in weaker.conditions if not one.holds)
+    assert "lower mismatch" in failed.detail
+
+
 def test_an_unstable_corner_is_an_infinite_tube():
     """Stable as designed, not with a mass 60 % lower."""
     comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3)

@@ -819,6 +819,14 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
     Page(html_page(only))
 
 
+def test_what_moved_without_a_cause_is_told(found):
+    """The inertia of an extended axis was 8 % off what was believed, and no line said so."""
+    lighter = replace(found, extended=found.extended.replace(mass=0.915 * found.axis.mass))
+    line = "also moved in the extended model, by less than the force left shows: mass -8.5 %"
+    assert line in lighter.summary() and line in words_of(html_summary(lighter))
+    assert "also moved" not in found.summary()
+
+
 def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
     believed = found.axis.replace(effects=(dfc.effects.Spring(stiffness=12.0, rest=1e-4),))
     near = cause("spring", {"stiffness": 12.1, "rest": 2e-4}, {"stiffness": 0.1, "rest": 1e-5})

@@ -247,3 +247,8 @@ def test_an_observer_is_held_to_the_step_of_a_record():
         dfc.observe(DESIGN, record.decimated(2))
     with pytest.raises(ValueError, match="y is missing"):
         dfc.observe(DESIGN, U)
+
+
+def test_a_lead_in_millimetres_is_told():
+    with pytest.warns(dfc.RecordWarning, match=r"a screw of 5 mm has lead=0\.005"):
+        dfc.Scaling(counts_per_turn=4096, lead=5)

@@ -17,6 +17,8 @@ from dryfric_control.diagnosis.report.findings import (
     cause_text,
     with_error,
 )
+from dryfric_control.estimation.likelihood import BASE
+from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
 from dryfric_control.text import length_text, percent, rotary_words
@@ -28,6 +30,9 @@ _BY_A_FORCE = (
 )
 
 FloatArray = NDArray[np.float64]
+
+# Relative change of a base parameter that is told although no cause names it.
+_MOVED = 0.01
 
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
@@ -301,6 +306,11 @@ def further_lines(d: Findings) -> list[str]:
     if d.references:
         names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
         lines.append(f"gain of log-likelihood over references (positive: better than it): {names}")
+    if moved := also_moved(d):
+        changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
+        lines.append(
+            f"also moved in the extended model, by less than the force left shows: {changes}"
+        )
     for name, found in d.varies.items():
         values = ", ".join(
             with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)
@@ -309,6 +319,14 @@ def further_lines(d: Findings) -> list[str]:
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")
     return lines
+
+
+def also_moved(d: Findings) -> dict[str, float]:
+    """Base parameters of the extended axis that no cause names, with their relative changes."""
+    named = {name for cause in d.causes for name in cause.parameters} | set(d.varies)
+    names = [name for name in BASE if name not in named]
+    pairs = zip(names, values_of(d.axis, names), values_of(d.extended, names), strict=True)
+    return {n: b / a - 1.0 for n, a, b in pairs if a > 0.0 and abs(b / a - 1.0) > _MOVED}
 
 
 def headline(d: Findings, most: int | None = None) -> str:

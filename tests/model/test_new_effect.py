@@ -237,7 +237,7 @@ def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
     true = getattr(effect, name)
     with registry(cls, dfc.effects.BiasForce):
         machine = AXIS.replace(effects=(effect,))
-        record = made(machine)
+        record = made(machine, seconds=3.0)
         # Simulated: it changes the motion.
         u = record.u[:1000]
         moved = machine.simulate(u, DT).y[0] - AXIS.simulate(u, DT).y[0]

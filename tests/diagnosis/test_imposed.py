@@ -14,13 +14,15 @@ from dryfric_control.diagnosis.diagnose import _muted
 from dryfric_control.diagnosis.random_force import IMPOSED
 
 
-def walked(level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0) -> dfc.Record:
+def walked(
+    level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0, seconds: float = 40.0
+) -> dfc.Record:
     """An axis that a bench walks to and fro; its force is measured, with noise of 0.1 N.
 
     After a turn the friction builds up over twice the way `soft`; it slides at the start.
     """
     rng = np.random.default_rng(seed)
-    t = 1e-2 * np.arange(4000)
+    t = 1e-2 * np.arange(round(100.0 * seconds))
     phase = t / 8.0 % 1.0
     x = 0.04 * np.where(phase < 0.5, 2.0 * phase, 2.0 - 2.0 * phase)
     since = np.where(phase < 0.5, x, 0.04 - x)  # way since the last turn
@@ -51,12 +53,13 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
     assert IMPOSED in d.messages
 
 
+@pytest.mark.slow
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     levels = (5.4, 7.3, 8.8)
-    records = [walked(f, seed=i) for i, f in enumerate(levels)]
-    d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    records = [walked(f, seed=i, seconds=20.0) for i, f in enumerate(levels)]
+    d = dfc.diagnose(axis, records, known=("mass",), hold="first", jobs=1, progress=False)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
     assert d.causes == ()
     assert IMPOSED in d.messages
@@ -74,6 +77,7 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     assert d.verdict == "explained"
 
 
+@pytest.mark.slow
 def test_causes_are_found_beside_levels_of_each_record() -> None:
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     levels = (5.4, 7.3, 8.8)

@@ -200,7 +200,10 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
         if (least == 0.0 or ahead) and not (alone or search.late):
             pair = _pair(search, now, candidates, least, enough, bool(state.causes))
-            pair = pair or _ahead(search, now, ahead, least, enough)
+            # What is unsure by itself may gain more than two that are sure together.
+            if pair is None or any(half.cost < pair[1].cost for _, _, half in ahead):
+                found = [pair, _ahead(search, now, ahead, least, enough)]
+                pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])

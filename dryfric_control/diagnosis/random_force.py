@@ -48,8 +48,9 @@ _REPLAYED, _REPLAYS = 40, 20
 _RIGHT = 0.004
 # Part of the random force that a wrong base parameter must make to be named.
 _NOTABLE = 0.25
-# What a cause must take off the random force, as a factor, where structure is left.
-_LOUDER = 1.1
+# What a cause must take off the random force, as a factor, where structure is left; and what
+# no false one takes off: then unseen data may gain on the whole, in however few blocks.
+_LOUDER, _MUCH_LOUDER, _ON_THE_WHOLE = 1.1, 2.0, 1.5
 # Errors of free runs, over those of the nominal axis, with which no cause is shown.
 _WORSE = 1.1
 # Part of the windows that may err more than all their replays, and mean score above the
@@ -378,8 +379,18 @@ def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
         if equal or by_itself.sure:
             others = _moved(search, final, less)
             louder = _louder(alone, with_all)
-            return Judged(found.sure or bool(others), by_itself, others, louder)
-    return Judged(found.sure, found, "", _louder(less, with_all))
+            return Judged(_sure(found, louder) or bool(others), by_itself, others, louder)
+    louder = _louder(less, with_all)
+    return Judged(_sure(found, louder), found, "", louder)
+
+
+def _sure(found: HeldOut, louder: float) -> bool:
+    """Whether unseen data confirm a cause without which the random force is so much louder.
+
+    Of a short record a half tells the parameters of several causes badly.
+    """
+    much = louder > _MUCH_LOUDER and found.gain > _ON_THE_WHOLE * found.error
+    return found.sure or (much and found.gain > LEAST)
 
 
 def _louder(less: Solution, fit: Solution) -> float:

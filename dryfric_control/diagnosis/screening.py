@@ -283,7 +283,12 @@ class Screening(Fits):
         """
         fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
         if below is not None:
-            fits = sorted((f for f in fits if f.cost - f.promised < below), key=lambda f: f.cost)
+            # What starts far off promises more than it has after few turns; a share at its bound
+            # may stay there.
+            fits = sorted(
+                (f for f in fits if f.cost - f.promised < below),
+                key=lambda f: (len(hidden_shares(f)), f.cost - f.promised),
+            )
             fits = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]

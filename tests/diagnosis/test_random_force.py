@@ -12,7 +12,7 @@ from dryfric_control.diagnosis.forward_search import State, forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.random_force import LINE, _or_a_gain, _wrong_base
+from dryfric_control.diagnosis.random_force import LINE, _or_a_gain, _sure, _wrong_base
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
@@ -201,6 +201,21 @@ def test_bad_knowledge_is_refused(settings, words):
 )
 def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):
     assert HeldOut.of(np.full(len(falls), 100.0), 100.0 - np.array(falls, float)).sure is sure
+
+
+@pytest.mark.parametrize(
+    ("gain", "error", "louder", "sure"),
+    [
+        (1337.0, 722.0, 38.0, True),  # a compliance on 8 s, whose halves tell it badly
+        (1337.0, 722.0, 1.3, False),
+        (1337.0, 1000.0, 38.0, False),
+        (3.0, 1.0, 38.0, False),
+        (3000.0, 722.0, 1.0, True),
+    ],
+)
+def test_what_most_of_the_random_force_was_is_a_cause(gain, error, louder, sure):
+    usual = gain / error if sure and louder < 2.0 else 0.0
+    assert _sure(HeldOut(gain, error, 1.0, usual), louder) is sure
 
 
 def test_no_records_are_refused():

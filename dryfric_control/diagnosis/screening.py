@@ -33,6 +33,8 @@ _REFINED, _AHEAD = 2, 10
 # Guesses of an effect with inner states that are fitted for some turns, of the first cause
 # and of further ones; how many turns, and those that may be of use which are fitted for more.
 _HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
+# What such a fit may still gain, over what its last step promised.
+_AHEAD_OF = 2.0
 # Turns of the quick refinement, along slopes of the base that stay as they are.
 _TURNS = 4
 # Turns of a fit beside the nominal base.
@@ -283,12 +285,11 @@ class Screening(Fits):
         """
         fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
         if below is not None:
-            # What starts far off promises more than it has after few turns; a share at its bound
-            # may stay there.
-            fits = sorted(
-                (f for f in fits if f.cost - f.promised < below),
-                key=lambda f: (len(hidden_shares(f)), f.cost - f.promised),
-            )
+            # What starts far off has more ahead than a parabola says; a share at its bound may
+            # stay there.
+            ahead = [(len(hidden_shares(f)), f.cost - _AHEAD_OF * f.promised, f) for f in fits]
+            ahead.sort(key=lambda one: one[:2])
+            fits = [f for _, cost, f in ahead if cost < below]
             fits = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]

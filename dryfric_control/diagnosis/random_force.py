@@ -59,6 +59,9 @@ _STRAY, _EXCESS = 0.1, 0.2
 # Standard errors of what each record has of its own over those without one parameter more,
 # beyond which the two are not told apart.
 _BLURRED = 2.0
+# Turns of a fit with one parameter of each record's own, and what may lie ahead of it, over what
+# its last step promised, where a gain may come of it.
+_OWN_TURNS, _OWN_AHEAD = 3, 3.0
 # RMS of the force left over that of its changes from sample to sample beyond which it has
 # structure.
 _SMOOTH = 1.5
@@ -667,10 +670,16 @@ def varying(search: Search, final: Solution) -> tuple[dict[str, dict[str, list[f
             if name in own:
                 continue
             search.own = (*own, name)
-            one = search.fit(
-                final.axis, free, noises, base=[n for n in base if n in names or n in search.own],
-                wonder=False, runs=search.runs,
-            )  # fmt: skip
+            settings: dict[str, Any] = {
+                "base": [n for n in base if n in names or n in search.own],
+                "wonder": False, "runs": search.runs,
+            }  # fmt: skip
+            # Most parameters do not differ, which a few turns show.
+            some = search.fit(final.axis, free, noises, _OWN_TURNS, **settings)
+            hoped = now.cost - some.cost + _OWN_AHEAD * some.promised
+            if search.worth(hoped, len(search.runs) - 1) < 0.0:
+                continue
+            one = search.fit(final.axis, free, noises, **settings)
             gain = search.worth(now.cost - one.cost, len(search.runs) - 1)
             if not _apart(now, one):
                 continue

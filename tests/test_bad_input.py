@@ -1150,6 +1150,7 @@ rows(
     (dict(gains=3.0), "kp, ki, kd"),
     (dict(gains=(0.0, 1.0, 1.0)), POSITIVE),
     (dict(limit=0.0), POSITIVE),
+    (dict(limit=5.0), "breakaway friction force"),
     (dict(tolerance=-1e-6), POSITIVE),
     (dict(learning=-1.0), NOT_NEGATIVE),
     (dict(disturbance_bandwidth=0.0), POSITIVE),

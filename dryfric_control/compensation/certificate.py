@@ -89,9 +89,9 @@ class TrackingCertificate(Result):
     ----------
     tube : float
         Bound of the tracking error [m]; infinite if the loop is unstable for an
-        axis within the mismatch.  It holds for the `reference` of
-        `Compensation.certify`; without one, for references so slow that inertia and
-        viscous friction do not count, and a faster one has a wider tube.
+        axis within the mismatch, or the drive may need more than its limit.  It holds
+        for the `reference` of `Compensation.certify`; without one, for references so slow
+        that inertia and viscous friction do not count, and a faster one has a wider tube.
     parts : dict of str to float
         What makes up the tube [m].
     friction_left : float
@@ -109,6 +109,11 @@ class TrackingCertificate(Result):
     delay_margin : float
         Delay of the drive beyond that of the nominal axis [s] below which the linear loop
         of that axis is stable; 200 samples if it is more than that.
+    drive_needed : float
+        Force that the drive may need: inertia, viscous friction, the largest Coulomb level,
+        its peak while the reference is slow, force effects, and kp times the tube [N].
+    limit : float
+        Largest force of the drive [N].
 
     Examples
     --------
@@ -132,6 +137,8 @@ class TrackingCertificate(Result):
     units: tuple[str, str] = ("m", "N")
     slow: bool = False
     delay_margin: float = 0.0
+    drive_needed: float = 0.0
+    limit: float = math.inf
 
     @property
     def no_hunting(self) -> bool:
@@ -153,6 +160,12 @@ class TrackingCertificate(Result):
             f"delay  the nominal loop is stable for a drive delay of less than "
             f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
         )
+        if math.isfinite(self.limit):
+            enough = self.drive_needed <= self.limit
+            yield (
+                f"drive  up to {self.drive_needed:.4g} {force} may be needed, the limit is "
+                f"{self.limit:g} {force}" + ("" if enough else ": TOO LOW, no error is certified")
+            )
         for name, holds, detail in self.conditions:
             yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
 
@@ -422,11 +435,22 @@ def certify_tracking(
 
     parts = max((tube_parts(corner) for corner in corners), key=lambda made: sum(made.values()))
     tube = sum(parts.values())
+    needed = laws.forces + c[kernel.KP] * tube
+    friction, fast = np.full(1, (1.0 + mu) * level * (1.0 + (1.0 + mu) * excess)), np.zeros(1)
+    if reference is not None and courses is not None:
+        fast = (1.0 + mu) * np.abs(courses).sum(axis=0)
+        # Three Stribeck velocities on, nothing of the peak is left.
+        slow = np.abs(reference.velocity) <= 3.0 * (1.0 + mu) * c[kernel.STRIBECK_SPEED]
+        friction = (1.0 + mu) * level * (1.0 + (1.0 + mu) * excess * slow)
+    needed = float(needed + np.max(friction + fast))
+    if needed > c[kernel.LIMIT]:
+        parts, tube = parts | {"drive limit": math.inf}, math.inf
     # Each figure at its own worst corner.
     worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
     return TrackingCertificate(
         float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
         _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
+        needed, float(c[kernel.LIMIT]),
     )  # fmt: skip
 
 
@@ -437,6 +461,7 @@ class _Laws(NamedTuple):
     held: float  # lesser level of both directions, where it changes most within the reach [N]
     kept: float  # smallest level within the reach of that place [N]
     slope: float  # largest slope of the force effects over place [N/m]
+    forces: float  # largest of the force effects [N]
     wander: float  # largest change of force and level with time at rest [N]
     guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
@@ -476,6 +501,7 @@ def _laws(
         float(held[worst]),
         float(kept[worst]),
         float(max(slopes)),
+        float(np.abs(table[..., 0]).max()),
         float(np.ptp(table, axis=0).max()),
         None if known or np.ptp(table[..., 1:], axis=1).max() == 0.0 else (low, high),
     )

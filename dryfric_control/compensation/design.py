@@ -513,6 +513,14 @@ def design_compensation(
     else:
         kp, ki, kd = _three(gains)
     reach = tuned.largest_level(acting) / kp
+    most = math.inf if limit is None else positive("limit", limit, unit=axis.unit("N"))
+    breakaway = tuned.largest_level(acting) * (1.0 + (axis.stribeck.excess if axis.stribeck else 0))
+    if most <= breakaway:
+        raise ValueError(
+            f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
+            f"{breakaway:.4g} {axis.units[1]}: the axis would stay where it is; give the largest "
+            "force of the drive"
+        )
     observer = None
     if law in ("learned", "fixed"):
         watched = tuned.watchable(axis)
@@ -533,7 +541,7 @@ def design_compensation(
         kd=kd,
         filter_time=tuned.FILTER * dt,
         lead=round(whole_delay / dt + 1.0),
-        limit=math.inf if limit is None else positive("limit", limit, unit=axis.unit("N")),
+        limit=most,
         tolerance=(
             max(3.0 * quantum, 0.01 * reach, 1e-9 * acting.stick_speed)
             if tolerance is None

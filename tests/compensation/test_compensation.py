@@ -382,6 +382,20 @@ def test_an_axis_rests_although_its_levels_differ_by_direction(levels):
     assert "lower mismatch" in failed.detail
 
 
+@pytest.mark.parametrize("limit", [11.0, 13.0, 14.5, 30.0])
+def test_no_error_is_certified_beyond_what_the_drive_can_do(limit):
+    """A plant within the mismatch left a certified tube of 90 um by 3 mm: the drive was short."""
+    certificate = dfc.design_compensation(NOMINAL, DT, QUANTUM, limit=limit).certify(
+        reference=moves()
+    )
+    assert ("TOO LOW" in certificate.summary()) is (limit < 15.0)
+    controller = dfc.design_compensation(NOMINAL, DT, QUANTUM, limit=limit).controller
+    plant = NOMINAL.replace(mass=2.4, viscous=18.0, coulomb=9.6)
+    run = dfc.simulate_loop(plant, controller, moves(), QUANTUM)
+    assert np.abs(moves().position - run.y[0]).max() <= certificate.tube
+    assert (certificate.tube < 1e-3) is (limit > 15.0)
+
+
 def test_an_unstable_corner_is_an_infinite_tube():
     """Stable as designed, not with a mass 60 % lower."""
     comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3)

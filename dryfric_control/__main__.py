@@ -8,12 +8,20 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from dryfric_control._version import __version__
 from dryfric_control.store.files import replacing
 
 _ROOM = 4_000_000  # bytes, more than a report takes
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line: what is wrong stands there, not below the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with what is wrong and where the options are listed."""
+        self.exit(2, f"{self.prog}: {message}; {self.prog} --help lists all options\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -23,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     -------
     argparse.ArgumentParser
     """
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="python -m dryfric_control",
         description="Control of machines with dry friction.",
     )
@@ -111,6 +119,9 @@ def parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument(
         "--time-limit", type=float, metavar="S", help="time for the best answer so far [s]"
+    )
+    diagnose.add_argument(
+        "--window", type=float, metavar="S", help="length of the free runs [s], 0.25 by default"
     )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
     diagnose.set_defaults(run=_diagnose)
@@ -211,7 +222,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         if (value := getattr(chosen, item.name, None)) is not None
     }
     knowledge = read_knowledge(chosen.axis)
-    for name in ("known", "tolerance", "time_limit"):
+    for name in ("known", "tolerance", "time_limit", "window"):
         if getattr(chosen, name) is not None:
             knowledge[name] = getattr(chosen, name)
     # A rate excludes dt and max_gap: an option also replaces what it excludes in the file.

@@ -243,6 +243,8 @@ def run(
     """
     axis, record, controller = made_record() if record_path is None else measured(record_path)
     folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out {folder} is a file: name a folder")
     folder.mkdir(parents=True, exist_ok=True)
 
     say("Stick-slip of a mass pulled by a spring: stick_slip.png")

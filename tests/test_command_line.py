@@ -220,3 +220,18 @@ def test_a_bad_sampling_in_the_axis_file_is_told(run, tmp_path, capsys, line, wo
     (tmp_path / "axis.toml").write_text(f"{AXIS}[record]\n{line}\n")
     assert run(table("t;u;x", (T, X, X))) is None
     assert words in capsys.readouterr().err
+
+
+def test_a_wrong_option_is_told_in_one_line(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", "--axis", "axis.toml", "--window", "abc", "run.csv"])
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--window" in line and "'abc'" in line and "--help" in line
+
+
+def test_a_demo_does_not_take_a_file_for_its_folder(tmp_path, capsys):
+    taken = tmp_path / "taken"
+    taken.write_text("")
+    assert main(["demo", "--out", str(taken)]) == 2
+    assert "is a file: name a folder" in capsys.readouterr().err

@@ -72,7 +72,8 @@ _LOAD, _LOAD_TURNS = "load_dependence", 10
 UNFINISHED = "the last fit had not converged"
 LINE = (
     "a straight line predicts the readings better than the model does: the drive and the friction "
-    "of the model are not those of this motion"
+    "of the model are not those of this motion; look first whether units, factors and signs of "
+    "input and position are right"
 )
 IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "

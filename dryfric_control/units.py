@@ -175,7 +175,7 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
     """
     for role, wanted in zip("xu", axis.units, strict=True):
         unit = record.units.get(role, "")
-        if not unit or not wanted or _same(unit, wanted):
+        if not unit or not wanted or same_unit(unit, wanted):
             continue
         if role == "u" and any(effect.slug == "input_gain" for effect in axis.effects):
             continue
@@ -189,7 +189,14 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
         )
 
 
-def _same(one: str, other: str) -> bool:
+def same_unit(one: str, other: str) -> bool:
+    """Whether two names mean one unit.
+
+    Examples
+    --------
+    >>> same_unit("N m", "Nm"), same_unit("m", "mm")
+    (True, False)
+    """
     a, b = known_unit(one), known_unit(other)
     if a is None or b is None:
         return one.strip() == other.strip()

@@ -25,6 +25,7 @@ from dryfric_control.compiled.loop import (
 from dryfric_control.model.axis import Arrays, FrictionAxis, check_finite, check_pace
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.units import same_unit
 
 
 class LoopRun(NamedTuple):
@@ -354,6 +355,11 @@ def simulate_loop(
     if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
         instance("controller", controller, PositionController, "or comp.controller")
     motion = MotionProfile.of(reference, controller.dt)
+    if isinstance(reference, MotionProfile) and not same_unit(motion.unit, axis.units[0]):
+        raise ValueError(
+            f"reference is in {motion.unit!r}, the axis in {axis.units[0]!r}: make it with "
+            f"motion_profile(..., unit={axis.units[0]!r})"
+        )
     r = motion.position
     quantum = positive("quantum", quantum, unit=axis.unit("m"), zero=True)
     x0, v0 = finite("x0", x0), finite("v0", v0)

@@ -114,3 +114,13 @@ def test_a_rotary_motion_is_shown_in_radians():
     assert "to 1 rad, at most 2 rad/s and 10 rad/s^2" in repr(move)
     labels = [ax.get_ylabel() for ax in move.plot().axes.flat]
     assert labels == ["position [rad]", "velocity [rad/s]", "acceleration [rad/s²]"]
+
+
+def test_a_profile_in_other_units_than_the_axis_is_refused():
+    axis = dfc.FrictionAxis(mass=0.01, viscous=0.1, coulomb=0.5, units=("rad", "N m"))
+    loop = dfc.PositionController.from_bandwidth(axis, 5.0, 1e-3)
+    given = dict(velocity=2.0, acceleration=10.0, jerk=200.0)
+    with pytest.raises(ValueError, match=r"reference is in 'm', the axis in 'rad'.*unit='rad'"):
+        dfc.simulate_loop(axis, loop, dfc.motion_profile(1.0, 1e-3, **given))
+    move = dfc.motion_profile(1.0, 1e-3, unit="rad", **given)
+    assert dfc.simulate_loop(axis, loop, move).time.size == move.position.size

@@ -77,8 +77,9 @@ from dryfric_control.compiled.axis_step import (
 )
 from dryfric_control.compiled.roots import between, larger, narrowed, smaller
 
-# Part of the error allowed to a step that the cut at a switch may have.
-_CUT = 0.1
+# Part of the error allowed to a step that the cut at a switch may have, and where two parts
+# meet, which a filter feels the more.
+_CUT, _MEETING = 0.1, 0.01
 
 
 @internal
@@ -464,11 +465,16 @@ def _seen_one(plant, drive, t, state):
     return mode, p, friction, rate
 
 
+@internal(forceinline=True)
+def _pushes(plant, drive, rate, side):
+    """Force with which the motor, in contact at `side`, pushes the load that accelerates so."""
+    return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
+
+
 @internal
 def _push(plant, drive, t, state, side):
-    """Force with which the motor, in contact at `side`, pushes the load."""
-    rate = _seen_one(plant, drive, t, state)[3]
-    return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
+    """The same of one mass in some state."""
+    return _pushes(plant, drive, _seen_one(plant, drive, t, state)[3], side)
 
 
 @internal
@@ -524,10 +530,9 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     side = _meeting(plant, memory)
     if side != 0.0:
         _impact(plant, memory, side)
-        _state_of_load(memory, scratch)
-        if _push(plant, drive, t0, scratch, side) < 0.0:
-            side = 0.0
-    seen, friction, first = _seen_play(plant, drive, t0, memory, side)
+    seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
+    pace = abs(memory[V]) + abs(memory[V] + memory[SLIP]) + plant.numbers[STICK_SPEED]
+    exact = 1e-15 + _MEETING * plant.numbers[ALLOWED] / pace
     close = 0
     for turn in range(count[MOST]):
         if tau >= h:
@@ -547,7 +552,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                 last = 0
                 for i in range(100):
                     c = between(a, fa, b, fb)
-                    if b - a <= 1e-15 * d or fb == 0.0 or c == b:
+                    if b - a <= exact * d or fb == 0.0 or c == b:
                         break
                     # The push may jump as the load sticks: halve now and then.
                     if i % 4 == 3:
@@ -586,7 +591,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                     b = 0.0
                 for _ in range(100):
                     c = between(a, fa, b, fb)
-                    if b - a <= 1e-15 * d or fb == 0.0 or c == b:
+                    if b - a <= exact * d or fb == 0.0 or c == b:
                         break
                     count[LISTED] = known
                     lead = _apart(plant, piece, now, c, memory, scratch, events, count)
@@ -622,14 +627,15 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
 
 @internal
 def _seen_play(plant, drive, t, memory, side):
-    """Speed of the motor, friction force and mode, given the side of contact."""
+    """Speed of the motor, friction force, mode, and the side of contact if it holds."""
     scratch = spare_memory()
     _state_of_load(memory, scratch)
     if side != 0.0:
-        mode, _, friction, _ = _seen_one(plant, drive, t, scratch)
-    else:
-        mode, _, friction, _ = _seen_one(_load_side(plant), held_force(0.0), t, scratch)
-    return memory[V], friction, mode
+        mode, _, friction, rate = _seen_one(plant, drive, t, scratch)
+        if memory[SLIP] != 0.0 or _pushes(plant, drive, rate, side) >= 0.0:
+            return memory[V], friction, mode, side
+    mode, _, friction, _ = _seen_one(_load_side(plant), held_force(0.0), t, scratch)
+    return memory[V], friction, mode, 0.0
 
 
 @internal
@@ -671,13 +677,8 @@ def _outputs_structure(plant, drive, t, memory):
     """Speed of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]
     if kind & PLAY:
-        side = _meeting(plant, memory)
-        if side != 0.0:
-            scratch = spare_memory()
-            _state_of_load(memory, scratch)
-            if memory[SLIP] == 0.0 and _push(plant, drive, t, scratch, side) < 0.0:
-                side = 0.0
-        return _seen_play(plant, drive, t, memory, side)
+        v, friction, mode, _ = _seen_play(plant, drive, t, memory, _meeting(plant, memory))
+        return v, friction, mode
     two = kind & SPRING != 0
     x, v, mode = memory[X], memory[V], int(memory[MODE])
     side_plant, y, p = plant, x, v

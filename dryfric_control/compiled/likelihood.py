@@ -61,6 +61,8 @@ _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
 _MAY_HOLD = (1.5, 3.0)
 # Margins of break-away beyond this many force deviations are safe.
 _SAFE = 7.0
+# Products down to which, and up to whose inverse, no logarithm is taken.
+_SMALLEST = 1e-200
 # Error that a smooth step may have over the velocity scale, beside what the numbers allow.
 _TOLERANCE = 1e-6
 
@@ -375,7 +377,7 @@ def innovations(
             d = max(m11 - m01 * g, 1e-9 * m11)
         else:
             by_x, by_v, k1 = 0.0, 0.0, 0.0
-            if sliding:
+            if sliding and not two:
                 held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
                 k1 = _rate(plant, held, t, x, v, float(mode))
                 by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
@@ -519,33 +521,41 @@ def innovations(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _cost(out, active, start, end):
+    """`cost` of the samples start to end - 1: half the logarithm of S (1 + e^2/(nu S))^5's product.
+
+    Logarithms are taken where a product leaves the range of numbers.
+    """
+    total, product = 0.0, 1.0
+    for k in range(start, end):
+        s = out[1, k]
+        if active[k] and s > 0.0:
+            e = out[0, k]
+            wide = 1.0 + e * e / (FREEDOM * s)
+            square = wide * wide
+            more = product * (s * square * square * wide)
+            if _SMALLEST < more < 1.0 / _SMALLEST:
+                product = more
+            else:
+                total += math.log(product) + math.log(s) + (FREEDOM + 1.0) * math.log(wide)
+                product = 1.0
+    return 0.5 * (total + math.log(product))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def cost(out, active):
     """Negative log-likelihood of the active samples, without its constant.
 
     Sum of log(S)/2 + (nu + 1)/2 log(1 + e^2/(nu S)).
     """
-    total = 0.0
-    for k in range(FIRST + 1, out.shape[1]):
-        s = out[1, k]
-        if active[k] and s > 0.0:
-            e = out[0, k]
-            total += 0.5 * math.log(s)
-            total += 0.5 * (FREEDOM + 1.0) * math.log1p(e * e / (FREEDOM * s))
-    return total
+    return _cost(out, active, FIRST + 1, out.shape[1])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def block_costs(out, active, edges, costs):
     """`cost` of each block; block b covers the samples edges[b] to edges[b+1] - 1."""
     for b in range(edges.shape[0] - 1):
-        total = 0.0
-        for k in range(max(edges[b], FIRST + 1), edges[b + 1]):
-            s = out[1, k]
-            if active[k] and s > 0.0:
-                e = out[0, k]
-                total += 0.5 * math.log(s)
-                total += 0.5 * (FREEDOM + 1.0) * math.log1p(e * e / (FREEDOM * s))
-        costs[b] = total
+        costs[b] = _cost(out, active, max(edges[b], FIRST + 1), edges[b + 1])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

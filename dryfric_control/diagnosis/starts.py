@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from dryfric_control.estimation.likelihood import Likelihood, Run
 # values near by are tried, in which parts of a range: changes of logarithms, a fifth for a share.
 _RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
+# Of so many stretches of the samples the net sees one.
+_STRETCHES = 2
 # The same beside where a fit has ended whose cost has jumps.
 _FAR_AND_CLOSE = (4.0, 1.0, 0.3)
 
@@ -113,19 +116,22 @@ def in_valleys(
     rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
     best: list[Start] = []
     whole, few = starts[0].problem, starts[0].problem.on(runs)
+    net = few.on([replace(run, pieces=run.pieces[::_STRETCHES]) for run in runs])
     for place in np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG):
         if late():
             break
         k = min(int(place), max(len(rows) - 2, 0))
         row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
-        one = starts[0]._replace(problem=few)
+        one = starts[0]._replace(problem=net)
         for name, value in zip(others, np.exp(row), strict=True):
             one = one.moved(name, value)
         if shares:
             best.append(one.best_of(shares[0], _SHARES))
         else:
-            best.append(one._replace(cost=few.tried(one.z).cost))
-    # A net may hang where the parts are stiffer than the samples show.
+            best.append(one._replace(cost=net.tried(one.z).cost))
+    # Some of the net may lie where the parts are stiffer than the samples show.
+    best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
+    best = [one._replace(cost=few.tried(one.z).cost, problem=few) for one in best[: 2 * _VALLEYS]]
     best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
     best = best[:_VALLEYS]
     for i, one in enumerate(best):

@@ -222,6 +222,7 @@ class Likelihood:
         if free:
             axis, found = choose(axis, free, scales or typical(records))
         self.axis = axis
+        self._made: tuple[dict[str, float], FrictionAxis] = {}, axis
         self.first = hold == "first"
         tolerance = dict(tolerance or {})
         believed = (believed or axis).effective()
@@ -299,7 +300,9 @@ class Likelihood:
         """Axis of record i at search coordinates."""
         values = self._values(z, i)
         values.pop(SHIFT, None)
-        return with_values(self.axis, list(values), list(values.values()))
+        if self._made[0] != values:  # records that share all values share the axis
+            self._made = values, with_values(self.axis, list(values), list(values.values()))
+        return self._made[1]
 
     def noises(self, z: FloatArray, i: int = 0) -> tuple[float, float]:
         """Variance of the random force held over a sample, and of a reading."""

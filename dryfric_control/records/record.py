@@ -308,7 +308,7 @@ class Record:
         """Time covered [s], the last held sample included."""
         return len(self) * self.dt
 
-    @property
+    @cached_property
     def range(self) -> float:
         """Distance between the extreme positions [unit of x]."""
         return float(np.ptp(self.x))

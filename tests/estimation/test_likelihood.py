@@ -426,14 +426,17 @@ def test_what_a_record_leaves_open_has_a_large_error(open_):
 
 @pytest.mark.slow
 def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
-    # Taken as known, the true axis seems to be pushed by 1.14 times the noise that the input has.
-    case = truth.make_case("presliding", 13, "noisy")
-    contact = dfc.effects.Presliding(**case.truth["presliding"])
-    axis, r = believed(case).replace(effects=(contact,)), record(case)
-    problem = Likelihood(axis, (), [prepare(r)])
-    found = maximise(problem, problem.start(1.0))
-    noise = 0.03 * case.actual["coulomb"]
-    assert found.random_force() == pytest.approx(noise, rel=0.1)
+    # Taken as known, the true axes seem to be pushed by 1.23 times the noise that their inputs
+    # have; of one record alone the cost is too rough to tell.
+    ratios = []
+    for seed in (13, 15, 17):
+        case = truth.make_case("presliding", seed, "noisy")
+        contact = dfc.effects.Presliding(**case.truth["presliding"])
+        axis, r = believed(case).replace(effects=(contact,)), record(case)
+        problem = Likelihood(axis, (), [prepare(r)])
+        found = maximise(problem, problem.start(1.0))
+        ratios.append(found.random_force() / (0.03 * case.actual["coulomb"]))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.16)
 
 
 def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_followed():

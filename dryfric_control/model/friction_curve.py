@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.text import typeset
 
-if TYPE_CHECKING:
-    from dryfric_control.model.axis import FrictionAxis
-
 FloatArray = NDArray[np.float64]
+#: A `FrictionAxis`, which is built upon this module.
+Axis = Any
 
 # Velocities of one direction, and positions over the travel.
 _POINTS, _PLACES = 241, 49
@@ -22,7 +21,7 @@ _POINTS, _PLACES = 241, 49
 _STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
 
 
-def friction_over_velocity(axis: FrictionAxis, v: ArrayLike, x: ArrayLike) -> FloatArray:
+def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray:
     """Friction force of a sliding axis at velocities and positions.
 
     Coulomb level, Stribeck peak, viscous part and every effect that acts through them
@@ -56,7 +55,7 @@ def friction_over_velocity(axis: FrictionAxis, v: ArrayLike, x: ArrayLike) -> Fl
     return np.asarray(-axis.mass * found.reshape(velocity.shape) + 0.0)
 
 
-def usual_speed(axis: FrictionAxis) -> float:
+def usual_speed(axis: Axis) -> float:
     """Largest velocity that a curve shows if none is asked for."""
     axis = axis.effective()
     if axis.stribeck is not None and axis.stribeck.excess > 0.0:
@@ -68,7 +67,7 @@ def usual_speed(axis: FrictionAxis) -> float:
 
 
 def draw_curve(
-    axis: FrictionAxis,
+    axis: Axis,
     ax: Any,
     speed: float,
     span: tuple[float, float],
@@ -96,7 +95,7 @@ def draw_curve(
     ax.plot(v, force[:, _PLACES // 2], label=label, **style)
 
 
-def draw_friction(axis: FrictionAxis, ax: Any, speed: float, span: tuple[float, float]) -> None:
+def draw_friction(axis: Axis, ax: Any, speed: float, span: tuple[float, float]) -> None:
     """Draw friction over velocity with what it is made of."""
     axis = axis.effective()
     draw_curve(axis, ax, speed, span, "friction", color="k", lw=1.6)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
-from dryfric_control.records.motion import directions, reversals
+from dryfric_control.records.motion import Record, directions, reversals
 from dryfric_control.text import Result, length_text, plain_data
-
-if TYPE_CHECKING:
-    from dryfric_control.records.record import Record
 
 # What a record must have to say something: shortest rest [s] and [samples], parts of the
 # samples that slide, part of them that slide either way, largest over smallest velocity,

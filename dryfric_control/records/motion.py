@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.ties import NEAR, samples
 
-if TYPE_CHECKING:
-    from dryfric_control.records.record import Record
+#: A `Record`, which is built upon this module.
+Record = Any
 
 # A motion counts once it exceeds what a reading at rest can do: toggling
 # between two codes, or white noise at some five standard deviations of a
@@ -48,10 +48,10 @@ def directions(record: Record) -> NDArray[np.int8]:
     Examples
     --------
     >>> import numpy as np
-    >>> from dryfric_control.records.record import Record
+    >>> import dryfric_control as dfc
     >>> t = 1e-3 * np.arange(900)
     >>> x = np.interp(t, [0.0, 0.3, 0.6, 0.9], [0.0, 0.0, 0.03, 0.03])
-    >>> moving = directions(Record(t, np.cos(t), 1e-5 * np.round(1e5 * x)))
+    >>> moving = directions(dfc.Record(t, np.cos(t), 1e-5 * np.round(1e5 * x)))
     >>> int(moving[100]), int(moving[450]), int(moving[800])
     (0, 1, 0)
     """

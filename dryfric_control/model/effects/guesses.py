@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.model.units import powers
 
-if TYPE_CHECKING:
-    from dryfric_control.model.effects.effect import Effect
-
 FloatArray = NDArray[np.float64]
+#: A class of `Effect`, which is built upon this module.
+EffectClass = type[Any]
 
 # Guesses of an effect that has none of its own.
 _MOST_GUESSES = 256
@@ -112,7 +111,7 @@ def linear(view: View, force: FloatArray, name: str, least: float = -math.inf) -
     yield {name: max(float(force @ view.residual) / size, least)}, {}
 
 
-def tried(effect: type[Effect], view: View) -> Iterator[Guess]:
+def tried(effect: EffectClass, view: View) -> Iterator[Guess]:
     """Guesses over a grid; what the law is proportional to, and the base, by regression."""
     grid = {item.name: _parts(item, view) for item in fields(effect)}
     middle = {name: values[len(values) // 2] for name, values in grid.items()}
@@ -158,7 +157,7 @@ def _parts(item: Any, view: View) -> list[float]:
     return [float(np.clip(value, low, high)) for value in values]
 
 
-def force_of(effect: type[Effect], values: dict[str, float], view: View) -> FloatArray:
+def force_of(effect: EffectClass, values: dict[str, float], view: View) -> FloatArray:
     """Force that an effect adds to the sliding samples; zeros where it has no such values."""
     bounds = {item.name: item.metadata["bounds"] for item in fields(effect)}
     within = {name: min(max(v, bounds[name][0]), bounds[name][1]) for name, v in values.items()}

@@ -48,6 +48,8 @@ ITERATIONS, LAST = 15, 30
 _ANEW = 2
 # Increments a sample below which no speed of sliding is told from rest.
 _SLOWEST = 0.1
+#: The effect that is a constant force.
+BIAS = "bias_force"
 #: Actions of effects that move the drive in time.
 LATE = ("delay", "lag")
 
@@ -116,6 +118,8 @@ class Fits:
         self.clock: tuple[str, ...] = ()
         self.shift = 0.0
         self.view: type[Likelihood] = Likelihood
+        # Whether an imposed motion has nearly one velocity in each direction.
+        self.steady = False
         # What each record has of its own, by parameter and number of the record.
         self.each: dict[tuple[str, int], float] = {}
 
@@ -180,6 +184,11 @@ class Fits:
             return found
         z = beside_jumps(problem, found.z, rough, lambda: self.late)
         return min(found, maximise(problem, z, iterations, self.until), key=lambda s: s.cost)
+
+    def constant(self, name: str) -> bool:
+        """Whether a parameter only adds a force of which every record has its own."""
+        owner, _, part = name.partition(".")
+        return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
 
     def rough(self, fit: Solution) -> list[str]:
         """Free parameters of what acts at breakaway alone, and by a memory."""

@@ -16,7 +16,7 @@ from dryfric_control.diagnosis.candidates import (
     placed,
 )
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
-from dryfric_control.diagnosis.likelihood_fits import ITERATIONS, LATE, hard
+from dryfric_control.diagnosis.likelihood_fits import BIAS, ITERATIONS, LATE, hard
 from dryfric_control.diagnosis.screening import Candidate, Screening, hidden_shares
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
@@ -28,6 +28,7 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +57,6 @@ _SMOOTHER, _WHITE = (1, 5, 9, 17, 33, 65, 129), 0.1
 # Part of the gain on few samples that must be clear for a doubt to be followed, and the turns
 # of the fits that follow it.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
-_BIAS = "bias_force"
 #: Name of the reference without drive and friction.
 STRAIGHT = "straight line"
 # Units a sample by which a straight line is ahead of the base where the motion is imposed, and
@@ -116,6 +116,10 @@ class Search(Screening):
         found = self.alone()
         if len(self.records) > 1:
             found = self._apart(found)
+        self.steady = self._one_velocity()
+        if self.steady and "viscous" in self.base:
+            self.base = tuple(n for n in self.base if n != "viscous")
+            found = self.alone()
         if self._follows(found):
             return found
         # A force such as gravity may be most of what the drive has to do.
@@ -126,6 +130,18 @@ class Search(Screening):
         self.__dict__.update(before)
         return None
 
+    def _one_velocity(self) -> bool:
+        """Whether each direction has nearly one velocity, in each record that has its own level.
+
+        Then only the samples next to the turns separate what depends on velocity from the
+        level, and there the motion changes in other ways, too.
+        """
+        motions = [run.sliding.v for run in self.runs]
+        if "coulomb" not in self.own:
+            motions = [np.concatenate(motions)]
+        speeds = [usual_speeds(v[s * v > 0.0]) for v in motions for s in (1.0, -1.0)]
+        return all(fast < ONE_VELOCITY * slow for slow, fast in speeds if fast > 0.0)
+
     def _follows(self, fit: Solution) -> bool:
         """Whether the drive does what the motion of each record needs, but for a part."""
         runs = fit.problem.runs
@@ -134,7 +150,7 @@ class Search(Screening):
     def _apart(self, now: Solution) -> Solution:
         """The same with levels and offsets of each record's own, where they differ."""
         base, also, own = self.base, self.also, self.own
-        for names in ((f"{_BIAS}.force", "coulomb"), ("coulomb",)):
+        for names in ((f"{BIAS}.force", "coulomb"), ("coulomb",)):
             if "coulomb" not in base or not set(names).isdisjoint(self.known):
                 continue
             self.base = tuple(n for n in base if n not in names)

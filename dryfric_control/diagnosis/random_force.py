@@ -79,6 +79,10 @@ IMPOSED = (
     "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
     "nothing of the forces, and the drive was held against the force that the motion needs"
 )
+ONE_VELOCITY = (
+    "each direction has nearly one velocity: what depends on it cannot be separated from the "
+    "Coulomb level, was not tried, and viscous friction is the nominal one"
+)
 
 
 @dataclass(eq=False)
@@ -257,6 +261,8 @@ def answer(
     messages += _warnings(final, causes)
     if search.imposed:
         messages.append(IMPOSED)
+        if search.steady and "viscous" not in search.known:
+            messages.append(ONE_VELOCITY)
     elif search.smooth > 1:
         over = length_text(search.smooth * search.scales.step, "s")
         messages.append(f"noise was recorded with the input: it was smoothed over {over}")

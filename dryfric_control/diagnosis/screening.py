@@ -14,6 +14,7 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     guesses,
+    own_names,
     with_effect,
 )
 from dryfric_control.diagnosis.likelihood_fits import LATE, Fits, hard
@@ -134,6 +135,8 @@ class Screening(Fits):
             # Of what remembers, a contact shows in a motion as it is: since the last turn.
             shown = [e for e in effects if not hard(e) or effect_class(e).action == "contact"]
             effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
+            if self.steady:
+                effects = tuple(e for e in effects if not effect_class(e).needs_velocities())
         if self.clock:
             # An input that may be early cannot tell a delay, and with a lag it is smoothed.
             effects = tuple(e for e in effects if effect_class(e).action not in LATE)
@@ -214,10 +217,13 @@ class Screening(Fits):
             axis = now.axis
             if change:
                 axis = with_values(axis, list(change), list(change.values()))
+            held = [n for n in own_names(effect) if n in self.known or self.constant(n)]
+            values = dict(values)
+            values |= {n.partition(".")[2]: views[0].middle for n in held if self.constant(n)}
             for beside in (now.axis, axis) if change else (axis,):
                 try:
                     start = with_effect(beside, effect, dict(values))
-                    free = (*self.free_of(now), *(n for n in start.free if n not in self.known))
+                    free = (*self.free_of(now), *(n for n in start.free if n not in held))
                     problem = self.problem(start.axis, free)
                     z = problem.start()
                     z[len(problem.names) :] = noises

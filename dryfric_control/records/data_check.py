@@ -9,14 +9,20 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
-from dryfric_control.records.motion import Record, directions, reversals
+from dryfric_control.records.motion import (
+    ONE_VELOCITY,
+    Record,
+    directions,
+    reversals,
+    usual_speeds,
+)
 from dryfric_control.text import Result, length_text, plain_data
 
 # What a record must have to say something: shortest rest [s] and [samples], parts of the
-# samples that slide, part of them that slide either way, largest over smallest velocity,
-# encoder steps of travel, travel over noise, part of the readings masked.
+# samples that slide, part of them that slide either way, encoder steps of travel, travel over
+# noise, part of the readings masked.
 _REST, _REST_SAMPLES = 0.05, 5
-_SLIDING, _EITHER_WAY, _VELOCITIES = 0.1, 0.02, 2.0
+_SLIDING, _EITHER_WAY = 0.1, 0.02
 _STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
 # Work taken out of the machine, as a part of all that passed, which no
 # measurement error makes.
@@ -213,8 +219,6 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
     moving = directions(record)
     edges = np.flatnonzero(np.diff(moving == 0, prepend=False, append=False))
     rests = edges[1::2] - edges[::2]
-    speeds = np.abs(record.derivatives().v[moving != 0])
-    slow, fast = np.quantile(speeds, (0.05, 0.95)) if speeds.size else (0.0, 0.0)
     bad = record.bad
     found = RecordCheck(
         samples=len(record),
@@ -226,7 +230,7 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         forwards=float(np.mean(moving > 0)),
         backwards=float(np.mean(moving < 0)),
         longest_rest=float(rests.max(initial=0) * record.dt),
-        velocity=(float(slow), float(fast)),
+        velocity=usual_speeds(record.derivatives().v[moving != 0]),
         masked={reason: bad[reason] for reason in REASONS if bad[reason]},
         clipped=bad["clipped"] / len(record),
         quantum=record.quantum or 0.0,
@@ -275,7 +279,7 @@ def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
             f"hardly at rest ({found.longest_rest:.2g} s at most): uninformative about breakaway, "
             "presliding and dwell time; let it stop a few times"
         )
-    if found.velocity[1] < _VELOCITIES * found.velocity[0]:
+    if found.velocity[1] < ONE_VELOCITY * found.velocity[0]:
         yield (
             "nearly one velocity: viscous friction and Coulomb level cannot be separated; vary it"
         )

@@ -18,11 +18,19 @@ Record = Any
 _CODES, _DEVIATIONS = 1.5, 8.0
 #: Longest half width over which a motion is looked for [s].
 LONGEST = 0.05
+#: Largest over smallest velocity below which there is only one.
+ONE_VELOCITY = 2.0
 
 
 def least_motion(record: Record) -> float:
     """Smallest way that quantum and noise of a record do not explain."""
     return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise, NEAR * record.range)
+
+
+def usual_speeds(v: NDArray[np.float64]) -> tuple[float, float]:
+    """Smallest and largest absolute velocity in 90 % of some motion."""
+    slow, fast = np.quantile(np.abs(v), (0.05, 0.95)) if v.size else (0.0, 0.0)
+    return float(slow), float(fast)
 
 
 def directions(record: Record) -> NDArray[np.int8]:

@@ -11,15 +11,17 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import _muted
-from dryfric_control.diagnosis.random_force import IMPOSED
+from dryfric_control.diagnosis.random_force import IMPOSED, ONE_VELOCITY
 
 
 def walked(
-    level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0, seconds: float = 40.0
-) -> dfc.Record:
+    level: float, cogging: float = 0.0, seed: int = 0, soft: float = 0.0, seconds: float = 40.0,
+    round_: float = 0.0,
+) -> dfc.Record:  # fmt: skip
     """An axis that a bench walks to and fro; its force is measured, with noise of 0.1 N.
 
-    After a turn the friction builds up over twice the way `soft`; it slides at the start.
+    After a turn the friction builds up over twice the way `soft`, or as an exponential of the
+    length `round_`; it slides at the start.
     """
     rng = np.random.default_rng(seed)
     t = 1e-2 * np.arange(round(100.0 * seconds))
@@ -27,6 +29,8 @@ def walked(
     x = 0.04 * np.where(phase < 0.5, 2.0 * phase, 2.0 - 2.0 * phase)
     since = np.where(phase < 0.5, x, 0.04 - x)  # way since the last turn
     part = np.where(t < 4.0, 1.0, np.minimum(since / soft - 1.0, 1.0)) if soft else 1.0
+    if round_:
+        part = 1.0 - 2.0 * np.exp(-since / round_) * (t > 4.0)
     u = level * part * np.where(phase < 0.5, 1.0, -1.0) + cogging * np.sin(2.0 * np.pi * x / 7e-3)
     u += 0.1 * rng.standard_normal(t.size)
     return dfc.Record(t, u, 4e-6 * np.round(x / 4e-6), quantum=4e-6)
@@ -99,6 +103,36 @@ def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     assert d.causes[0].parameters["distance"] == pytest.approx(1.5e-3, rel=0.05)
     assert d.extended.coulomb.plus[0] == pytest.approx(7.0, rel=0.01)
     assert d.verdict == "explained"
+
+
+@pytest.mark.slow
+def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None:
+    # A bench turns round through small velocities, and only there would viscous friction show.
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    levels = (5.4, 8.8)
+    records = [walked(f, seed=i, round_=1.5e-3) for i, f in enumerate(levels)]
+    with among("bias_force", "presliding", "velocity_strengthening", "spring", "cogging"):
+        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.03)
+    assert {cause.effect for cause in d.causes} <= {"presliding"}
+    assert d.extended.viscous == 0.0
+    assert ONE_VELOCITY in d.messages
+
+
+def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    records = []
+    for i, (level, force) in enumerate(((5.4, 0.5), (8.8, -1.0))):
+        r = walked(level, seed=i)
+        records.append(r.replace(u=r.u + force + 40.0 * r.x))
+    with among("bias_force", "spring", "presliding", "cogging"):
+        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.causes] == ["spring"]
+    assert d.causes[0].parameters == {"stiffness": pytest.approx(40.0, rel=0.05)}
+    forces = d.varies["bias_force.force"]
+    apart = forces["values"][1] - forces["values"][0]
+    assert abs(apart) == pytest.approx(1.5, rel=0.05)
+    assert max(forces["standard_errors"]) < 0.1
 
 
 def test_a_motion_that_needs_no_drive_is_made_by_something_else() -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
@@ -270,6 +271,8 @@ class Effect:
     base: ClassVar[str] = ""
     #: Field of the axis that may hold it in place of `effects`; `alter` sets it.
     axis_field: ClassVar[str] = ""
+    #: Parameter that only adds a constant force; beside one that is free, nothing shows it.
+    adds_constant: ClassVar[str] = ""
     #: Base parameter with which it trades in a fit, and what separates the two.
     trades: ClassVar[tuple[str, str]] = ("", "")
     law: ClassVar[Callable[..., float]]
@@ -341,6 +344,12 @@ class Effect:
     def named_parameters(cls) -> tuple[str, ...]:
         """Free parameters, for which the effect's name stands."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
+
+    @classmethod
+    def needs_velocities(cls) -> bool:
+        """Whether motion at different velocities alone shows it: a parameter's unit has one."""
+        units = (re.findall("[a-z]+", p["unit"]) for p in cls.parameters().values())
+        return any({"m", "s"} <= set(names) for names in units)
 
     def inner(self, axis: BaseAxis) -> Inner:
         """Numbers of its own state: delay, lag, contact, transmission.

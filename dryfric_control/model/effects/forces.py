@@ -206,6 +206,7 @@ class Spring(Effect):
     slug = "spring"
     title = "spring"
     action = "force"
+    adds_constant = "rest"
     depends_on_speed = False
     rank = 3
     explanation = (

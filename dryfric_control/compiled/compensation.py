@@ -23,14 +23,14 @@ from dryfric_control.compiled.loop import advance_plant, encode
 #: Source of the friction estimate.
 NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
 
-#: Places of the law's numbers.
+#: Indices of the law's numbers.
 (
     DT,
-    LEAD,  # samples by which the reference comes ahead
+    LEAD,  # lead of the reference [samples]
     KP,
     KI,
     KD,
-    KEEP,  # of the low-pass on the speed
+    KEEP,  # coefficient of the velocity low-pass
     LIMIT,
     MASS,
     VISCOUS,
@@ -51,14 +51,14 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     SOURCE,
     HOLDS,  # whether the integral and the drive are held at rest
     TOLERANCE,  # position error at which the drive is held
-    GROWTH,  # of the tolerance with every correction
-    HOLD_SHARE,  # of the Coulomb level that a held drive may use
+    GROWTH,  # growth of the tolerance with every correction
+    HOLD_SHARE,  # share of the Coulomb level that a held drive may use
     SETTLE,  # samples of rest before the drive is held
-    MEAN,  # part of a new sample in the means at rest
-    GAIN_X,  # gains of the extended state observer, or the corner
+    MEAN,  # weight of a new sample in the means at rest
+    GAIN_X,  # gains of the extended state observer, or the corner frequency
     GAIN_V,
     GAIN_F,
-    LATE,  # samples by which the feedforward is expected to reach the axis late
+    LATE,  # expected delay of the feedforward at the axis [samples]
     LENGTH,
 ) = range(35)
 
@@ -84,15 +84,15 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     MEAN_ERROR,
     FORCE,  # friction compensation of the last sample
     SLIDING,  # mean of the integral while the reference moves
-    EXPECTED,  # friction beyond the map that the observer should state by now
-    LEVEL_SEEN,  # what it has seen of a unit error of level and of excess
+    EXPECTED,  # friction beyond the map that the observer should have reached by now
+    LEVEL_SEEN,  # its response so far to a unit error of level, and of excess
     PEAK_SEEN,
     INNER,  # six states of a disturbance observer
 ) = range(23)
 LINE = INNER + 6
 STRIDE = 3
 
-#: Out to exp(-50) the Stribeck term is followed.
+#: The Stribeck term is evaluated down to exp(-50).
 _REACH = 50.0
 #: Force of the position error, over the Coulomb level, below which a contact holds the axis.
 _NEAR = 0.5
@@ -313,9 +313,9 @@ def _begin(c, memory, x, v, y, watch):
 
 @njit(cache=True, error_model="numpy")
 def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
-    """Drive of one sample, `memory` moved on.
+    """Drive of one sample; `memory` is advanced.
 
-    Reference, its speed and acceleration are those of LEAD samples later.
+    Reference, its velocity and acceleration are those LEAD samples ahead.
     """
     c = law.numbers
     plant = axis_step.point(law.axis_numbers, law.axis_integers)
@@ -331,7 +331,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     error, speed = x - y, memory[SPEED]
     mode = 0
 
-    # Feedforward of the motion asked for, on the axis with its effects.
+    # Feedforward for the required motion of the axis with its effects.
     later = t + c[LEAD] * c[DT]
     w = c[MASS] * acceleration_ahead + c[VISCOUS] * speed_ahead
     friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving)

@@ -292,11 +292,11 @@ def _rest(numbers, s, push, hold, level):
 
 @axis_step.internal
 def _slide(numbers, s, mode, load, level, slope, turns):
-    """Sliding mode one sample on: go on, or stop, or turn round.
+    """Advance a sliding mode by one sample: continue, stop, or reverse.
 
     `load` is the net force without friction, `level` the friction level and
-    `slope` its change by velocity; `turns` says that the load would start the
-    other direction.
+    `slope` its derivative with velocity; `turns`: whether the load would start motion
+    in the other direction.
     """
     side = 1.0 if mode == 1 else -1.0
     own = PLUS - 1 + mode
@@ -309,7 +309,7 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     change = gain * net
     ahead = a22 * v + change
     moved = a12 * v + b1 * ratio * net
-    # Covariance A P A' of the first two rows; the others stay.
+    # Covariance A P A' of the first two rows; the others do not change.
     a12 -= b1 * ratio * slope
     a22 -= gain * slope
     f1, f2 = -side * level * b1 * ratio, -side * level * gain

@@ -178,9 +178,9 @@ def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
 
 @axis_step.internal(forceinline=True)
 def _decide(tables, memory, t, u, y):
-    """Settle the mode under a new drive and reading; `memory` changes in place.
+    """Determine the mode for a new drive and reading; `memory` changes in place.
 
-    Returns the friction estimate, the net force without friction, the believed
+    Returns the friction estimate, the net force without friction, the nominal
     friction and the drive after the input effects.
     """
     plant, numbers = tables.plant, tables.numbers
@@ -197,7 +197,7 @@ def _decide(tables, memory, t, u, y):
         mode = _mode_of_reading(numbers, plant, t, memory, w, y)
     else:
         mode = _mode_of_automaton(numbers, plant, t, memory, w, y)
-    # The last row of the table says where the memory of the gains starts.
+    # The last row of the table is the initial transition of the gains' memory.
     row = tables.nodes if first else int(memory[NODE]) - 1
     memory[NODE] = tables.transitions[3 * row + mode + 1] + 1
     memory[MODE] = mode

@@ -1,14 +1,14 @@
-"""Root finding and the length of the next step, once for every compiled loop.
+"""Root finding and the length of the next step, shared by all compiled loops.
 
-Both are written over plain numbers: the caller's loop evaluates its own function,
-which may repeat a step or move a whole state.
+Both work on plain numbers: the caller's loop evaluates its own function, which may
+repeat a step or move a whole state.
 """
 
 from __future__ import annotations
 
 from numba import njit
 
-#: Step rule: part of the length that the error allows, and the most a step shrinks and grows.
+#: Step-size rule: safety factor, and the largest factors by which a step shrinks and grows.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.1, 3.0
 
 

@@ -86,7 +86,7 @@ def diagnose(
     jobs: int = 2,
     progress: bool | None = None,
 ) -> Diagnosis:
-    """Find the discrepancy between simulation and measurement, and its cause.
+    """Find where simulation and measurement differ, and why.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _SEEN = 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiment that best separates causes that fit equally well.
+    """The experiment that best separates equally good causes.
 
     Made by `next_experiment`.
 

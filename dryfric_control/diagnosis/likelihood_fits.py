@@ -69,6 +69,7 @@ class Fits:
     Parameters
     ----------
     believed : FrictionAxis
+        The nominal axis.
     records : sequence of Record
     known : sequence of str
         Parameters that stay at their nominal values.

@@ -1,4 +1,4 @@
-"""Checks of what the user gives: bad input is refused by name before any work."""
+"""Checks of user input: invalid arguments are rejected by name before any computation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def finite(name: str, value: object, *, unit: str = "") -> float:
-    """Finite float, or an error that names the argument."""
+    """Convert to a finite float; the error names the argument."""
     try:
         if isinstance(value, (str, bytes)):
             raise TypeError
@@ -25,7 +25,7 @@ def finite(name: str, value: object, *, unit: str = "") -> float:
 
 
 def positive(name: str, value: object, *, unit: str = "", zero: bool = False) -> float:
-    """Finite float above zero (or not below, with `zero`).
+    """Convert to a finite float above zero (or not below zero, with `zero`).
 
     Raises
     ------
@@ -42,7 +42,7 @@ def positive(name: str, value: object, *, unit: str = "", zero: bool = False) ->
 
 
 def whole(name: str, value: object, least: int = 1) -> int:
-    """Whole number that is not below a least one.
+    """Convert to an integer not below `least`.
 
     Raises
     ------
@@ -56,12 +56,12 @@ def whole(name: str, value: object, least: int = 1) -> int:
 
 
 def instance(name: str, value: object, kind: type, mend: str = "") -> None:
-    """Refuse an argument of another kind.
+    """Reject an argument of another type.
 
     Raises
     ------
     ValueError
-        If `value` is not a `kind`; `mend` says where to get one.
+        If `value` is not a `kind`; `mend` is a hint how to get one.
     """
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
@@ -71,13 +71,13 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
 
 
 def short(value: object) -> str:
-    """What the user gave: a short value itself, else its type."""
+    """Description of a value for an error message: the value if short, else its type."""
     text = repr(value) if isinstance(value, (bool, int, float, str, type(None))) else ""
     return text if 0 < len(text) <= 60 else f"a value of type {type(value).__name__}"
 
 
 def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Array of floats of any shape, from numbers alone.
+    """Convert numbers to an array of floats of any shape.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float64]:
-    """One-dimensional array of finite floats, a copy.
+    """Convert to a one-dimensional array of finite floats; a copy.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float6
 
 
 def positive_number(name: str, value: Any, zero_allowed: bool = False) -> float:
-    """A finite positive number, or an error that names the argument."""
+    """Convert to a finite positive number; the error names the argument."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ValueError(f"{name} must be a number, got {value!r}")
     number = float(value)

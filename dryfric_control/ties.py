@@ -1,9 +1,9 @@
-"""Choices that round-off must not make: which numbers are equal, and who wins then.
+"""Comparisons that do not depend on round-off.
 
-A sum in another order or another processor changes results in their last digits.
-Wherever numbers that differ by no more are compared to choose something, the rule
-is this one: they are equal, and the first wins, which is the simplest or the
-coarsest.  Differences that a record resolves are far larger than `NEAR`.
+Another order of summation or another processor changes results in their last digits.
+Wherever a comparison of such numbers decides a choice, numbers that differ by no more
+than that are equal, and the first one wins, which is the simplest or the coarsest.
+Differences that a record resolves are far larger than `NEAR`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Part of a range, or of a number, below which a difference is round-off: some
-#: hundred times what long sums lose, and finer than an encoder of 32 bit.
+#: Difference, relative to a range or a number, up to which it is round-off: some
+#: hundred times the error of long sums, and finer than a 32-bit encoder.
 NEAR = 1e-10
-#: Difference of two sums of squared errors, each over its variance, that tells
-#: nothing: a parameter a thousandth of its standard error off makes as much.
+#: Insignificant difference of two sums of squared errors, each over its variance:
+#: an error of a parameter by a thousandth of its standard error causes as much.
 SQUARES = 1e-6
 
 
@@ -29,8 +29,8 @@ def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> NDArray[np.bool_]:
     b : array_like
         Limit.
     least : float, optional
-        Difference that tells nothing, beside round-off of the limit itself:
-        that of positions is a part of their range.
+        Insignificant difference, in addition to round-off of the limit itself; for
+        positions a fraction of their range.
 
     Returns
     -------
@@ -46,14 +46,14 @@ def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> NDArray[np.bool_]:
 
 
 def ranked(values: ArrayLike, least: float = 0.0) -> list[int]:
-    """Indices from the smallest value to the largest; equal ones in the order given.
+    """Indices from the smallest to the largest value; equal ones in the given order.
 
     Parameters
     ----------
     values : array_like, shape (n,)
-        Values; those that are not numbers come last.
+        Values; NaN come last.
     least : float, optional
-        Difference that tells nothing, beside round-off.
+        Insignificant difference, in addition to round-off.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def ranked(values: ArrayLike, least: float = 0.0) -> list[int]:
 
 
 def samples(time: float, dt: float) -> int:
-    """Whole number of steps nearest to a time; the even one of two as near.
+    """Number of steps nearest to a time; halves are rounded to even.
 
     Parameters
     ----------

@@ -13,9 +13,10 @@ def _probe(value: float) -> float:
 
 
 def _keep_compiled_code() -> None:
-    """Find a folder for compiled code where neither the package's nor the user's can be written.
+    """Use a temporary folder for compiled code if neither cache folder is writable.
 
-    numba refuses to compile anything for its cache there, and the package would not import.
+    Without one (of the package or the user) numba refuses to compile for its cache, and the
+    package could not be imported.
     """
     try:
         numba.njit(cache=True)(_probe)

@@ -1,9 +1,9 @@
 """Compiled one-sample step of the switched axis.
 
-Everything here takes and returns numbers and arrays: no classes, no Python
-objects.  This is the only place where the physics is integrated; every other
-face of the axis (`FrictionAxis.simulate`, the python-control blocks, fitting,
-diagnosis) calls it.
+All functions take and return numbers and arrays: no classes, no Python objects.
+The equations of motion are integrated only here; all users of the axis
+(`FrictionAxis.simulate`, the python-control blocks, fitting, diagnosis) call this
+module.
 
 The modes are those of the hybrid model (paper, eqs. (2) and (3)), with
 ``s = +1, -1`` the direction of sliding::
@@ -12,8 +12,8 @@ The modes are those of the hybrid model (paper, eqs. (2) and (3)), with
               F_s = (C_s(x) + extra levels) (1 + sigma exp(-((s v - Sigma)/vs)^2))
     stuck     x' = v,  v' = -p v,  friction = w
 
-where ``w`` is the net force without friction: the drive after its own chain
-(gain, dead zone, saturation, delay, lag) plus every force effect.
+where ``w`` is the net force without friction: the drive after gain, dead zone,
+saturation, delay and lag, plus every force effect.
 
 An axis may have inner states.  With an elastic contact (presliding, Prandtl's
 element of stiffness k and deflection z) mode 0 is the elastic phase::
@@ -21,18 +21,18 @@ element of stiffness k and deflection z) mode 0 is the elastic phase::
     elastic   m v' = w - f v - k z,  z' = v,  until |k z| reaches F_s
     sliding   as above, z = s F_s/k, until v = 0
 
-With a transmission, a play or a spring and damper, there are two masses: the
-motor with the drive and the encoder (x, v), the load with all friction and
-all force effects.  The mode is then the load's.
+With a transmission (a play, or a spring and damper) there are two masses: the
+motor with the drive and the encoder (x, v), and the load with all friction and
+all force effects.  The mode is then that of the load.
 
-Sliding is integrated by the four-stage Runge-Kutta-Nystroem method of order 4,
-its error estimated from its own stages; stuck is exact in closed form.  A step
-that meets a switching surface is cut there: the cut is found by repeating the
-step itself, not by interpolation, so switching times are as accurate as the
-integration.
+Sliding is integrated by the four-stage Runge-Kutta-Nystroem method of order 4
+with an error estimate from its own stages; stuck is exact in closed form.  A step
+that meets a switching surface is shortened to end there.  Its length is found by
+repeating the step itself, not by interpolation, so switching times are as accurate
+as the integration.
 
-numba's cache notices a change of a function's own file only: what runs in every
-sample is one file, and `elastic` follows it.
+numba's cache notices only changes of a function's own file: therefore everything
+that runs in every sample is in this file, apart from `elastic`, which builds on it.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ from dryfric_control.compiled.roots import between, larger, narrowed, smaller
 LAW = types.float64(
     types.float64,  # t: time [s]
     types.float64,  # x: position
-    types.float64,  # v: speed
+    types.float64,  # v: velocity
     types.float64,  # u: force the law acts on (drive, or the load for friction)
-    types.float64,  # level: Coulomb level at this place, 0 for force laws
+    types.float64,  # level: Coulomb level at this position, 0 for force laws
     types.float64,  # direction: +1, -1; 0 while stuck
     types.float64,  # rest: time at rest [s]
     types.CPointer(types.float64),  # parameters of this effect
 )
 
 _NUMBERS, _INTEGERS = types.CPointer(types.float64), types.CPointer(types.int64)
-#: What moves and looks at an axis, see `_rigid_task` and `_inner_task`.
+#: Functions that move or inspect an axis, see `_rigid_task` and `_inner_task`.
 TASK_CALL = types.void(
     types.int64,  # task
     _NUMBERS,
@@ -73,12 +73,12 @@ TASK_CALL = types.void(
 
 FILIPPOV, PAPER = 0, 1
 
-#: Places in the array of numbers that describes an axis; the coefficients of
+#: Indices in the array of numbers that describes an axis; the coefficients of
 #: the Coulomb levels (for +, then for -) and the effects' parameters follow.
 #: SHORT_WAY and SHORT_TIME are the shortest length and time over which an effect
-#: varies: no step passes either, or all its stages could see the same phase.
-#: ALLOWED is the error of the velocity that one step may have beside TOLERANCE, 0 unless
-#: noise hides it.
+#: varies: no step is longer, or all its stages could see the same phase.
+#: ALLOWED is a velocity error per step that is allowed in addition to TOLERANCE: 0
+#: unless noise hides it.
 (
     INVERSE_MASS,
     VISCOUS,
@@ -101,15 +101,15 @@ FILIPPOV, PAPER = 0, 1
     COULOMB,
 ) = range(19)
 
-#: Places in the array of integers; address and first parameter of each law
-#: follow, in the order input, force, level; the first N_PLACE of the N_FORCE
-#: force laws depend on place and time alone, the first N_PEAKED of the N_LEVEL
-#: level laws are raised by the Stribeck peak; N_CARRIED of the level laws read the load of the
-#: transmission; the N_READING laws of the encoder come last.
-#: STRUCTURE tells which inner states the axis has, 0 for none.  With two masses
-#: the numbers are there twice, N_NUMBERS each: with the whole mass, and with
-#: that of the load.  RIGID_TASK and TASK are addresses of what moves the axis
-#: without its inner states, and with them.
+#: Indices in the array of integers; address and first parameter of each law
+#: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
+#: force laws depend only on position and time; the first N_PEAKED of the N_LEVEL
+#: level laws are raised by the Stribeck peak; N_CARRIED of the level laws depend on the
+#: load of the transmission; the N_READING laws of the encoder come last.
+#: STRUCTURE is the set of inner states of the axis, 0 for none.  With two masses
+#: the numbers are stored twice, N_NUMBERS each: with the total mass, and with
+#: that of the load.  RIGID_TASK and TASK are addresses of the functions that move the
+#: axis without its inner states, and with them.
 (
     RULE,
     N_PLUS,
@@ -129,43 +129,44 @@ FILIPPOV, PAPER = 0, 1
     LAWS,
 ) = range(16)
 
-#: What a STRUCTURE is made of, to be added up; ON_LOAD: the encoder is on the load.
+#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load.
 CONTACT, PLAY, SPRING, ON_LOAD = 1, 2, 4, 8
 ADVANCE, _LOOK, SETTLE = 0, 1, 2
 
-#: Places of the memory that every axis carries; the delay line follows.
-#: Position and speed are the motor's.  The inner states: deflection of the
-#: contact; position and speed of the load, less those of the motor.
+#: Indices in the memory of an axis; the delay line follows.
+#: Position and velocity are those of the motor.  Inner states: deflection of the
+#: contact; position and velocity of the load minus those of the motor.
 X, V, MODE, REST, LAGGED, DEFLECTION, OFFSET, SLIP, HISTORY = range(9)
-#: How many numbers describe the inner states: deflection, offset, slip, mode.
+#: Number of values that describe the inner states: deflection, offset, slip, mode.
 N_INNER = 4
 
-# Local error of one step, relative to the speed scale: far below the accuracy
-# promised for switching times (1e-6 s) and far above round-off.
+# Local error of one step, relative to the velocity scale: far below the accuracy
+# guaranteed for switching times (1e-6 s) and far above round-off.
 TOLERANCE = 3e-9
-# exp(-40) is below the round-off of 1: further out there is no Stribeck term.
+# exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
-# Bounds the work per sample.  Well-posed switching comes near it only where a sample holds
-# tens of thousands of oscillations; what comes after is left out, and counted as lost.
+# Largest number of switches per sample, to bound the work.  Well-posed switching reaches it only
+# if a sample contains tens of thousands of oscillations; later switches are counted as lost.
 MAX_SWITCHES = 100_000
-# Switches closer than this part of an interval are a load and a level that are equal but for
-# round-off; after so many of them in a row the mode stays for a while, longer each time.
+# Switches closer than CLOSE, as a fraction of the interval, are due to a load and a level that
+# are equal up to round-off; after MOST_CLOSE successive ones the mode is held for a pause, which
+# grows each time.
 CLOSE, MOST_CLOSE = 1e-6, 64
 TOO_MANY = "one sample holds more than 100 000 switches: take a shorter dt, or check the units"
-#: Numbers that a list of switches has room for at the least, before each sample.
+#: Least free room of a list of switches before each sample, in numbers.
 ROOM = 3 * 400
-#: Beyond that, a sample has too many of them.
+#: Largest room; a sample that needs more has too many switches.
 MOST_ROOM = 8 * 3 * MAX_SWITCHES
-#: Places of the tally of a list of switches: how many there are, how many it has room
-#: for, how many were lost for want of room, and how many a stretch may hold.
+#: Indices of the tally of a list of switches: number of switches, room for them, number
+#: lost because there was no room, and largest number per stretch.
 LISTED, HELD, LOST, MOST = range(4)
-#: Switches that a stretch may hold while parameters are searched: an axis that needs
-#: more is none that a record asks for, and would take its time.
+#: Largest number of switches per stretch in a search for parameters: an axis with more fits
+#: no record, and would be slow.
 FEW_SWITCHES = 64
-# Turns of the search for the place of a reading, see `place`.
+# Iterations of the search for the position of a reading, see `place`.
 _TURNS = 12
-SHORTEST = 1e-9  # shortest step, as a part of the interval
+SHORTEST = 1e-9  # shortest step, as a fraction of the interval
 
 
 class Plant(NamedTuple):
@@ -185,9 +186,9 @@ class Drive(NamedTuple):
 
 
 def internal(function=None, **options):
-    """`njit` for what takes a `Plant` or addresses, and compiled code alone can call.
+    """`njit` for functions that take a `Plant` or addresses: called by compiled code only.
 
-    Without its wrappers for Python there is less to compile.
+    Without the wrappers for Python there is less to compile.
     """
     return njit(
         function, cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
@@ -225,7 +226,7 @@ def _call(typingctx, address, t, x, v, u, level, direction, rest, numbers, offse
 
 @intrinsic
 def further(typingctx, numbers, count):
-    """Address of the number `count` places further on."""
+    """Address of the number `count` positions further on."""
     signature = numbers(numbers, types.int64)
 
     def codegen(context, builder, signature, args):
@@ -236,7 +237,7 @@ def further(typingctx, numbers, count):
 
 @intrinsic
 def spare_memory(typingctx):
-    """A memory without delay line, alive as long as the calling function runs."""
+    """A memory without delay line, valid while the calling function runs."""
     signature = types.CPointer(types.float64)()
 
     def codegen(context, builder, signature, args):
@@ -263,7 +264,7 @@ def _call_task(typingctx, address, *arguments):
 
 @njit(cache=True, error_model="numpy")
 def point(numbers, integers):
-    """Arrays that describe an axis as a `Plant`; they must outlive it."""
+    """The arrays of an axis as a `Plant`; they must outlive it."""
     return Plant(pointer(numbers), pointer(integers))
 
 
@@ -284,7 +285,7 @@ def polynomial(coefficients, first, count, x):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def held_force(force):
-    """Drive of one force."""
+    """Drive with a constant force."""
     return Drive(force, 0.0, 0.0, 0.0)
 
 
@@ -299,7 +300,7 @@ def drive_force(drive, tau):
 
 @internal(forceinline=True)
 def _place_force(plant, t, x, s, rest):
-    """Sum of the force laws that depend on place and time alone."""
+    """Sum of the force laws that depend only on position and time."""
     force = 0.0
     for i in range(plant.integers[N_INPUT], plant.integers[N_INPUT] + plant.integers[N_PLACE]):
         force += _law(plant, i, t, x, 0.0, 0.0, 0.0, s, rest)
@@ -308,7 +309,7 @@ def _place_force(plant, t, x, s, rest):
 
 @internal(forceinline=True)
 def _motion_force(plant, t, x, v, u, s, rest):
-    """Sum of the force laws that depend on speed or drive as well."""
+    """Sum of the force laws that depend on velocity or drive as well."""
     force = 0.0
     first = plant.integers[N_INPUT]
     for i in range(first + plant.integers[N_PLACE], first + plant.integers[N_FORCE]):
@@ -337,10 +338,10 @@ def base_level(plant, x, s):
 
 @internal(forceinline=True)
 def _carried(plant, t, x, v, w, s, rest):
-    """Load of the transmission, given the net force: the drive less the force effects.
+    """Load of the transmission, given the net force: drive minus force effects.
 
-    A drive that holds a weight is pressed against it by both.  What a force effect makes
-    of the drive counts as drive.
+    A drive that holds a weight is loaded by both.  The part of a force effect that depends
+    on the drive counts as drive.
     """
     if plant.integers[N_CARRIED] == 0:
         return w
@@ -349,7 +350,7 @@ def _carried(plant, t, x, v, w, s, rest):
 
 @internal(forceinline=True)
 def _full_level(plant, t, x, v, carried, base, s, rest):
-    """Level that the Stribeck peak raises, without it, given the map's level."""
+    """Level that the Stribeck peak raises, before the peak, given the map's level."""
     level = base
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     for i in range(first, first + plant.integers[N_PEAKED]):
@@ -377,7 +378,7 @@ def coulomb_level(plant, t, x, v, w, s, rest):
 
 @internal(forceinline=True)
 def _stribeck(plant, level, v, s):
-    """Level raised by the Stribeck peak at speed v."""
+    """Level raised by the Stribeck peak at velocity v."""
     if plant.numbers[EXCESS] > 0.0:
         q = (s * v - plant.numbers[STICK_SPEED]) * plant.numbers[INVERSE_STRIBECK_SPEED]
         q *= q
@@ -388,7 +389,7 @@ def _stribeck(plant, level, v, s):
 
 @internal(forceinline=True)
 def peaked_level(plant, t, x, v, slip, w, base, s, rest):
-    """Friction level with its Stribeck peak at the speed `slip`, a magnitude."""
+    """Friction level with its Stribeck peak at the velocity `slip`, a magnitude."""
     carried = _carried(plant, t, x, v, w, s, rest)
     own = _stribeck(plant, _full_level(plant, t, x, v, carried, base, s, rest), slip, s)
     return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
@@ -410,7 +411,7 @@ def breakaway_level(plant, t, x, w, s, rest):
 
 @internal(forceinline=True)
 def _rate(plant, t, x, v, s, u, placed, base):
-    """Acceleration, given the drive, the place forces and the map's level."""
+    """Acceleration, given the drive, the position-dependent forces and the map's level."""
     w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
     friction = peaked_level(plant, t, x, v, v, w, base, s, 0.0)
     return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
@@ -426,10 +427,10 @@ def _acceleration(plant, drive, t0, tau, x, v, s):
 
 @internal
 def slide(plant, drive, t0, tau, x, v, s, k1, d):
-    """One sliding step of length d: state, stages 2 to 4, place acceleration.
+    """One sliding step of length d: state, stages 2 to 4, position-dependent acceleration.
 
-    Stages 2 and 3 share their place, so what depends on place and time alone
-    is evaluated once for both.
+    Stages 2 and 3 have the same position: laws that depend only on position and time
+    are evaluated once for both.
     """
     half = 0.5 * d
     xm = x + half * (v + 0.25 * d * k1)
@@ -447,18 +448,18 @@ def slide(plant, drive, t0, tau, x, v, s, k1, d):
 
 @internal(forceinline=True)
 def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
-    """Estimate of the speed error of one step from its stages; 0 if surely allowed.
+    """Estimate of the velocity error of one step from its stages; 0 if surely allowed.
 
-    Three ways to err are told apart.  With a rate a' = lambda a the stages give
+    Three sources of error are distinguished.  With a rate a' = lambda a the stages give
     z = lambda d from (k3 - k2)/(k2 - k1) = z/2, and the error is z^5/120 of the
-    speed.  With a force that varies along the way like a sine of phase phi per
-    step, the error is d A phi^4/120 at most (a spring; d A phi^4/2880 if the
-    way is given, Simpson's rule); the second difference is A phi^2/4, and phi
-    follows from it over the first difference, A phi, or over the place force.
-    Where such a force passes zero the error is in the place moved to, and phi^2
-    is d^2 times the first difference over the way.  Without forces that vary
-    along the way only the first remains: a linear drive is integrated exactly,
-    and one that fades by Simpson's rule.
+    velocity.  With a force that varies with position like a sine of phase phi per
+    step, the error is at most d A phi^4/120 (a spring; d A phi^4/2880 if the
+    motion is given, Simpson's rule); the second difference is A phi^2/4, and phi
+    is its ratio to the first difference, A phi, or to the position-dependent force.
+    Where such a force passes through zero, the error stems from the new position, and
+    phi^2 is d^2 times the first difference over the distance moved.  Without
+    position-dependent forces only the first source remains: a linear drive is
+    integrated exactly, and an exponential one by Simpson's rule.
     """
     i = plant.integers
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
@@ -495,13 +496,14 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
 
 @internal(forceinline=True)
 def peak_step(plant, v, v1, s, d):
-    """Length of a step that does not pass the Stribeck peak unseen."""
+    """Largest step length that does not skip the Stribeck peak."""
     if plant.numbers[EXCESS] == 0.0:
         return d
     change = abs(v1 - v) * plant.numbers[INVERSE_STRIBECK_SPEED]
     if change <= 1.0:
         return d
-    # Over the stick speed, in Stribeck speeds: below 0 friction is level, far above it too.
+    # Speed above the stick speed, in Stribeck speeds: the friction is constant below 0 and
+    # far above.
     sigma, inverse = plant.numbers[STICK_SPEED], plant.numbers[INVERSE_STRIBECK_SPEED]
     above, then = (s * v - sigma) * inverse, (s * v1 - sigma) * inverse
     if max(above, then) <= 0.0 or min(above, then) >= _STRIBECK_EDGE:
@@ -512,7 +514,7 @@ def peak_step(plant, v, v1, s, d):
 
 @internal
 def band_excess(plant, drive, t0, tau, x, v, s):
-    """How far the load lies outside the Coulomb band, negative inside it."""
+    """Distance of the load from the Coulomb band, negative inside it."""
     w = load(plant, drive, t0, tau, x, v, s, 0.0)
     t = t0 + tau
     if s * w > 0.0:
@@ -537,9 +539,9 @@ def _surface(plant, drive, t0, tau, x, v, s, kind):
 def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     """Length of the step that ends on a switching surface.
 
-    Illinois' method on the step itself.  `upper` is the surface's value at
-    the end of the full step (not positive); its value at the start is
-    positive, or the surface is met at once.
+    Illinois method on the step itself.  `upper` is the value of the switching function
+    at the end of the full step (not positive); its value at the start is positive, or
+    the length is 0.
     """
     a, b = 0.0, d
     fa = _surface(plant, drive, t0, tau, x, v, s, kind)
@@ -559,7 +561,7 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
 
 @internal
 def hold_excess(plant, drive, t0, tau, x, v, rest):
-    """How far the load exceeds what a stuck axis can hold, and its direction."""
+    """Excess of the load over the holding force of a stuck axis, and its direction."""
     w = load(plant, drive, t0, tau, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
     return s * w - breakaway_level(plant, t0 + tau, x, w, s, rest), s
@@ -567,21 +569,21 @@ def hold_excess(plant, drive, t0, tau, x, v, rest):
 
 @internal
 def _decay(plant, x, v, d):
-    """Stuck motion over d: v' = -p v, exactly."""
+    """Stuck motion over d: exact solution of v' = -p v."""
     if v == 0.0:
         return x, v
     fall = -math.expm1(-plant.numbers[STICK_RATE] * d)
     after = v - v * fall
-    # Without a floor the speed would creep into denormal numbers, which are slow.
+    # Without a lower limit the velocity would decay into denormal numbers, which are slow.
     return x + v * fall / plant.numbers[STICK_RATE], after if abs(after) > 1e-250 else 0.0
 
 
 @internal
 def resolve(plant, t, x, v, mode, rest, w):
-    """Mode at an instant where the load may have jumped.
+    """Mode at an instant at which the load may have jumped.
 
-    Returns the mode and the speed: an axis that breaks away against its
-    leftover speed (at most Sigma) loses that speed.
+    Returns the mode and the velocity: an axis that breaks away against its
+    remaining velocity (at most Sigma) loses it.
     """
     if mode == 0:
         if abs(v) > plant.numbers[STICK_SPEED]:
@@ -592,7 +594,7 @@ def resolve(plant, t, x, v, mode, rest, w):
         return 0, v
     s = float(mode)
     if s * v < 0.0:
-        # Only the printed rule and a state given from outside come here.
+        # Reached only with the printed rule or a state given from outside.
         mode, s = -mode, -s
     if s * v <= plant.numbers[STICK_SPEED]:
         side = s if s * w > 0.0 else -s
@@ -603,7 +605,7 @@ def resolve(plant, t, x, v, mode, rest, w):
 
 @internal(forceinline=True)
 def begin(plant, drive, t, x, v, mode, rest):
-    """Mode, speed, friction force and acceleration as an interval starts."""
+    """Mode, velocity, friction force and acceleration at the start of an interval."""
     w = load(plant, drive, t, 0.0, x, v, float(mode), rest)
     after, v = resolve(plant, t, x, v, mode, rest, w)
     if after == 0:
@@ -622,7 +624,7 @@ def begin(plant, drive, t, x, v, mode, rest):
 
 @internal
 def at_zero(plant, t, x, w, mode):
-    """Mode after a sliding speed has come down to zero (completed rule)."""
+    """Mode after a sliding velocity has fallen to zero (completed rule)."""
     s = float(mode)
     if -s * w > breakaway_level(plant, t, x, w, -s, 0.0):
         return -mode
@@ -642,7 +644,7 @@ def tally(events, most=MAX_SWITCHES):
 
 @njit(cache=True, error_model="numpy")
 def record(events, count, t, before, after, nth=0):
-    """List a switch, the nth of its stretch; lost where there is no room, or no end."""
+    """Append a switch, the nth of its stretch; lost if there is no room or too many."""
     k = count[LISTED]
     if k >= count[HELD] or nth == count[MOST]:
         count[LOST] += 1
@@ -655,9 +657,9 @@ def record(events, count, t, before, after, nth=0):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def crowded(tau, last, h, close, pause):
-    """After a switch at tau, the one before at `last`: how many in a row lie close.
+    """Update the count of successive close switches, after one at tau and one at `last`.
 
-    Returns that number, the length of the next pause, and when switching goes on.
+    Returns the count, the length of the next pause, and the time at which switching resumes.
     """
     close = close + 1 if tau - last < CLOSE * h else 0
     if close < MOST_CLOSE:
@@ -679,13 +681,13 @@ def _varies(plant, drive):
 
 @internal(forceinline=True)
 def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
-    """Try the interval in one step; whether no switch is near, and the state."""
+    """Try the interval in one step: whether no switch is near, and the new state."""
     if mode == 0:
         x1, v1 = _decay(plant, x, v, h)
         if _varies(plant, drive):
             if h > plant.numbers[SHORT_TIME]:
                 return False, x, v
-            # The middle is looked at too: a force may peak inside a sample.
+            # Check the middle too: a force may peak inside a sample.
             xm, vm = _decay(plant, x, v, 0.5 * h)
             middle, _ = hold_excess(plant, drive, t0, 0.5 * h, xm, vm, rest + 0.5 * h)
             end, _ = hold_excess(plant, drive, t0, h, x1, v1, rest + h)
@@ -713,7 +715,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
 
 @internal
 def _hold_later(plant, drive, t0, tau, x, v, rest, d):
-    """Excess of the load over what holds it after d more at rest, and its direction."""
+    """Excess of the load over the holding force after d more at rest, and its direction."""
     xd, vd = _decay(plant, x, v, d)
     return hold_excess(plant, drive, t0, tau + d, xd, vd, rest + d)
 
@@ -722,8 +724,8 @@ def _hold_later(plant, drive, t0, tau, x, v, rest, d):
 def _release(plant, drive, t0, tau, x, v, rest, d):
     """Whether a stuck axis breaks away within d, when, and in which direction.
 
-    The excess of the load is looked at twice, or more often where an effect varies faster,
-    and at the peak of the parabola through three looks.
+    The excess of the load is evaluated twice, or more often if an effect varies faster,
+    and at the peak of the parabola through three values.
     """
     looks = max(2, math.ceil(d / plant.numbers[SHORT_TIME]))
     part = d / looks
@@ -754,7 +756,7 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
 
 @internal
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
-    """Move over an interval with switches in it, or too rough for one step."""
+    """Move over an interval that contains switches or needs more than one step."""
     sigma = plant.numbers[STICK_SPEED]
     varies = _varies(plant, drive)
     tau = 0.0
@@ -762,9 +764,9 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     switches = 0
     flips = 0
     close, pause, resume, last = 0, CLOSE * h, 0.0, -h
-    fresh = False  # k1 must be computed anew
+    fresh = False  # whether k1 must be recomputed
     while tau < h:
-        # Until then the mode stays, see `crowded`.
+        # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
         may = bound == h and switches < count[MOST]
         if mode == 0:
@@ -807,13 +809,13 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 longest = seen
                 continue
             if v == 0.0 and s * k1 > 0.0 and s * v1 <= 0.0:
-                # From rest and back to it in one step: stop near the turn.
+                # From rest and back to it in one step: stop near the reversal.
                 longest = d * min(max(k1 / (k1 - k4), 0.1), 0.9)
                 continue
 
         inside = s * v <= sigma
         if divisible and s * k1 < 0.0 < s * k4 and s * v1 > (0.0 if inside else sigma):
-            # The speed dips and recovers: stop at the dip if it is deep enough.
+            # The speed has a minimum inside the step: stop there if it is low enough.
             part = k1 / (k1 - k4)
             dip = v + part * d * (k1 + 0.5 * part * (k4 - k1))
             if s * dip < (0.0 if inside else sigma) and 1e-6 < part < 1.0 - 1e-6:
@@ -829,8 +831,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
                 part = w0 / (w0 - w1)
                 if w0 * w1 < 0.0 and 1e-6 < part < 1.0 - 1e-6:
-                    # The load crosses the whole band in this step: stop in it, if it has
-                    # any width.
+                    # The load crosses the whole band in this step: stop inside the band,
+                    # if it has any width.
                     longest = part * d
                     continue
             if not inside and (start <= 0.0 or end <= 0.0):
@@ -862,13 +864,13 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
             v = 0.0
             w = load(plant, drive, t0, tau, x, v, s, 0.0)
             if plant.integers[RULE] == PAPER:
-                # The printed rule alone would switch without end inside the sample.
+                # The printed rule alone would switch endlessly inside the sample.
                 flips += 1
                 after = -mode
             else:
                 after = at_zero(plant, t0 + tau, x, w, mode)
                 if after == mode and d == 0.0:
-                    # Round-off between a load and a level that are equal.
+                    # Load and level are equal up to round-off.
                     after = 0
         elif kind == _OUTER:
             v = s * sigma
@@ -906,7 +908,7 @@ def _advance_rigid(plant, drive, t0, h, memory, events, count):
 def _rigid_task(
     task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
 ):
-    """Whatever an axis without inner states is asked to do; speed, friction, mode."""
+    """Perform a task of an axis without inner states; velocity, friction, mode."""
     plant, drive = Plant(numbers, integers), Drive(start, slope, fade, rate)
     if task == ADVANCE:
         v, friction, mode = _advance_rigid(plant, drive, t0, h, memory, events, count)
@@ -919,16 +921,16 @@ def _rigid_task(
 
 @functools.cache
 def rigid_task():
-    """Compiled code that moves an axis without inner states, on first use."""
+    """Function that moves an axis without inner states, compiled on first use."""
     return cfunc(TASK_CALL, cache=True)(_rigid_task)
 
 
 @internal
 def do(plant, place, task, drive, t0, h, memory, events, count):
-    """Have a task done, by the address at a place of the integers.
+    """Perform a task by the function whose address is at index `place` of the integers.
 
-    Called by its address, what moves an axis is compiled once, and not again
-    into everything that moves one.
+    Because it is called by its address, this function is compiled once instead of into
+    each of its callers.
     """
     seen = spare_memory()
     _call_task(
@@ -942,8 +944,8 @@ def do(plant, place, task, drive, t0, h, memory, events, count):
 def advance(plant, drive, t0, h, memory, events, count):
     """Move the axis over [t0, t0 + h] with one smooth piece of drive.
 
-    `memory` is changed in place; each switch goes to `events` (rows of time,
-    mode before, mode after) and is counted in `count`.  Returns speed, friction
+    `memory` is changed in place; each switch is appended to `events` (rows of time,
+    mode before, mode after) and counted in `count`.  Returns velocity, friction
     force and mode at t0.
     """
     return do(plant, TASK, ADVANCE, drive, t0, h, memory, events, count)
@@ -964,12 +966,12 @@ def reading(plant, t, memory):
 
 @internal
 def place(plant, t, dt, y, memory):
-    """Put the axis where its encoder reads y; its velocity is that of the reading."""
+    """Set position and velocity so that the encoder reads y and its derivative."""
     memory[X] = y
     if plant.integers[STRUCTURE] & ON_LOAD:
         memory[X] -= memory[OFFSET]
     if plant.integers[N_READING] > 0:
-        # What is added changes slowly along the way: each turn leaves a small part of it.
+        # The encoder error varies slowly with position: the fixed-point iteration converges.
         for _ in range(_TURNS):
             memory[X] += y - reading(plant, t, memory)
         x, way = memory[X], memory[V] * dt
@@ -991,7 +993,7 @@ def input_map(plant, t, memory, u):
 
 @internal
 def _piece(plant, memory, start, end, h):
-    """Drive over one piece of length h, through the lag if there is one."""
+    """Drive over one piece of length h, after the lag if there is one."""
     slope = (end - start) / h
     if plant.numbers[LAG] <= 0.0:
         return Drive(start, slope, 0.0, 0.0)
@@ -1001,7 +1003,7 @@ def _piece(plant, memory, start, end, h):
 
 @njit(cache=True, error_model="numpy")
 def _whole_samples(delay, dt):
-    """Delay as whole samples and the rest, as a part of one sample."""
+    """Delay as whole samples and the rest as a fraction of a sample."""
     n = int(delay / dt)
     part = delay / dt - n
     if part > 1.0 - 1e-9:
@@ -1015,7 +1017,7 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
 
     `memory` is x, v, mode, time at rest, lagged drive and the delay line (pairs
     of start and end value, newest first); it is changed in place.  Returns
-    speed, friction force and mode at t, under the new input.
+    velocity, friction force and mode at t, under the new input.
     """
     a = input_map(plant, t, memory, u0)
     b = a if u1 == u0 else input_map(plant, t, memory, u1)
@@ -1026,8 +1028,8 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
             memory[LAGGED] = drive_force(drive, dt)
         return seen
 
-    # The delay is n whole samples and a part: the input seen changes inside
-    # the sample, which is therefore walked in two pieces.
+    # The delay is n whole samples and a fraction: the delayed input changes inside the
+    # sample, which is therefore integrated in two pieces.
     n, part = _whole_samples(plant.numbers[DELAY], dt)
     seen = (0.0, 0.0, 0)
     last = plant.integers[N_HISTORY] - 1
@@ -1070,7 +1072,7 @@ def drive_now(plant, t, dt, memory, u):
 def settle(plant, t, dt, memory, u, inertia=0.0):
     """Set the inner states to those of an axis at rest, or sliding steadily.
 
-    `inertia`: the part of the drive that accelerates it.
+    `inertia`: the part of the drive that accelerates the axis.
     """
     if plant.integers[STRUCTURE] == 0:
         return
@@ -1080,19 +1082,19 @@ def settle(plant, t, dt, memory, u, inertia=0.0):
 
 @internal
 def outputs(plant, t, dt, memory, u):
-    """Speed, friction force and mode at the sample instant, under the new input.
+    """Velocity, friction force and mode at the sample instant, under the new input.
 
-    The speed differs from the one in memory only where a stuck axis breaks
-    away against its leftover speed, which it loses.
+    The velocity differs from the one in memory only if a stuck axis breaks away
+    against its remaining velocity, which it loses.
     """
     drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
-    # Looking changes nothing, so that no list of switches is needed.
+    # This task changes no state and needs no list of switches.
     return do(plant, TASK, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @njit(cache=True, error_model="numpy")
 def step(numbers, integers, memory, t, dt, u0, u1):
-    """One sample for a caller that keeps no list of switches."""
+    """One sample, for a caller that needs no list of switches."""
     plant = point(numbers, integers)
     events = np.empty(3)
     count = tally(events)
@@ -1101,7 +1103,7 @@ def step(numbers, integers, memory, t, dt, u0, u1):
 
 @njit(cache=True, error_model="numpy")
 def outputs_now(numbers, integers, memory, t, dt, u):
-    """Speed, friction force and mode at a sample instant with input u."""
+    """Velocity, friction force and mode at a sample instant with input u."""
     return outputs(point(numbers, integers), t, dt, pointer(memory), u)
 
 
@@ -1113,7 +1115,7 @@ def reading_now(numbers, integers, memory, t):
 
 @njit(cache=True, error_model="numpy")
 def mode_rate(numbers, integers, t, x, v, u, mode):
-    """Acceleration and friction force of one mode, which it never leaves."""
+    """Acceleration and friction force in a given mode, without switching."""
     plant = point(numbers, integers)
     memory = np.array([x, v, float(mode), 0.0, 0.0])
     drive = Drive(input_map(plant, t, pointer(memory), u), 0.0, 0.0, 0.0)
@@ -1127,7 +1129,7 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
 
 @njit(cache=True, error_model="numpy")
 def doubled(events):
-    """The list of switches with twice the room."""
+    """A copy of the list of switches with twice the room."""
     longer = np.empty(2 * events.shape[0])
     for i in range(events.shape[0]):
         longer[i] = events[i]
@@ -1146,16 +1148,16 @@ def located(events, count):
 
 @njit(cache=True, error_model="numpy")
 def run(numbers, integers, memory, u, dt, first, t0, out):
-    """Whole record into `out`: rows x, v, friction, mode, one column a sample.
+    """Simulate a whole record into `out`: rows x, v, friction, mode, a column per sample.
 
     `u` has one value per sample; `first` selects first-order hold.  `memory`
-    is changed in place and holds the state after the last sample.  Returns the
+    is changed in place and contains the state after the last sample.  Returns the
     located switches, rows of time, mode before, mode after.
     """
     plant = point(numbers, integers)
     state = pointer(memory)
     n = u.shape[0]
-    # The mode at the start is chosen, not switched to.
+    # The initial mode is set without recording a switch.
     state[MODE] = outputs(plant, t0, dt, state, u[0])[2]
     start = memory.copy()
     room = ROOM
@@ -1175,7 +1177,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
             break
         if 8 * room > MOST_ROOM:
             raise ValueError(TOO_MANY)
-        # A sample with more switches than there was room for: once more, with more room.
+        # A sample had more switches than the list has room for: repeat with more room.
         memory[:] = start
         room *= 8
     t = t0 + (n - 1) * dt

@@ -2,11 +2,11 @@
 
 One function, `step`, takes the reference and the reading of one sample and
 returns the drive.  The python-control block, the stepper and the compiled
-closed loop are faces of it.
+closed loop all call it.
 
-The reference comes `lead` samples ahead of the motion it asks for.  The
-feedforward uses it at once, which cancels the delay of the drive; the feedback
-compares the reading with the reference of `lead` samples before.
+The reference leads the required motion by `lead` samples.  The feedforward uses it
+immediately, which compensates the delay of the drive; the feedback compares the
+reading with the reference `lead` samples ago.
 """
 
 from __future__ import annotations
@@ -20,49 +20,49 @@ from numba import njit
 from dryfric_control.compiled import axis_step, observer
 from dryfric_control.compiled.loop import advance_plant, encode
 
-#: Where the estimate of friction comes from.
+#: Source of the friction estimate.
 NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
 
-#: Places of the law's numbers.
+#: Indices of the law's numbers.
 (
     DT,
-    LEAD,  # samples by which the reference comes ahead
+    LEAD,  # lead of the reference [samples]
     KP,
     KI,
     KD,
-    KEEP,  # of the low-pass on the speed
+    KEEP,  # coefficient of the velocity low-pass
     LIMIT,
     MASS,
     VISCOUS,
     COULOMB,  # share of the Coulomb level that is fed forward
     PEAK,  # share of the Stribeck peak that is fed forward
     REST_SHARE,  # share of the Coulomb level kept at rest
-    REST_SPEED,  # below it the reference counts as resting
+    REST_SPEED,  # speed below which the reference counts as resting
     STICK_SPEED,
     STRIBECK_SPEED,
     EXCESS,  # nominal Stribeck excess
     MOST_EXCESS,
-    BAND,  # largest correction of a level, as a part of it
-    RATE,  # of learning, per sample
-    LAG,  # part by which the observer's friction follows in a sample
+    BAND,  # largest correction of a level, as a fraction of it
+    RATE,  # learning rate per sample
+    LAG,  # first-order coefficient with which the observer's friction follows, per sample
     RESIDUAL,  # share of the friction residual that is fed back
-    SPEED_SHARE,  # of the observer's speed in the one fed back
-    BUILD,  # way over which friction builds up at a reversal, 0 for none
+    SPEED_SHARE,  # share of the observer's velocity in the one fed back
+    BUILD,  # distance over which friction builds up at a reversal, 0 for none
     SOURCE,
     HOLDS,  # whether the integral and the drive are held at rest
     TOLERANCE,  # position error at which the drive is held
-    GROWTH,  # of the tolerance with every correction
-    HOLD_SHARE,  # of the Coulomb level that a held drive may use
+    GROWTH,  # growth of the tolerance with every correction
+    HOLD_SHARE,  # share of the Coulomb level that a held drive may use
     SETTLE,  # samples of rest before the drive is held
-    MEAN,  # part of a new sample in the means at rest
-    GAIN_X,  # gains of the extended state observer, or the corner
+    MEAN,  # weight of a new sample in the means at rest
+    GAIN_X,  # gains of the extended state observer, or the corner frequency
     GAIN_V,
     GAIN_F,
-    LATE,  # samples by which the feedforward is expected to reach the axis late
+    LATE,  # expected delay of the feedforward at the axis [samples]
     LENGTH,
 ) = range(35)
 
-#: Places of the law's memory; the line of past samples (reference, its speed,
+#: Indices of the law's memory; the line of past samples (reference, its velocity,
 #: feedforward) follows the last, then the memory of the observer.
 (
     SAMPLES,
@@ -72,36 +72,36 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     AHEAD,  # last reference
     DIRECTION,
     CONTACT,  # friction built up, -1 to 1
-    STILL,  # samples for which the reference has rested
+    STILL,  # number of samples since the reference came to rest
     PLUS,  # learned corrections of the Coulomb levels
     MINUS,
     SHARE,  # learned Stribeck excess
     MODE,  # mode of the observer one sample before
-    CORRECTIONS,  # made since the reference came to rest
+    CORRECTIONS,  # number of corrections since the reference came to rest
     HELD,
     HELD_DRIVE,
     MEAN_DRIVE,
     MEAN_ERROR,
     FORCE,  # friction compensation of the last sample
     SLIDING,  # mean of the integral while the reference moves
-    EXPECTED,  # friction beyond the map that the observer should state by now
-    LEVEL_SEEN,  # what it has seen of a unit error of level and of excess
+    EXPECTED,  # friction beyond the map that the observer should have reached by now
+    LEVEL_SEEN,  # its response so far to a unit error of level, and of excess
     PEAK_SEEN,
     INNER,  # six states of a disturbance observer
 ) = range(23)
 LINE = INNER + 6
 STRIDE = 3
 
-#: Out to exp(-50) the Stribeck term is followed.
+#: The Stribeck term is evaluated down to exp(-50).
 _REACH = 50.0
-#: Force of an error below which a contact holds an axis at rest, over the Coulomb level.
+#: Force of the position error, over the Coulomb level, below which a contact holds the axis.
 _NEAR = 0.5
-#: Most steps to invert the static input effects.
+#: Largest number of steps to invert the static input effects.
 _MOST_STEPS = 30
 
 
 class Law(NamedTuple):
-    """Arrays that describe a law; those of the axis lack inner states."""
+    """Arrays that describe a law; those of the axis are without inner states."""
 
     numbers: Any
     axis_numbers: Any
@@ -116,7 +116,7 @@ class Law(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _peak(numbers, v):
-    """Part of the Stribeck peak left at a speed along the motion."""
+    """Fraction of the Stribeck peak that remains at a speed."""
     if numbers[STRIBECK_SPEED] == 0.0:
         return 0.0
     z = max(v - numbers[STICK_SPEED], 0.0) / numbers[STRIBECK_SPEED]
@@ -134,13 +134,13 @@ def _levels(numbers, plant, t, x, v, w, s):
 
 @axis_step.internal
 def _force_effects(plant, t, x, v, u, s):
-    """Force effects of the axis at a point of the motion."""
+    """Force effects of the axis in a given state."""
     return axis_step.load(plant, axis_step.Drive(u, 0.0, 0.0, 0.0), t, 0.0, x, v, s, 0.0) - u
 
 
 @axis_step.internal
 def _through_input(plant, t, seen, wanted):
-    """Drive that the static input effects turn into the wanted one, by secants."""
+    """Drive that the static input effects map to the required force, by secants."""
     if plant.integers[axis_step.N_INPUT] == 0:
         return wanted
     u, got = wanted, axis_step.input_map(plant, t, seen, wanted)
@@ -171,7 +171,7 @@ def _low_pass(memory, at, corner, dt, value):
 
 @njit(cache=True, error_model="numpy")
 def disturbance(c, memory, y):
-    """Resisting force beside inertia and viscous friction, and the speed, of a baseline."""
+    """Resisting force other than inertia and viscous friction, and velocity; a baseline."""
     if c[SOURCE] == DISTURBANCE:
         _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
         u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
@@ -188,10 +188,10 @@ def disturbance(c, memory, y):
 
 @axis_step.internal
 def _learn(c, plant, t, memory, y, mode, v, what):
-    """Correct levels and excess by the observer's friction; what they leave [N].
+    """Correct levels and excess by the observer's friction; the residual [N].
 
-    Normalised least mean squares over (1, peak), both as the observer sees them: it
-    follows friction late, and what it is late by must not be learned.
+    Normalised least mean squares over (1, peak), both filtered like the observer's
+    estimate: its lag must not be learned as an error.
     """
     s = float(mode)
     level, excess = _levels(c, plant, t, y, v, c[VISCOUS] * v, s)
@@ -216,7 +216,7 @@ def _learn(c, plant, t, memory, y, mode, v, what):
 
 @axis_step.internal
 def _friction(c, plant, t, memory, x, v, w, moving):
-    """Friction by the reference's direction, with what was learned."""
+    """Friction for the reference's direction, with the learned corrections."""
     s = memory[DIRECTION]
     level, excess = _levels(c, plant, t, x, v, w, s)
     level += memory[PLUS] if s > 0.0 else memory[MINUS]
@@ -230,11 +230,11 @@ def _friction(c, plant, t, memory, x, v, w, moving):
 
 @njit(cache=True, error_model="numpy")
 def _follow_reference(c, memory, x, v):
-    """Take the reference ahead in; the reference of now and whether one moves."""
+    """Store the leading reference; the current reference and whether one of them moves."""
     moving = abs(v) > c[REST_SPEED]
     if moving:
         if c[HOLDS] != 0.0 and memory[STILL] > c[LEAD] + 2.0:
-            # What friction held at rest is no part of the motion to come.
+            # The integral that friction balanced at rest must not act on the next motion.
             memory[INTEGRAL] = memory[SLIDING]
         memory[DIRECTION] = 1.0 if v > 0.0 else -1.0
         memory[STILL] = 0.0
@@ -257,11 +257,11 @@ def _follow_reference(c, memory, x, v):
 
 @njit(cache=True, error_model="numpy")
 def _rest(c, memory, mode, error, moving, forces, level):
-    """Whether the integral and whether the drive are held at this sample.
+    """Whether the integral is held at this sample, and whether the drive is.
 
-    The held drive is a part of the lesser Coulomb `level` from what balances the other
-    `forces`.  Every slip, and every release of the held drive, widens the
-    tolerance: corrections end, and from then on the drive is constant.
+    The held drive differs from the one that balances the other `forces` by at most a
+    fraction of the smaller Coulomb `level`.  Every slip, and every release of the held
+    drive, widens the tolerance, so that corrections end and the drive becomes constant.
     """
     if c[HOLDS] == 0.0:
         return False, False
@@ -285,7 +285,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
 
 @njit(cache=True, error_model="numpy")
 def _late(c, memory, forward):
-    """Feedforward that reaches the axis now, less that of now, which goes into the line."""
+    """Feedforward that reaches the axis now minus the present one, which is stored."""
     if c[LATE] == 0.0:
         return 0.0
     first = LINE + STRIDE - 1
@@ -298,7 +298,7 @@ def _late(c, memory, forward):
 
 @axis_step.internal
 def _begin(c, memory, x, v, y, watch):
-    """First sample: the axis has followed the reference so far, or rests."""
+    """First sample: assumes that the axis has followed the reference so far, or rests."""
     if memory[DIRECTION] == 0.0:
         v, memory[DIRECTION] = 0.0, 1.0
         memory[SHARE] = c[EXCESS]
@@ -313,9 +313,9 @@ def _begin(c, memory, x, v, y, watch):
 
 @njit(cache=True, error_model="numpy")
 def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
-    """Drive of one sample, `memory` moved on.
+    """Drive of one sample; `memory` is advanced.
 
-    Reference, its speed and acceleration are those of LEAD samples later.
+    Reference, its velocity and acceleration are those LEAD samples ahead.
     """
     c = law.numbers
     plant = axis_step.point(law.axis_numbers, law.axis_integers)
@@ -331,7 +331,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     error, speed = x - y, memory[SPEED]
     mode = 0
 
-    # Feedforward of the motion asked for, on the axis with its effects.
+    # Feedforward for the required motion of the axis with its effects.
     later = t + c[LEAD] * c[DT]
     w = c[MASS] * acceleration_ahead + c[VISCOUS] * speed_ahead
     friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving)
@@ -354,13 +354,13 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     memory[FORCE] = friction
 
     level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
-    # Which way the axis would break away is not known.
+    # The direction in which the axis would break away is unknown: take the smaller level.
     other = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, -memory[DIRECTION], 0.0)
     least = min(level, other)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, least)
     damping = c[KD]
     if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
-        # The elastic contact brakes; a late speed feedback would shake it.
+        # The elastic contact brakes; a delayed velocity feedback would excite it.
         damping = 0.0
     known = c[KP] * error + damping * (v - speed) + forward + friction
     wanted = known + memory[INTEGRAL]
@@ -402,8 +402,8 @@ def read_laws(numbers, integers, t, x):
 def run_loop(numbers, integers, state, law, memory, reference, disturbance, quantum, dt, room, out):
     """Closed loop into `out`: rows x, v, friction, mode, u, y.
 
-    `reference` holds the rows position, speed and acceleration.  Returns the
-    located switches, and how many there was no room for.
+    `reference` has the rows position, velocity and acceleration.  Returns the
+    located switches, and the number of those for which there was no room.
     """
     plant = axis_step.point(numbers, integers)
     at = axis_step.pointer(state)

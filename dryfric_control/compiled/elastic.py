@@ -1,7 +1,7 @@
 """Inner states of an axis: elastic contact, play, spring between motor and load.
 
-Everything here is reached through one address, `inner_task`: it is compiled, once, only
-where such an axis is used, and costs the others nothing.
+All of it is called through one address, `inner_task`: it is compiled once, and only if
+such an axis is used.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ from dryfric_control.compiled.axis_step import (
 )
 from dryfric_control.compiled.roots import between, larger, narrowed, smaller
 
-# Part of the error allowed to a step that the cut at a switch may have, and where two parts
-# meet, which a filter feels the more.
+# Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
+# two masses meet, to which a filter is more sensitive.
 _CUT, _MEETING = 0.1, 0.01
 
 
@@ -93,13 +93,13 @@ def _later(drive, tau):
 
 @internal(forceinline=True)
 def _load_side(plant):
-    """The plant with the load's mass alone."""
+    """The plant with only the mass of the load."""
     return Plant(further(plant.numbers, plant.integers[N_NUMBERS]), plant.integers)
 
 
 @internal(forceinline=True)
 def _transmitted(side, drive, tau, x, v, y, p):
-    """Force on the load: through the spring between two masses, or the drive."""
+    """Force on the load: of the spring between two masses, or of the drive."""
     if side.integers[STRUCTURE] & SPRING:
         return side.numbers[STIFFNESS] * (x - y) + side.numbers[DAMPING] * (v - p)
     return drive_force(drive, tau)
@@ -107,7 +107,7 @@ def _transmitted(side, drive, tau, x, v, y, p):
 
 @internal
 def _bound(side, t, y, p, w, s, rest):
-    """Friction that an elastic contact can carry in direction s at speed p."""
+    """Friction that an elastic contact can carry in direction s at velocity p."""
     return peaked_level(side, t, y, p, s * abs(p), w, base_level(side, y, s), s, rest)
 
 
@@ -135,17 +135,17 @@ def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _wave_error(k1, k2, k3, k4, phi, d):
-    """Speed error of one step of an oscillation that turns by phi in it.
+    """Velocity error of one step of an oscillation whose phase advances by phi in it.
 
-    Acceleration A cos leaves d A phi^4/120; A phi is seen in the first
-    difference of the stages, A phi^2/4 in the second.
+    An acceleration A cos causes the error d A phi^4/120; A phi is the first
+    difference of the stages, A phi^2/4 the second.
     """
     return d * phi * phi * (phi * abs(k4 - k1) + 4.0 * abs((k1 - k2) - (k3 - k4))) / 120.0
 
 
 @internal
 def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
-    """One step of motor and load: their states, last stages, and its error."""
+    """One step of motor and load: their states, last stages, and the step's error."""
     half = 0.5 * d
     ym, xm = y + half * (p + 0.25 * d * k1), x + half * (v + 0.25 * d * m1)
     m2, k2 = _rates(
@@ -171,9 +171,9 @@ def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
         turn += math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
     error = max(error, _wave_error(k1, k2, k3, k4, d * turn, d))
-    # Forces along the way: the elastic force stands for their size; their passage
-    # through zero (the way given as endless) is left to the wave error.  Nothing is
-    # allowed here: the estimate must not be waved through as zero.
+    # Position-dependent forces: the elastic force represents their size; their passage
+    # through zero is left to the wave error (distance infinite).  The allowed error is
+    # 0 here, so that the estimate is not shortened to zero.
     pull = numbers[INVERSE_MASS] * (
         abs(_transmitted(side, drive, tau, x, v, y, p))
         + numbers[CONTACT_STIFFNESS] * abs(y - anchor)
@@ -184,7 +184,7 @@ def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
 
 @internal
 def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
-    """Whether a mode is over in this state."""
+    """Whether a mode ends in this state."""
     s, t = float(mode), t0 + tau
     if side.integers[STRUCTURE] & CONTACT:
         if mode != 0:
@@ -209,7 +209,7 @@ def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
 
 @internal
 def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
-    """Deflection of a contact that springs back, no more than the level holds."""
+    """Deflection of a contact that springs back, limited to what the level can hold."""
     s = 1.0 if z > 0.0 else -1.0
     force = _transmitted(side, drive, tau, x, v, y, p)
     w = load(side, held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
@@ -219,7 +219,7 @@ def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
 
 @internal
 def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
-    """Mode, speed and deflection of the load, friction force, accelerations."""
+    """Mode, velocity and deflection of the load, friction force, accelerations."""
     force = _transmitted(side, drive, 0.0, x, v, y, p)
     w = load(side, held_force(force), t0, 0.0, y, p, float(mode), rest)
     if not side.integers[STRUCTURE] & CONTACT:
@@ -236,7 +236,7 @@ def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     if mode == 0:
         s = 1.0 if z > 0.0 else -1.0
         bound = _bound(side, t0, y, p, w, s, rest)
-        # Round-off of a contact that slides already is not worth an elastic phase.
+        # Start no elastic phase because of round-off in a contact that already slides.
         if s * stiffness * z >= bound * (1.0 - 1e-12):
             z = s * bound / stiffness
             mode = int(s) if s * p > 0.0 else 0
@@ -254,7 +254,7 @@ def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two masses on a spring.
 
-    `side` is the plant with the mass that carries the friction.  Else as
+    `side` is the plant with the mass on which the friction acts.  Otherwise as
     `advance`.
     """
     two = side.integers[STRUCTURE] & SPRING != 0
@@ -284,7 +284,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
             fresh = False
-        # Until then the mode stays, see `crowded`.
+        # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[SHORT_TIME])
         x1, v1, y1, p1, m4, k4, error = _stride(
@@ -308,7 +308,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     continue
                 part = k1 / (k1 - k4) if k1 != k4 else 0.0
                 if p == 0.0 and s * k1 > 0.0 and s * p1 <= 0.0:
-                    # From rest and back to it in one step: stop near the turn.
+                    # From rest and back to it in one step: stop near the reversal.
                     longest = d * min(max(part, 0.1), 0.9)
                     continue
                 dip = p + part * d * (k1 + 0.5 * part * (k4 - k1))
@@ -316,7 +316,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     longest = part * d
                     continue
             elif contact and p * p1 < 0.0:
-                # The contact turns round in this step: stop where it is strained most.
+                # The contact reverses in this step: stop at its largest strain.
                 part = p / (p - p1)
                 force = _transmitted(side, drive, tau + d, x1, v1, y1, p1)
                 w = load(side, held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
@@ -389,7 +389,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
                 after = at_zero(side, t0 + tau, y, w, mode)
                 if after == mode and b <= 2e-14 * d:
-                    # Round-off between a load and a level that are equal.
+                    # Load and level are equal up to round-off.
                     after = 0
         if after != mode:
             switches += 1
@@ -426,7 +426,7 @@ def _advance_one(plant, drive, t0, h, memory, events, count):
 
 @internal
 def _motor(plant, drive, v, tau):
-    """Way and speed of the motor alone after tau, exactly."""
+    """Distance and velocity of the motor alone after tau, exact."""
     inverse = plant.numbers[INVERSE_MOTOR]
     push = tau * (drive.start + 0.5 * drive.slope * tau)
     moved = tau * tau * (0.5 * drive.start + drive.slope * tau / 6.0)
@@ -443,7 +443,7 @@ def _motor(plant, drive, v, tau):
 
 @njit(cache=True, error_model="numpy")
 def _state_of_load(memory, scratch):
-    """The load as one mass of its own, into `scratch`."""
+    """Copy the state of the load, as a single mass, into `scratch`."""
     scratch[X], scratch[V] = memory[X] + memory[OFFSET], memory[V] + memory[SLIP]
     scratch[MODE], scratch[REST] = memory[MODE], memory[REST]
     scratch[DEFLECTION] = memory[DEFLECTION]
@@ -451,7 +451,7 @@ def _state_of_load(memory, scratch):
 
 @internal
 def _seen_one(plant, drive, t, state):
-    """Mode, speed, friction force and acceleration of one mass as it starts."""
+    """Mode, velocity, friction force and acceleration of one mass at the start."""
     mode = int(state[MODE])
     if plant.integers[STRUCTURE] & CONTACT:
         mode, p, _, friction, _, rate = _begin_inner(
@@ -467,13 +467,13 @@ def _seen_one(plant, drive, t, state):
 
 @internal(forceinline=True)
 def _pushes(plant, drive, rate, side):
-    """Force with which the motor, in contact at `side`, pushes the load that accelerates so."""
+    """Force of the motor, in contact at `side`, on a load with acceleration `rate`."""
     return side * (drive_force(drive, 0.0) - rate / plant.numbers[INVERSE_MOTOR])
 
 
 @internal
 def _push(plant, drive, t, state, side):
-    """The same of one mass in some state."""
+    """Contact force as in `_pushes`, for one mass in a given state."""
     return _pushes(plant, drive, _seen_one(plant, drive, t, state)[3], side)
 
 
@@ -489,7 +489,7 @@ def _meeting(plant, memory):
 
 @internal
 def _impact(plant, memory, side):
-    """Plastic impact: one speed from here on, the momentum is kept."""
+    """Plastic impact: common velocity afterwards, momentum conserved."""
     share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
     memory[OFFSET] = -side * plant.numbers[HALF_GAP]
     if memory[SLIP] != 0.0:
@@ -499,7 +499,7 @@ def _impact(plant, memory, side):
 
 @internal
 def _joined(plant, drive, t, d, memory, side, scratch, events, count):
-    """Move motor and load as one mass over d; the contact's push at the end."""
+    """Move motor and load as one mass over d; the contact force at the end."""
     _state_of_load(memory, scratch)
     _advance_one(plant, drive, t, d, scratch, events, count)
     return _push(plant, _later(drive, d), t + d, scratch, side)
@@ -511,7 +511,7 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
     _state_of_load(memory, scratch)
     _advance_one(_load_side(plant), held_force(0.0), t, d, scratch, events, count)
     moved, _ = _motor(plant, drive, memory[V], d)
-    # From differences: the gap is small against the position.
+    # Computed from differences, as the gap is small compared with the position.
     return moved - memory[OFFSET] - (scratch[X] - (memory[X] + memory[OFFSET]))
 
 
@@ -519,9 +519,8 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`.
 
-    In contact they are one mass until the contact would have to pull; apart
-    the motor moves in closed form and the load under its own forces, until
-    they meet.
+    In contact they are one mass until the contact would have to pull.  Apart, the
+    motor moves in closed form and the load under its own forces, until they meet.
     """
     half = plant.numbers[HALF_GAP]
     share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
@@ -537,9 +536,9 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     for turn in range(count[MOST]):
         if tau >= h:
             break
-        # Whether they touch is looked at where a piece ends.
+        # Contact is checked at the end of each piece.
         d = min(h - tau, plant.numbers[SHORT_TIME])
-        # Bounds the work, and the switches that are listed.
+        # Bound the work and the number of listed switches.
         last_turn = turn == count[MOST] - 1 or close >= MOST_CLOSE
         now, piece = t0 + tau, _later(drive, tau)
         known = count[LISTED]
@@ -554,7 +553,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                     c = between(a, fa, b, fb)
                     if b - a <= exact * d or fb == 0.0 or c == b:
                         break
-                    # The push may jump as the load sticks: halve now and then.
+                    # The contact force may jump when the load sticks: bisect every fourth time.
                     if i % 4 == 3:
                         c = 0.5 * (a + b)
                     count[LISTED] = known
@@ -576,7 +575,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                 a, b = 0.0, d
                 fa, fb = half + after * memory[OFFSET], half - after * lead
                 if fa <= 0.0:
-                    # Apart and back again in one piece: find a moment between.
+                    # They separate and meet in one piece: find an instant in between.
                     c = 0.5 * d
                     for _ in range(30):
                         count[LISTED] = known
@@ -627,7 +626,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
 
 @internal
 def _seen_play(plant, drive, t, memory, side):
-    """Speed of the motor, friction force, mode, and the side of contact if it holds."""
+    """Velocity of the motor, friction force, mode, and the side of contact if it holds."""
     scratch = spare_memory()
     _state_of_load(memory, scratch)
     if side != 0.0:
@@ -642,8 +641,8 @@ def _seen_play(plant, drive, t, memory, side):
 def _settle(plant, force, t, memory):
     """Inner states of an axis that has come to rest, or to steady sliding.
 
-    A play is closed on the side of the drive, a spring carries the drive, an
-    elastic contact the load as far as it can.
+    A play is closed on the side of the drive, a spring carries the drive, and an
+    elastic contact carries the load up to the friction level.
     """
     kind = plant.integers[STRUCTURE]
     memory[OFFSET], memory[SLIP], memory[DEFLECTION] = 0.0, 0.0, 0.0
@@ -674,7 +673,7 @@ def _advance_structure(plant, drive, t0, h, memory, events, count):
 
 @internal
 def _outputs_structure(plant, drive, t, memory):
-    """Speed of the motor, friction force and mode of the load."""
+    """Velocity of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]
     if kind & PLAY:
         v, friction, mode, _ = _seen_play(plant, drive, t, memory, _meeting(plant, memory))
@@ -693,7 +692,7 @@ def _outputs_structure(plant, drive, t, memory):
 def _inner_task(
     task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
 ):
-    """Whatever an axis with inner states is asked to do; speed, friction, mode."""
+    """Perform a task of an axis with inner states; velocity, friction, mode."""
     plant, drive = Plant(numbers, integers), Drive(start, slope, fade, rate)
     if task == SETTLE:
         _settle(plant, start, t0, memory)
@@ -707,5 +706,5 @@ def _inner_task(
 
 @functools.cache
 def inner_task():
-    """Compiled code of the inner states, on first use."""
+    """Function that moves an axis with inner states, compiled on first use."""
     return cfunc(TASK_CALL, cache=True)(_inner_task)

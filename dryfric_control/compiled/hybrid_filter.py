@@ -3,13 +3,13 @@
 Three modes (stuck, sliding +, sliding -), each with a probability and a
 Gaussian of six states.  A sample predicts each mode, moves the part of its
 density that crosses zero velocity, or breaks away, to another mode, merges
-what arrives in a mode, and corrects it by the reading, which is a cell of one
-increment and no point.
+the parts that arrive in a mode, and corrects them by the reading, which is a cell
+of one increment rather than a point.
 
-Inside, position is counted in increments, velocity in increments per sample,
+Internally, position is in increments, velocity in increments per sample, and
 force in mean Coulomb levels.  The filter's state follows the delay line in the
-memory of an observer (`observer.kernel`); its last places are scratch, so that
-a sample takes no memory of its own.
+memory of an observer (`observer.kernel`); its last entries are scratch, so that
+a sample allocates no memory.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from dryfric_control.compiled.observer import (
     shift_drive,
 )
 
-#: Places of the filter's numbers.
+#: Indices of the filter's numbers.
 (
     DT,
     QUANTUM,
@@ -41,18 +41,18 @@ from dryfric_control.compiled.observer import (
     B1,
     B2,
     FORCE_NOISE,  # white force, standard deviation
-    ACCELERATION_NOISE,  # the same as a part of the net force
-    LEVEL_WALK,  # walk of the level error in one sample
+    ACCELERATION_NOISE,  # the same as a fraction of the net force
+    LEVEL_WALK,  # random-walk step of the level error per sample
     EXCESS,  # spread of the excess at low velocity
     EXCESS_FAST,  # and at any velocity
     EXCESS_SPEED,  # velocity over which the excess changes, increments per sample
-    FADE,  # part of the excess that survives a sample at constant velocity
-    CELL_NOISE,  # reading noise beyond the cell
-    HAZARD,  # chance in one sample to break away above the usual level
-    MASS,  # first variance of the relative mass error
-    RATE,  # uncertainty of the pace at which the excess goes, as a part of the excess
+    FADE,  # fraction of the excess that remains after a sample at constant velocity
+    CELL_NOISE,  # reading noise in addition to the cell
+    HAZARD,  # probability per sample to break away above the usual level
+    MASS,  # initial variance of the relative mass error
+    RATE,  # uncertainty of the decay rate of the excess, as a fraction of the excess
     START,  # variance of the velocity at which a motion starts
-    FIRST_RELEASE,  # breakaway force over the level, before one was seen
+    FIRST_RELEASE,  # breakaway force over the level, until one has been observed
     NUMBERS,
 ) = range(21)
 
@@ -62,35 +62,35 @@ X, V, PLUS, MINUS, OVER, RATIO, STATES = range(7)
 #: A Gaussian: its states, then the lower triangle of its covariance.
 COVARIANCE, GAUSSIAN = STATES, STATES + STATES * (STATES + 1) // 2
 
-#: Places of the filter's state: three probabilities (0, +1, -1), then
+#: Indices of the filter's state: three probabilities (0, +1, -1), then
 (
-    RELEASE,  # breakaway force over the level, as last seen
+    RELEASE,  # breakaway force over the level, as last observed
     DRIVE,  # mean drive over the past sample
-    READING,  # the reading before
-    NOISE,  # reading noise beyond the cell, variance as seen
+    READING,  # previous reading
+    NOISE,  # reading noise in addition to the cell, estimated variance
     SURPRISE,  # innovation of the likeliest mode
-    BELIEFS,  # a Gaussian a mode
+    BELIEFS,  # one Gaussian per mode
 ) = range(3, 9)
-ARRIVED = BELIEFS + 3 * GAUSSIAN  # a probability and a Gaussian a mode
+ARRIVED = BELIEFS + 3 * GAUSSIAN  # a probability and a Gaussian per mode
 LEAVING = ARRIVED + 3 * (GAUSSIAN + 1)  # one Gaussian
 AHEAD = LEAVING + GAUSSIAN  # another, the prediction of a sliding mode
 WORK = AHEAD + GAUSSIAN  # two rows of its covariance
 SIZE = WORK + 2 * STATES
 
-#: What a sample states: xhat, vhat, Fhat, what, mode, standard deviation of
+#: Outputs of a sample: xhat, vhat, Fhat, what, mode, standard deviation of
 #: vhat, log-likelihood of the reading.
 OUTPUTS = 7
 
-_STOPS = 1e-7  # least chance to stop in one sample
-_LEAST = 1e-30  # probability that no mode falls below
+_STOPS = 1e-7  # lower bound of the probability to stop in one sample
+_LEAST = 1e-30  # lower bound of the probability of a mode
 _FIRST = (0.98, 0.01, 0.01)
 _FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
 _CELL = 1.0 / 12.0  # variance of a reading inside its cell
-_FAR = 5.0  # standard deviations beyond which a tail is no normal one
-_ADAPTS = 0.02  # pace at which the reading noise is followed, per sample
-_PIVOT = 1e-12  # least pivot, as a part of the variance
-_SMALLEST, _LARGEST = 1e-12, 1e20  # variances
-_MOST = 0.25  # the same, of a relative error
+_FAR = 5.0  # standard deviations beyond which the tail is not normal
+_ADAPTS = 0.02  # adaptation rate of the reading noise, per sample
+_PIVOT = 1e-12  # smallest pivot, as a fraction of the variance
+_SMALLEST, _LARGEST = 1e-12, 1e20  # bounds of variances
+_MOST = 0.25  # upper bound of the variance of a relative error
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -117,12 +117,12 @@ def _positive_part(mean, sd):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _cell(e, sd):
-    """Likelihood, mean and variance of a normal N(0, sd^2) seen in the cell e -+ 1/2."""
+    """Likelihood, mean and variance of a normal N(0, sd^2) within the cell e -+ 1/2."""
     a, b = (e - 0.5) / sd, (e + 0.5) / sd
     near = min(abs(a), abs(b))
     if near > _FAR and a * b > 0.0:
-        # Both tails cancel: a normal reading of the same variance, and a tail that
-        # falls like a power, so that of modes that are all wrong the nearest counts.
+        # The tails cancel numerically: use a normal reading of the same variance with a
+        # power-law tail, so that of modes that are all wrong the nearest wins.
         S = sd * sd
         total = S + _CELL
         likelihood = _density(_FAR) / math.sqrt(total) * (_FAR / near) ** 4
@@ -135,7 +135,7 @@ def _cell(e, sd):
 
 @axis_step.internal(forceinline=True)
 def _forget(s, at, k, mean, variance):
-    """State k of a Gaussian anew: `mean`, `variance`, independent of the others."""
+    """Reset state k of a Gaussian to `mean`, `variance`, independent of the others."""
     P = at + COVARIANCE
     for j in range(k):
         s[P + k * (k + 1) // 2 + j] = 0.0
@@ -146,7 +146,7 @@ def _forget(s, at, k, mean, variance):
 
 @axis_step.internal
 def _shrink(s, P, k, factor):
-    """Scale the spread of state k of a covariance, its correlations kept."""
+    """Scale the standard deviation of state k, keeping its correlations."""
     for j in range(k):
         s[P + k * (k + 1) // 2 + j] *= factor
     s[P + k * (k + 3) // 2] *= factor * factor
@@ -156,7 +156,7 @@ def _shrink(s, P, k, factor):
 
 @axis_step.internal
 def _arrive(s, mode, probability, new):
-    """Merge the Gaussian at `new` into what has arrived in a mode, by moments."""
+    """Merge the Gaussian at `new` into the one arrived in a mode, by moments."""
     at = ARRIVED + mode * (GAUSSIAN + 1)
     into = at + 1
     if s[at] == 0.0:
@@ -180,10 +180,10 @@ def _arrive(s, mode, probability, new):
 
 @axis_step.internal
 def _condition(s, at, column, change, removed, variance):
-    """Correct a Gaussian by one of its states, position or velocity.
+    """Correct a Gaussian by an observation of its position or velocity.
 
-    That state moves by `change`; the part `removed` of `variance`, its own
-    (and that of the noise it is seen through), goes.
+    The mean of that state changes by `change`; `variance`, its own plus that of the
+    measurement noise, is reduced by the fraction `removed`.
     """
     P, c = at + COVARIANCE, WORK
     for i in range(STATES):
@@ -198,11 +198,11 @@ def _condition(s, at, column, change, removed, variance):
 
 @axis_step.internal
 def _make_positive(s, at):
-    """Factor a covariance, L D L', and rebuild it where rounding has made it indefinite.
+    """Factor a covariance, L D L', and rebuild it if round-off has made it indefinite.
 
-    A pivot at the level of rounding errors is taken for zero, with the column
-    below it, as in any semidefinite matrix; a row that explains more than its
-    variance is scaled down to it.  So no variance grows.
+    A pivot at the level of round-off is set to zero with the column below it, as in
+    a semidefinite matrix; a row that explains more than its variance is scaled down
+    to it.  Therefore no variance grows.
     """
     P, L = at + COVARIANCE, LEAVING
     rebuild = False
@@ -257,7 +257,7 @@ def _begin(numbers, s, y):
 
 @axis_step.internal
 def _rest(numbers, s, push, hold, level):
-    """Stuck mode one sample on: stay, or break away in either direction.
+    """Advance the stuck mode by one sample: stay, or break away in either direction.
 
     `push` is the net force without friction; `hold` the breakaway levels and
     `level` the sliding levels at zero velocity, in the order +, -.
@@ -277,7 +277,7 @@ def _rest(numbers, s, push, hold, level):
         stay -= chance
         for k in range(GAUSSIAN):
             s[LEAVING + k] = s[BELIEFS + k]
-        # Friction starts at the drive, so the motion starts slowly.
+        # At breakaway friction equals the drive, so the motion starts slowly.
         over = side * push / max(level[mode - 1], 0.05) - 1.0 - error
         _forget(s, LEAVING, OVER, max(over, 0.0), 0.05**2)
         pace = numbers[B2]
@@ -292,11 +292,11 @@ def _rest(numbers, s, push, hold, level):
 
 @axis_step.internal
 def _slide(numbers, s, mode, load, level, slope, turns):
-    """Sliding mode one sample on: go on, or stop, or turn round.
+    """Advance a sliding mode by one sample: continue, stop, or reverse.
 
     `load` is the net force without friction, `level` the friction level and
-    `slope` its change by velocity; `turns` says that the load would start the
-    other direction.
+    `slope` its derivative with velocity; `turns`: whether the load would start motion
+    in the other direction.
     """
     side = 1.0 if mode == 1 else -1.0
     own = PLUS - 1 + mode
@@ -309,7 +309,7 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     change = gain * net
     ahead = a22 * v + change
     moved = a12 * v + b1 * ratio * net
-    # Covariance A P A' of the first two rows; the others stay.
+    # Covariance A P A' of the first two rows; the others do not change.
     a12 -= b1 * ratio * slope
     a22 -= gain * slope
     f1, f2 = -side * level * b1 * ratio, -side * level * gain
@@ -336,7 +336,7 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     s[N] = s[w] + a12 * s[w + V] + f1 * (s[w + own] + s[w + OVER]) + m1 * s[w + RATIO]
     s[N + 1] = s[z] + a12 * s[z + V] + f1 * (s[z + own] + s[z + OVER]) + m1 * s[z + RATIO]
     s[N + 2] = a22 * s[z + V] + f2 * (s[z + own] + s[z + OVER]) + m2 * s[z + RATIO]
-    # The excess is forgotten along the velocity.
+    # The excess decays with the change of velocity.
     keep = numbers[FADE] * math.exp(-abs(ahead - v) / numbers[EXCESS_SPEED])
     s[AHEAD + OVER] *= keep
     _shrink(s, N, OVER, keep)
@@ -354,11 +354,11 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     part, mean, kept = _positive_part(side * ahead, math.sqrt(variance))
     for k in range(GAUSSIAN):
         s[LEAVING + k] = s[AHEAD + k]
-    # What stays on its side of zero velocity goes on.
+    # The part of the density on its side of zero velocity continues.
     if s[mode] * part > _LEAST:
         _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
         _arrive(s, mode, s[mode] * part, AHEAD)
-    # The rest stops on the way, or turns round.
+    # The rest stops, or reverses.
     if side * ahead < 0.0:
         s[LEAVING + X] = s[source + X] + 0.5 * v
     s[LEAVING + COVARIANCE] += 0.01
@@ -372,8 +372,8 @@ def _slide(numbers, s, mode, load, level, slope, turns):
 def _read(numbers, s, mode, y):
     """Correct what has arrived in a mode by the reading; the innovation and excess.
 
-    The excess is its square less what the filter expects and less what it has in
-    common with the innovation before: noise is white, an error of the model is not.
+    The excess is the squared innovation minus its expected value and minus its
+    correlation with the previous one: noise is white, a model error is not.
     """
     at = ARRIVED + mode * (GAUSSIAN + 1)
     weight = s[at]
@@ -385,7 +385,7 @@ def _read(numbers, s, mode, y):
     excess = e * (e - s[SURPRISE]) - s[P] - _CELL - numbers[CELL_NOISE] ** 2
     likelihood, moved, kept = _cell(e, math.sqrt(S))
     if weight > 0.5 and e * e > 12.0 * (S + _CELL):
-        # Lost: a prediction far outside the cell was too sure of itself.
+        # Far outside the cell the predicted variance was too small: enlarge it.
         grow = min(e * e / (4.0 * (S + _CELL)), 30.0)
         for k in range(COVARIANCE, GAUSSIAN):
             s[at + k] *= grow
@@ -438,7 +438,7 @@ def _move(numbers, plant, memory, s, t, y):
         friction = axis_step.sliding_level(plant, t, place, v, w, side)
         slope = 0.0
         if plant.numbers[axis_step.EXCESS] > 0.0:
-            # The secant over the spread of the velocity: the peak may be narrower.
+            # Secant over the spread of the velocity, as the Stribeck peak may be narrower.
             near = 1e-3 / plant.numbers[axis_step.INVERSE_STRIBECK_SPEED]
             spread = math.sqrt(s[BELIEFS + mode * GAUSSIAN + COVARIANCE + 2]) * pace
             near = max(near, spread)
@@ -504,7 +504,7 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
 
 @njit(cache=True, error_model="numpy")
 def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
-    """One sample: what the filter states into `out`, `memory` moved on."""
+    """One sample: outputs into `out`, `memory` advanced."""
     plant = axis_step.point(axis_numbers, axis_integers)
     pointers = axis_step.pointer(numbers), axis_step.pointer(memory), axis_step.pointer(out)
     _sample(pointers[0], plant, pointers[1], t, u, y, pointers[2], 0)
@@ -512,7 +512,7 @@ def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
 
 @njit(cache=True, error_model="numpy")
 def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
-    """Whole record into `out`, one row a sample."""
+    """Run over a whole record, outputs into `out`, one row per sample."""
     plant = axis_step.point(axis_numbers, axis_integers)
     given, state, rows = (
         axis_step.pointer(numbers),

@@ -1,14 +1,14 @@
 """Compiled hybrid filter: innovations of a record under an axis.
 
-The prediction of position and velocity is the axis' own exact step, switches
-located inside the sample, with every effect and its memory.  Beside it runs
-the covariance of (x, v), held as P = p [1 g; g g^2] + d [0 0; 0 1]: variance of
-the position, slope of the velocity over it, and variance of the velocity given
-the position.  A reading changes p alone, so that P stays positive.  While a contact
-sticks, the place at which it is not strained is a third state.
+Position and velocity are predicted by the exact step of the axis, with switches
+located inside the sample, and with every effect and its memory.  In parallel the
+filter propagates the covariance of (x, v), P = p [1 g; g g^2] + d [0 0; 0 1]: p is
+the variance of the position, g the slope of the velocity over it, and d the variance
+of the velocity given the position.  A reading changes p only, so that P stays
+positive.  While a contact sticks, its unstrained position is a third state.
 
-Noises: the force is off by N(0, force) in every sample, held over it; a
-reading is off by N(0, reading).  Innovations follow Student's t.
+Noises: a random force N(0, force), held over each sample, and noise N(0, reading)
+of each reading.  Innovations follow Student's t.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -23,47 +23,47 @@ from dryfric_control.compiled import axis_step as step
 
 #: Degrees of freedom of the innovations.
 FREEDOM = 4.0
-#: Samples at the start of a record from which the filter takes its velocity;
-#: they carry no evidence.
+#: Number of samples at the start of a record from which the filter takes its initial velocity;
+#: they are not part of the likelihood.
 FIRST = 10
-#: Squared innovation over its variance beyond which a reading is believed the less.
+#: Squared innovation over its variance beyond which a reading gets a lower weight.
 DOUBTED = 9.0
-# Squared innovation over its variance from which a reading counts as strange, and
-# how many of them in a row, all on one side, mean that the axis has moved otherwise.
+# Squared innovation over its variance from which a reading is an outlier, and the number of
+# successive outliers on one side that shows that the axis has moved differently.
 _STRANGE, _IN_A_ROW = 25.0, 3
-# Cells per sample from which on the place within a cell says something: nearer to rest the
-# same cell is read again and again, wherever in it the axis stands.  Then a prediction
-# inside the cell is no evidence, and within this part of it none is corrected.
+# Velocity in encoder cells per sample from which a reading locates the axis within a cell: at
+# lower speeds the same cell is read repeatedly, wherever in it the axis is. Then a prediction
+# inside the cell is no evidence, and is not corrected within this fraction of the cell.
 _PACE, _INSIDE = 0.15, 0.5
-# Part of the friction level that the force of inertia may be off by where inner states are set,
-# and samples over which it is seen at most, over FIRST.
+# Allowed error of the inertia force where inner states are set, as a fraction of the friction
+# level, and the longest averaging for it, in multiples of FIRST samples.
 _SEEN, _LONGEST = 0.1, 8
-# Part of the change of the velocity meanwhile by which it may be off.
+# Error of the velocity there, as a fraction of its change during the averaging.
 _CURVED = 0.25
-# Slopes and variances of a velocity at rest below which they are none: they fall off for ever,
-# and the smallest numbers are slow.
+# Slopes and variances of a velocity at rest are zero below this: they decay for ever, and
+# denormal numbers are slow.
 _NOTHING = 1e-100
-# What a resting axis may creep in a sample, as a part of the reading's variance.
+# Variance of the creep of a resting axis per sample, as a fraction of the reading's variance.
 _CREEP = 0.01
-# Deviations of the velocity within which its sign is not sure, and the velocities, forces
-# and weights that then stand for their distribution, as in an unscented transform (Julier
-# and Uhlmann 2004): the middle last.  A force that may break the axis away widens what
-# may be, but moves no mean: where noise was recorded with the input, the axis did not feel it,
-# and means that creep would speak for effects at rest that are not there.
+# Standard deviations of the velocity within which its sign is uncertain, and the velocities,
+# forces and weights that then represent its distribution, as in an unscented transform (Julier
+# and Uhlmann 2004): the mean last. A random force that may break the axis away adds variance
+# but does not change the mean: noise recorded with the input does not act on the axis, and a
+# creeping mean would be false evidence for effects at rest.
 _NEAR = 3.0
 _SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
 _FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
 _MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
 _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
-# A drive that exceeds the breakaway level by fewer deviations of the random force than the
-# first may have been recorded so without the axis having felt it: the mean stays at rest.
-# Beyond the second it moves.
+# A drive above the breakaway level by less than the first number, in standard deviations of
+# the random force, may be noise of the recorded input: the mean stays at rest.  Beyond the
+# second number it moves.
 _MAY_HOLD = (1.5, 3.0)
-# Margins of break-away beyond this many force deviations are safe.
+# Margin to breakaway, in standard deviations of the random force, beyond which it is excluded.
 _SAFE = 7.0
-# Products down to which, and up to whose inverse, no logarithm is taken.
+# Products between this number and its inverse are accumulated without taking a logarithm.
 _SMALLEST = 1e-200
-# Error that a smooth step may have over the velocity scale, beside what the numbers allow.
+# Relative error allowed for a smooth step, in addition to the error allowed by the numbers.
 _TOLERANCE = 1e-6
 
 
@@ -95,8 +95,8 @@ def _rate(plant, held, t, x, v, s):
 def _smooth(plant, drive, t, h, x, v, s, k1):
     """Try a sliding sample in one step: whether no switch is near, and the state.
 
-    The same step as that of the axis, with an error far below the noise instead of
-    far below what switching times need.
+    Same integration step as that of the axis, but its error only needs to be far below
+    the noise, not exact enough for switching times.
     """
     sigma = plant.numbers[step.STICK_SPEED]
     x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
@@ -117,10 +117,11 @@ def _smooth(plant, drive, t, h, x, v, s, k1):
 
 @step.internal
 def _coarse(plant, held, t, h, x, v, rest, fall):
-    """A sample from a velocity that stands for many: its end, and the mode there.
+    """One sample from a sigma point: position, velocity and mode at its end.
 
-    Under constant acceleration between switches, an error far below the width of what
-    it stands for.  `fall`: part of its velocity that an axis at rest loses in the sample.
+    Assumes constant acceleration between switches; the error is far below the width of
+    the distribution.  `fall`: fraction of its velocity that an axis at rest loses in the
+    sample.
     """
     sigma = plant.numbers[step.STICK_SPEED]
     if abs(v) > sigma:
@@ -145,18 +146,19 @@ def _coarse(plant, held, t, h, x, v, rest, fall):
     return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
 
 
-# Travels of the record within which a state stays, and by how much it may be faster than any
-# reading, or change by as many cells.  An axis that drives itself, as with negative friction,
-# would be followed through every period of what depends on its place.
+# Bounds of a state: distance from the start over the travel of the record, and velocity over
+# the fastest readings, or that many times as many cells.  Beyond, the filter gives up: an
+# axis that accelerates by itself, as with negative friction, would be integrated through every
+# period of its position-dependent forces.
 _LOST, _FASTER = 10.0, 100.0
 
 
 @njit(cache=True, error_model="numpy")
 def _escape(margin, deviation):
-    """Mean square by which a random force beyond a margin differs from its mean course.
+    """Mean square effect of a random force on an axis at a margin from breakaway.
 
-    E[(max(n - M, 0) - max(-M, 0))^2] for n ~ N(0, deviation^2): from 0 where
-    break-away is far to deviation^2 where the axis slides anyway.
+    E[(max(n - M, 0) - max(-M, 0))^2] for n ~ N(0, deviation^2): from 0 far below
+    breakaway to deviation^2 where the axis slides anyway.
     """
     z = margin / deviation
     if z > _SAFE:
@@ -172,7 +174,7 @@ def _escape(margin, deviation):
 
 @step.internal
 def _random_force(plant, t, dt, memory, u, deviation):
-    """Variance of the force that reaches a resting axis."""
+    """Variance of the random force that can move a resting axis."""
     drive = step.held_force(step.drive_now(plant, t, dt, memory, u))
     x, v, rest = memory[step.X], memory[step.V], memory[step.REST]
     w = step.load(plant, drive, t, 0.0, x, v, 0.0, rest)
@@ -186,7 +188,7 @@ def _random_force(plant, t, dt, memory, u, deviation):
 
 @step.internal
 def _doubted(plant, held, t, x, v, rest, deviation):
-    """Force that a resting axis may not have felt: by how much the drive breaks it away."""
+    """Excess of the drive over breakaway that may be noise of the recorded input."""
     w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
     beyond = s * w - step.breakaway_level(plant, t, x, w, s, rest)
@@ -199,10 +201,10 @@ def _doubted(plant, held, t, x, v, rest, deviation):
 
 @step.internal
 def _settle(plant, t, dt, memory, u, y, k, alike):
-    """Inner states that go with the motion about reading k; by how much its velocity is off.
+    """Set inner states from the motion around reading k; the error of its velocity.
 
-    What does not surely move is at rest, its contact strained by the force that acts,
-    whichever way its readings waver.
+    If the motion is not significant, the axis is at rest and its contact is strained by
+    the acting force, whatever the scatter of the readings.
     """
     n, inverse = y.shape[0], plant.numbers[step.INVERSE_MASS]
     level = step.base_level(plant, y[k], 1.0)
@@ -218,7 +220,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     v, bent, inertia = 0.0, 0.0, 0.0
     if abs(way) > alike:
         v, bent = way / (2.0 * w * dt), bend / (w * dt) ** 2
-        # Of two masses what goes through the transmission is left.
+        # With two masses, the inertia of the load only: it is what the transmission carries.
         inertia = bent / numbers[step.INVERSE_MOTOR] if behind else bent / inverse
         inertia += 0.0 if behind else numbers[step.VISCOUS] * v
     memory[step.V] = 0.0
@@ -228,7 +230,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
         drive = step.drive_now(plant, t, dt, memory, u)
         joined = (drive - numbers[step.VISCOUS] * v - math.copysign(level, v)) * inverse
         if abs(bent - drive * numbers[step.INVERSE_MOTOR]) < abs(bent - joined):
-            # It moves as the motor alone does: nobody knows where in the play.
+            # The motor moves alone: its position within the play is unknown.
             memory[step.OFFSET], memory[step.SLIP] = 0.0, -v
     return alike / (w * dt) + _CURVED * abs(bent) * w * dt
 
@@ -249,7 +251,7 @@ def innovations(
     t0, dt : float
         Time of the first sample and sampling time [s].
     first : bool
-        Whether the input runs linearly between samples.
+        Whether the input is interpolated linearly between samples.
     force : float
         Variance of the random force, held over a sample [N^2].
     reading : float
@@ -257,10 +259,10 @@ def innovations(
     cell : float
         Increment of the readings [m], 0 for none.
     span : float
-        Travel of the record [m], the scale of differences along the way.
+        Travel of the record [m], the scale of difference steps in position.
     state : ndarray, shape (4, n)
-        Receives position and velocity after each reading, the mode, and by how much
-        the reading changed the velocity.
+        Receives position and velocity after each reading, the mode, and the correction
+        of the velocity by the reading.
     out : ndarray, shape (2, n)
         Receives innovations and their variances; variance 0 where there is none.
     """
@@ -297,8 +299,8 @@ def innovations(
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side, kept = 0, 0.0, False
-    # Of a contact that sticks the place at which it is not strained is not known better than
-    # the position was when it stopped: its covariances with position and velocity, its variance.
+    # The unstrained position of a sticking contact is as uncertain as the position was when it
+    # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
@@ -319,7 +321,7 @@ def innovations(
             variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
         if kept:
-            # The drive goes on, the axis stays.
+            # Advance the drive; the axis stays at rest.
             rest = memory[step.REST] + dt
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
@@ -327,7 +329,8 @@ def innovations(
             memory[step.MODE], memory[step.REST] = 0.0, rest
             p += _CREEP * reading
         elif near:
-            # The mode at the end is not sure: velocities and random forces, each with its own.
+            # The mode at the end is uncertain: simulate sigma points of velocity and random
+            # force, each with its own mode.
             x_mean, v_mean, resting = 0.0, 0.0, 1.0
             slope = g * p / total if total > 0.0 else 0.0
             drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
@@ -335,9 +338,9 @@ def innovations(
             if not sliding:
                 doubt = _doubted(plant, step.held_force(drive), t, x, v, rest, deviation)
             if not plain:
-                # Moves the drive on, too.
+                # This also advances the drive.
                 count[0] = 0
-                # Addresses are taken here: an array that is not used again is freed.
+                # Take the addresses here: numba frees an array after its last use.
                 step.sample(
                     plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
                 )
@@ -361,7 +364,7 @@ def innovations(
                 memory[step.REST] = rest + dt if at_rest else 0.0
                 memory[step.MODE] = mode1
             memory[step.X], memory[step.V] = x_mean, v_mean
-            # What the position is off by for a given velocity stays.
+            # The variance of the position given the velocity is kept.
             m00 = p * d / total if total > 0.0 else p
             m00 += resting * _CREEP * reading
             m01, m11 = 0.0, 0.0
@@ -404,7 +407,7 @@ def innovations(
                 else:
                     by_v = -numbers[step.STICK_RATE]
             if two:
-                # The spring to the load, or a load that may be in contact or not.
+                # Spring to the load; also for a load that may or may not be in contact.
                 by_x = -numbers[step.STIFFNESS] * inverse
                 by_v = -numbers[step.DAMPING] * inverse
                 variance = force
@@ -427,11 +430,11 @@ def innovations(
             m01 = along * across * p + f01 * f11 * d
             det = (f00 * f11 - f01 * f10) ** 2 * p * d
             if not sliding and not contact:
-                # Creep at rest keeps the filter awake.
+                # Creep at rest keeps the variance above zero, so that the filter stays adaptive.
                 det += _CREEP * reading * (across * across * p + f11 * f11 * d)
                 m00 += _CREEP * reading
             if sticking:
-                # The force grows with the way from a place that is itself unsure.
+                # The contact force is proportional to the distance from an uncertain position.
                 pull0, pull1 = 1.0 - f00, -f10
                 own0, own1 = pull0 * anchor, pull1 * anchor
                 to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
@@ -444,7 +447,7 @@ def innovations(
             d = det / m00
             b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
             moved = b1 - g * b0
-            # Rank one: the determinant grows by variance b' adj(M) b.
+            # Rank-one update: the determinant grows by variance b' adj(M) b.
             d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
             m01 = g * m00 + variance * b0 * b1
             m00 += variance * b0 * b0
@@ -458,7 +461,7 @@ def innovations(
         if good[k]:
             if abs(y[k] - y[still]) > alike:
                 if kept:
-                    # It moves at last, nobody knows how fast.
+                    # The axis has broken away, at an unknown velocity.
                     kept, g, d = False, 0.0, (alike / dt) ** 2
                 still = k
             e = y[k] - step.reading(plant, t + dt, m)
@@ -481,14 +484,15 @@ def innovations(
             else:
                 row = 0
             if row == _IN_A_ROW and structure == 0 and k - still > 2 * _IN_A_ROW:
-                # It has not moved at all, however the drive was recorded: what holds it is one
-                # fact, said once and not again with every reading until it moves.
+                # The axis has not moved although the drive should have moved it.  This is a
+                # single piece of evidence: keep it at rest, and do not count it again with
+                # every reading until it moves.
                 row, noise, kept = 0, 0.0, True
                 v, p, g = 0.0, reading, 0.0
                 d = reading / ((k - still) * dt) ** 2
                 memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
             elif row == _IN_A_ROW and structure != 0:
-                # Its inner states are others.
+                # The inner states were wrong: set them from the readings.
                 row, noise, strained = 0, 0.0, False
                 off = _settle(plant, t + dt, dt, m, end, y, k, alike)
                 x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
@@ -496,7 +500,7 @@ def innovations(
                 p, g, d = reading, 0.0, off * off
                 memory[step.MODE] = 0.0
             elif row == _IN_A_ROW:
-                # The axis has moved otherwise: believe the readings.
+                # The axis has moved differently: follow the readings.
                 row = 0
                 p, g = e * e, 1.0 / (_IN_A_ROW * dt)
                 d = p * g * g
@@ -522,9 +526,9 @@ def innovations(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _cost(out, active, start, end):
-    """`cost` of the samples start to end - 1: half the logarithm of S (1 + e^2/(nu S))^5's product.
+    """`cost` of samples start to end - 1, half the log of the product of S (1 + e^2/(nu S))^5.
 
-    Logarithms are taken where a product leaves the range of numbers.
+    A logarithm is taken only when the product would leave the range of numbers.
     """
     total, product = 0.0, 1.0
     for k in range(start, end):
@@ -544,7 +548,7 @@ def _cost(out, active, start, end):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def cost(out, active):
-    """Negative log-likelihood of the active samples, without its constant.
+    """Negative log-likelihood of the active samples, up to a constant.
 
     Sum of log(S)/2 + (nu + 1)/2 log(1 + e^2/(nu S)).
     """
@@ -560,11 +564,11 @@ def block_costs(out, active, edges, costs):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def slopes(out, before, after, low, high, slope):
-    """Slopes of innovations over their deviation and of its logarithm, shape (2, n).
+    """Slopes of the normalised innovations and of the log of their deviation, shape (2, n).
 
-    `before` and `after` are the filter's answers `low` below and `high` above in one
-    coordinate (0 for a side that is not there: then the answer here).  A change
-    by more than a deviation within the step is no slope: a switch was missed.
+    `before` and `after` are the filter's results `low` below and `high` above in one
+    coordinate; for a missing side its distance is 0 and its result that of the point itself.
+    A change by more than a standard deviation is no slope, as a switch has moved.
     """
     wide = low + high
     for k in range(out.shape[1]):
@@ -583,9 +587,9 @@ def slopes(out, before, after, low, high, slope):
 def normal_terms(out, active, edges, slope, g, h):
     """Gradient and information of each block of samples.
 
-    `slope` has `slopes` of each coordinate, shape (p, 2, n).  The information is
-    that of the location, weighted by how the reading was believed, and of the
-    scale of Student's t.
+    `slope` contains `slopes` of each coordinate, shape (p, 2, n).  The information is
+    that of the location of Student's t, with the weights of the readings, and of its
+    scale.
     """
     p = slope.shape[0]
     scale = 2.0 * FREEDOM / (FREEDOM + 3.0)

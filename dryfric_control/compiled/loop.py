@@ -1,4 +1,4 @@
-"""Compiled law of the position controller and the closed loop round the axis."""
+"""Compiled law of the position controller, and the closed loop with the axis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 from dryfric_control.compiled import axis_step
 
-# Largest span of the speed estimate; it sizes the controller's memory.
+# Largest span of the velocity estimate [samples]; it sizes the controller's memory.
 LONGEST_SPAN = 8
 INTEGRAL, SPEED, READINGS = 0, 1, 2
 KP, KI, KD, LIMIT, KEEP, SPAN, STEP = range(7)
@@ -23,10 +23,10 @@ def encode(x, quantum):
 
 @njit(cache=True, error_model="numpy")
 def control_force(gains, memory, reference, y):
-    """Drive force before and after saturation, and the speed estimate.
+    """Drive force before and after saturation, and the velocity estimate.
 
-    `gains` is kp, ki, kd, limit, speed filter, span, dt; `memory` holds the
-    integral, the filtered speed and the last readings, newest first.  Both
+    `gains` is kp, ki, kd, limit, velocity filter, span, dt; `memory` contains the
+    integral, the filtered velocity and the last readings, newest first.  Both
     may be arrays or pointers.
     """
     span = gains[SPAN]
@@ -38,7 +38,7 @@ def control_force(gains, memory, reference, y):
 
 @njit(cache=True, error_model="numpy")
 def control_update(gains, memory, reference, y):
-    """Move the controller one sample on; returns its drive force."""
+    """Advance the controller by one sample; returns its drive force."""
     wanted, given, speed = control_force(gains, memory, reference, y)
     if gains[KI] > 0.0:
         # Back-calculation: a saturated drive unwinds the integral at the rate
@@ -53,7 +53,7 @@ def control_update(gains, memory, reference, y):
 
 @axis_step.internal
 def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
-    """Sample k of a closed loop round the axis, into column k of `out`."""
+    """Sample k of a closed loop with the axis, into column k of `out`."""
     t, force = k * dt, u + disturbance
     if k == 0:
         state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
@@ -69,8 +69,8 @@ def run_loop(
 ):
     """Closed loop into `out`: rows x, v, friction, mode, u, y.
 
-    The drive force is u + disturbance.  Returns the located switches, and how many found no
-    room: `room` is what one sample is given.
+    The drive force is u + disturbance.  Returns the located switches, and the number of
+    those for which there was no room; `room` is the room per sample.
     """
     plant = axis_step.point(numbers, integers)
     state = axis_step.pointer(memory)

@@ -1,11 +1,11 @@
 """Compiled one-sample step of the switched PI observer.
 
 Numbers and arrays in and out.  The python-control block, the whole-record run
-and the real-time stepper are faces of `_decide` and `_predict`.
+and the real-time stepper call `_decide` and `_predict`.
 
-A sample has two halves.  `_decide` takes the new drive u and reading y and
-settles the mode; what the observer then states (position, speed, friction,
-mode) is fixed.  `_predict` moves the estimate to the next sample.
+A sample has two parts.  `_decide` takes the new drive u and reading y and
+determines the mode and thereby the outputs (position, velocity, friction, mode).
+`_predict` advances the estimate to the next sample.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dryfric_control.compiled import axis_step
 
 PAPER, READING, FILIPPOV = 0, 1, 2
 
-#: Places of the observer's memory; the line of delayed drives follows the last.
-#: The first two lie as in `axis_step`, whose laws of effects read them.
+#: Indices of the observer's memory; the line of delayed drives follows the last.
+#: The first two are as in `axis_step`, as the laws of effects read them.
 (
     XHAT,
     VHAT,
@@ -28,19 +28,19 @@ PAPER, READING, FILIPPOV = 0, 1, 2
     MODE,
     NODE,  # memory state of the gains, counted from 1; 0 before the first sample
     REST,  # time at rest
-    ERROR_MINUS,  # learned error of the Coulomb level: true less believed
+    ERROR_MINUS,  # learned error of the Coulomb level: true - nominal
     ERROR_PLUS,
     PLACE,  # mean reading since the axis came to rest
-    COUNT,  # readings in that mean
-    LAGGED,  # drive behind an actuator lag
+    COUNT,  # number of readings in that mean
+    LAGGED,  # drive after an actuator lag
     LINE,
 ) = range(12)
 
-#: Places of the observer's numbers.
+#: Indices of the observer's numbers.
 (DT, STICK_SPEED, RESOLUTION, KEEP, RULE, CURRENT) = range(6)
-#: Columns of the matrices of a mode (rows mode + 1), and how many.
+#: Columns of the matrices of a mode (rows mode + 1), and their number.
 A12, A22, B1, B2, E1, E2, COLUMNS = range(7)
-#: Rows of what the observer states.
+#: Number of outputs.
 OUTPUTS = 5
 
 
@@ -49,20 +49,20 @@ class Tables(NamedTuple):
 
     numbers: Any
     matrices: Any  # three rows of COLUMNS
-    gains: Any  # rows of three, one a node
-    transitions: Any  # rows of three, one a node and one for the start
+    gains: Any  # rows of three, one per node
+    transitions: Any  # rows of three, one per node and one for the start
     nodes: int
     plant: axis_step.Plant
 
 
-# Readings in the running mean at rest: enough to average noise, and short
-# enough that a creeping axis is seen to leave its place.
+# Largest number of readings in the running mean at rest: enough to average noise, and
+# few enough to detect that a creeping axis leaves its position.
 _LONGEST_MEAN = 64.0
 
 
 @axis_step.internal(forceinline=True)
 def _delayed(plant, dt, memory, u):
-    """Mean over the coming sample of the drive behind an input delay."""
+    """Mean over the coming sample of the drive after an input delay."""
     if plant.numbers[axis_step.DELAY] <= 0.0:
         return u
     ratio = plant.numbers[axis_step.DELAY] / dt
@@ -74,7 +74,7 @@ def _delayed(plant, dt, memory, u):
 
 @axis_step.internal(forceinline=True)
 def mean_drive(plant, dt, memory, u):
-    """Mean drive over the coming sample, behind delay and lag."""
+    """Mean drive over the coming sample, after delay and lag."""
     seen = _delayed(plant, dt, memory, u)
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
@@ -84,7 +84,7 @@ def mean_drive(plant, dt, memory, u):
 
 @axis_step.internal(forceinline=True)
 def shift_drive(plant, dt, memory, u):
-    """Delay and lag one sample on."""
+    """Advance delay and lag by one sample."""
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
         seen = _delayed(plant, dt, memory, u)
@@ -116,7 +116,7 @@ def _error_place(mode):
 
 @axis_step.internal(forceinline=True)
 def _learned(plant, t, memory, w, y, mode):
-    """Coulomb level in direction `mode`, corrected by what was learned."""
+    """Coulomb level in direction `mode`, with the learned correction."""
     level = _believed(plant, t, memory, w, y, float(mode))
     return max(level + memory[_error_place(mode)], 0.0)
 
@@ -132,14 +132,14 @@ def _mode_of_automaton(numbers, plant, t, memory, w, y):
     if abs(v) <= numbers[STICK_SPEED] and not above and not below:
         return 0
     if numbers[RULE] == FILIPPOV:
-        # A speed through zero turns the mode only if the load pushes that way.
+        # A zero crossing of the velocity reverses the mode only if the load acts that way.
         return -mode if mode * v <= 0.0 and (below if mode > 0 else above) else mode
     return 1 if v > 0.0 else (-1 if v < 0.0 else mode)
 
 
 @njit(cache=True, error_model="numpy")
 def _mode_of_reading(numbers, plant, t, memory, w, y):
-    """Mode by what the reading shows; each mode keeps its own integral."""
+    """Mode from the reading; each mode keeps its own integral."""
     mode = int(memory[MODE])
     if mode == 0:
         gone = y - memory[PLACE]
@@ -178,9 +178,9 @@ def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
 
 @axis_step.internal(forceinline=True)
 def _decide(tables, memory, t, u, y):
-    """Settle the mode under a new drive and reading; `memory` changes in place.
+    """Determine the mode for a new drive and reading; `memory` changes in place.
 
-    Returns the friction estimate, the net force without friction, the believed
+    Returns the friction estimate, the net force without friction, the nominal
     friction and the drive after the input effects.
     """
     plant, numbers = tables.plant, tables.numbers
@@ -197,7 +197,7 @@ def _decide(tables, memory, t, u, y):
         mode = _mode_of_reading(numbers, plant, t, memory, w, y)
     else:
         mode = _mode_of_automaton(numbers, plant, t, memory, w, y)
-    # The last row of the table says where the memory of the gains starts.
+    # The last row of the table is the initial transition of the gains' memory.
     row = tables.nodes if first else int(memory[NODE]) - 1
     memory[NODE] = tables.transitions[3 * row + mode + 1] + 1
     memory[MODE] = mode
@@ -217,7 +217,7 @@ def _decide(tables, memory, t, u, y):
 
 @axis_step.internal(forceinline=True)
 def _predict(tables, memory, w, believed, drive, y):
-    """Estimate one sample on, by (7), or without its correction; `memory` in place."""
+    """Advance the estimate by (7), or without its correction; `memory` in place."""
     numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
     mode, node = int(memory[MODE]), int(memory[NODE]) - 1
     x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
@@ -250,21 +250,21 @@ def _sample(tables, memory, t, u, y, out, row):
 
 @njit(cache=True, error_model="numpy")
 def decide(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y):
-    """Settle the mode of one sample, `memory` in place; the friction estimate."""
+    """Determine the mode of one sample, `memory` in place; the friction estimate."""
     tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
     return _decide(tables, axis_step.pointer(memory), t, u, y)[0]
 
 
 @njit(cache=True, error_model="numpy")
 def step(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y, out):
-    """One sample: what the observer states into `out`, `memory` moved on."""
+    """One sample: outputs into `out`, `memory` advanced."""
     tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
     _sample(tables, axis_step.pointer(memory), t, u, y, axis_step.pointer(out), 0)
 
 
 @njit(cache=True, error_model="numpy")
 def run(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, u, y, out):
-    """Whole record into `out`, one row a sample: xhat, vhat, Fhat, what, mode."""
+    """Run over a whole record into `out`, rows xhat, vhat, Fhat, what, mode per sample."""
     tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
     state, rows = axis_step.pointer(memory), axis_step.pointer(out)
     for k in range(u.shape[0]):

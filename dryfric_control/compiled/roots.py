@@ -1,23 +1,23 @@
-"""Root finding and the length of the next step, once for every compiled loop.
+"""Root finding and the length of the next step, shared by all compiled loops.
 
-Both are written over plain numbers: the caller's loop evaluates its own function,
-which may repeat a step or move a whole state.
+Both work on plain numbers: the caller's loop evaluates its own function, which may
+repeat a step or move a whole state.
 """
 
 from __future__ import annotations
 
 from numba import njit
 
-#: Step rule: part of the length that the error allows, and the most a step shrinks and grows.
+#: Step-size rule: safety factor, and the largest factors by which a step shrinks and grows.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.1, 3.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def between(a, fa, b, fb):
-    """Next place to look at in (a, b), or b where no number is left between them.
+    """Next point in (a, b), or b if there is no number between them.
 
-    The secant's, or the middle where that is outside: a value that is not positive at `a`
-    (a root at the start) gives no secant.
+    The point of the secant, or the middle if that is outside: a value at `a` that is not
+    positive (a root at the start) gives no secant.
     """
     c = (fa * b - fb * a) / (fa - fb) if fa > 0.0 else a
     if not a < c < b:
@@ -27,9 +27,10 @@ def between(a, fa, b, fb):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def narrowed(a, fa, b, fb, side, c, fc):
-    """Bracket after a look at c, by Illinois' rule: an end that stays twice counts half.
+    """Bracket after an evaluation at c, by the Illinois rule.
 
-    `fa` is positive, `fb` is not; `side` is which end moved last (0 at first).
+    The value at an end that stays twice is halved.  `fa` is positive, `fb` is not; `side`
+    is the end that moved last (0 at first).
     """
     if fc > 0.0:
         return c, fc, b, (0.5 * fb if side == 1 else fb), 1
@@ -38,11 +39,11 @@ def narrowed(a, fa, b, fb, side, c, fc):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def smaller(d, allowed, error):
-    """Step after one of length d whose error, of order 5, was not allowed."""
+    """Step length after one of length d whose error, of order 5, was too large."""
     return d * max(_SHRINK, _SAFETY * (allowed / error) ** 0.2)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def larger(d, allowed, error):
-    """Step after one of length d whose error, of order 5, was allowed."""
+    """Step length after one of length d whose error, of order 5, was allowed."""
     return d * min(_GROW, _SAFETY * (allowed / max(error, 1e-300)) ** 0.2)

@@ -1,8 +1,7 @@
 """Compiled run of the smooth but stiff friction laws: tanh, Dahl, LuGre.
 
-They read the same numbers as the switched axis and use its load and friction level;
-the rest is integrated by an L-stable Rosenbrock method of order 4(3), with substeps from
-its error estimate.
+They use the numbers, load and friction level of the switched axis and are integrated by
+an L-stable Rosenbrock method of order 4(3), with substeps from its error estimate.
 """
 
 # mypy: allow-untyped-defs
@@ -66,7 +65,7 @@ _RO_GAMMA = 0.25
 
 @njit(cache=True, error_model="numpy")
 def _law(kind, stiffness, damping, level, v, z):
-    """Friction and bristle rate at a level; for tanh, stiffness is 1 / speed."""
+    """Friction and bristle rate for a level; for tanh, stiffness is 1 / speed."""
     if kind == BRISTLE:
         dz = v - stiffness * abs(v) / level * z
         return stiffness * z + damping * dz, dz
@@ -75,7 +74,7 @@ def _law(kind, stiffness, damping, level, v, z):
 
 @njit(cache=True, error_model="numpy")
 def _smooth_rates(plant, drive, t0, tau, law, x, v, z):
-    """Rates of v and z, and the friction."""
+    """Time derivatives of v and z, and the friction."""
     s = 1.0 if v >= 0.0 else -1.0
     w = load(plant, drive, t0, tau, x, v, s, 0.0)
     level = sliding_level(plant, t0 + tau, x, v, w, s)
@@ -85,10 +84,10 @@ def _smooth_rates(plant, drive, t0, tau, law, x, v, z):
 
 @njit(cache=True, error_model="numpy")
 def _slopes(plant, drive, t0, tau, law, nudges, x, v, z, s, axis):
-    """Slopes of v' and z' over x (axis 0), v (1) or time (2) through load and level.
+    """Derivatives of v' and z' with x (axis 0), v (1) or time (2) through load and level.
 
     Central differences of load and level in the fixed direction s, where both are smooth;
-    the steep part, the law's own, is differentiated by `_smooth_jacobian`.
+    the steep friction law itself is differentiated by `_smooth_jacobian`.
     """
     d = nudges[axis]
     dx, dv, dtau = (d if axis == 0 else 0.0), (d if axis == 1 else 0.0), (d if axis == 2 else 0.0)
@@ -110,7 +109,7 @@ def _slopes(plant, drive, t0, tau, law, nudges, x, v, z, s, axis):
 
 @njit(cache=True, error_model="numpy")
 def _smooth_jacobian(plant, drive, t0, tau, law, nudges, x, v, z):
-    """Rows of v' and z' over (x, v, z), and their slopes over time."""
+    """Jacobian rows of v' and z' over (x, v, z), and their time derivatives."""
     s = 1.0 if v >= 0.0 else -1.0
     vx, zx, level = _slopes(plant, drive, t0, tau, law, nudges, x, v, z, s, 0)
     vv, zv, _ = _slopes(plant, drive, t0, tau, law, nudges, x, v, z, s, 1)
@@ -134,7 +133,7 @@ def _smooth_jacobian(plant, drive, t0, tau, law, nudges, x, v, z):
 
 @njit(cache=True, error_model="numpy")
 def _smooth_step(plant, drive, t0, tau, law, nudges, x, v, z, h, stage):
-    """One RODAS4 step; the last row of `stage` is left as the error estimate."""
+    """One RODAS4 step; the last row of `stage` contains the error estimate."""
     vx, vv, vz, (zx, zv, zz), (vt, zt) = _smooth_jacobian(
         plant, drive, t0, tau, law, nudges, x, v, z
     )

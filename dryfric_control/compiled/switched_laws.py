@@ -1,9 +1,8 @@
 """Compiled run of the discontinuous friction laws, sign and Karnopp.
 
-They read the same numbers as the switched axis and use its load and friction level;
-only what happens near v = 0 and how it is integrated is their own: explicit
-Runge-Kutta 5(4) between switches, with substeps from its error estimate, the switches
-located by repeating the step.
+They use the numbers, load and friction level of the switched axis; only the law near
+v = 0 and the integration differ: explicit Runge-Kutta 5(4) between switches, with
+substeps from its error estimate, and switches located by repeating the step.
 """
 
 # mypy: allow-untyped-defs
@@ -29,8 +28,8 @@ from dryfric_control.compiled.axis_step import (
 )
 from dryfric_control.compiled.roots import between, narrowed
 
-# A piece shorter than this fraction of a sample is given to the next one: below it the
-# force that starts a motion is lost in round-off.
+# A piece shorter than this fraction of a sample is merged with the next one: in a shorter
+# one the force that starts a motion is lost in round-off.
 _SHORTEST = 1e-9
 # Smallest substep, as a fraction of a sample, before the tolerance is called unreachable.
 GIVE_UP = 1e-14
@@ -120,7 +119,7 @@ def _time_to_band(plant, drive, t0, tau, x, v, s, h, band, kx, kv):
 
 @njit(cache=True, error_model="numpy")
 def _dip(v, rate, vn, rate_n, s, band, h):
-    """Time of a dip of s v below the band inside a step, or 0 (cubic through the ends)."""
+    """Time of a minimum of s v below the band in a step, or 0 (cubic through the ends)."""
     r0 = s * rate * h
     r1 = s * rate_n * h
     if not (r0 < 0.0 < r1):
@@ -159,16 +158,16 @@ def _rest_forces(plant, drive, t0, tau, x, band, rest, static):
 def _push(now, end, left, room, inverse_mass):
     """Time until the band is left, the side, and the speed gained meanwhile.
 
-    `now` and `end` are the `_rest_forces` at the two ends of the time `left`; between
-    them they are taken as linear, which is exact unless an effect depends on time. Load
-    beyond friction accelerates the mass up to the band's edge (`room` away), and it
-    leaves once the net force there points outwards: drag that begins at the edge may
-    hold it, which would be endless switching otherwise.
+    `now` and `end` are the `_rest_forces` at the start and end of the time `left`; in
+    between they are assumed linear, which is exact unless an effect depends on time. A
+    load beyond friction accelerates the mass up to the band's edge (`room` away). The mass
+    leaves the band once the net force at the edge points outwards: otherwise drag that
+    begins at the edge could cause endless switching.
     """
     side = -1
     start = left
     for i in range(2):
-        # The remainder of a load that has just fallen below friction is round-off.
+        # Ignore the round-off left of a load that has just fallen below friction.
         if now[i] > 0.0 and now[i] > -1e-12 * end[i]:
             side, start = i, 0.0
         elif end[i] > 0.0:
@@ -274,7 +273,7 @@ def run_switched(numbers, integers, band, static, u, dt, first, x0, v0, toleranc
                     return k + 1
                 continue
             crossed = s * vn < band
-            # A motion that starts on the band points outwards, up to round-off.
+            # A motion that starts at the band's edge points outwards, up to round-off.
             if not crossed and s * v > band:
                 dip = _dip(v, rate, vn, rate_n, s, band, step)
                 if dip > 0.0:
@@ -290,7 +289,7 @@ def run_switched(numbers, integers, band, static, u, dt, first, x0, v0, toleranc
             else:
                 x = xn
                 v = vn
-                # A step cut short by the sample's end says nothing against a longer one.
+                # A step that was limited by the end of the sample may be longer next time.
                 h = max(
                     h if step == left else 0.0, step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
                 )

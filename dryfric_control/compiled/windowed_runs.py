@@ -1,6 +1,6 @@
 """Free runs over the windows of a record, and their normal equations, compiled.
 
-They release the interpreter lock, so that starts and candidates may run in threads.
+They release the interpreter lock, so that starts and candidates can run in threads.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -13,16 +13,17 @@ from numba import njit
 
 from dryfric_control.compiled import axis_step
 
-# Search of a start state (`benchmarks/diagnosis.py`, exact and off): parts of a step
-# that are tried in turn; fall of the cost below which a window has found its start, of
-# a cost whose noise is sqrt(2 samples); slopes over this part of the start's error.
+# Search for a start state (`benchmarks/diagnosis.py`, exact and off): fractions of a step
+# that are tried in turn; fall of the cost below which the search of a window ends (the
+# noise of the cost is sqrt(2 samples)); difference step over the start's standard deviation.
 _PARTS, _FALL, _SLOPE = (1.0, 0.25), 0.02, 0.1
-# Of the promised fall, what is worth new slopes, and what another step along the old.
+# Predicted fall that justifies new slopes; fraction of the predicted fall that justifies
+# another step along the old ones; and largest number of these steps.
 _NEW_SLOPES, _OLD_SLOPES, _STEPS = 0.3, 0.5, 3
-# Cost per sample above which a window's start is sought elsewhere: twice the noise's.
+# Cost per sample above which other start states of a window are tried: twice that of noise.
 _LOST = 2.0
-# Places within a play that are tried for such a window (`benchmarks/diagnosis.py
-# backlash`): the first so many over the whole play, the others ever closer to the best.
+# Positions within a play that are tried for such a window (`benchmarks/diagnosis.py
+# backlash`): number over the whole play, and number of further ones closer to the best.
 _PLACES, _CLOSER = 9, 12
 
 
@@ -33,7 +34,7 @@ class Windowed(NamedTuple):
     x: Any  # (n,) readings
     t0: float  # time of the first sample [s]
     dt: float  # sampling time [s]
-    first: bool  # whether the drive runs linearly between samples
+    first: bool  # whether the drive is interpolated linearly between samples
     edges: Any  # (nwindows + 1,)
     x0: Any  # (nwindows,) state at each start, and its standard deviations
     v0: Any
@@ -48,12 +49,12 @@ class Evaluation(NamedTuple):
     Attributes
     ----------
     errors, by_x, by_v : ndarray, shape (n,)
-        Simulated less measured position, and its slopes with the start state.
+        Simulated - measured position, and its slopes with the start state.
     starts : ndarray, shape (3, nwindows)
-        Corrections of the start states; place of a load in its play (-1 to 1)
-        where it does not go on from the window before, else NaN.
+        Corrections of the start states; position of a load in its play (-1 to 1)
+        if it does not continue from the previous window, else NaN.
     costs : ndarray, shape (nwindows,)
-        Sum of squares over scale^2, and the cost of the corrections.
+        Sum of squares over scale^2, plus the cost of the corrections.
     """
 
     errors: Any
@@ -64,18 +65,18 @@ class Evaluation(NamedTuple):
 
 
 class Search(NamedTuple):
-    """How start states are searched."""
+    """Settings of the search for start states."""
 
-    active: Any  # (nwindows,) windows asked for
-    linked: bool  # windows hand on their internal memory
+    active: Any  # (nwindows,) requested windows
+    linked: bool  # windows pass on their inner states
     uniform: bool  # the axis is the same at every position
     scale: float  # standard deviation of the errors
-    rounds: int  # of new slopes with the start state; none and no slopes if negative
-    offsets: Any  # other velocities to start from, in multiples of their error
+    rounds: int  # of new slopes with the start state; negative: no search and no slopes
+    offsets: Any  # other start velocities, in standard deviations
 
 
 class _Run(NamedTuple):
-    """An axis, and the memory that its runs use."""
+    """An axis and the memory of its runs."""
 
     plant: Any
     memory: Any
@@ -84,7 +85,7 @@ class _Run(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Where the search of one window's start ended."""
+    """Result of the search for one window's start state."""
 
     dx: float
     dv: float
@@ -109,7 +110,7 @@ def _held(plant, state, u, k, end):
 
 @axis_step.internal
 def _lagged(plant, w, k, state):
-    """Lagged drive at sample k, from the inputs of ten time constants before."""
+    """Lagged drive at sample k, from the inputs of the ten time constants before."""
     u, dt = w.u, w.dt
     lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY]
     whole = int(delay / dt)
@@ -117,7 +118,7 @@ def _lagged(plant, w, k, state):
     back = min(k, int(10.0 * lag / dt) + whole + 2)
     value = _held(plant, state, u, k - back - whole, 0)
     for i in range(k - back, k):
-        # Input old acts for the part of the sample that the delay takes.
+        # The older input acts during the fraction of the sample covered by the delay.
         old = _held(plant, state, u, i - whole - 1, 0)
         new = _held(plant, state, u, i - whole, 0)
         if w.first:
@@ -130,14 +131,14 @@ def _lagged(plant, w, k, state):
 
 @axis_step.internal
 def _keep(memory, inner):
-    """Inner states at one instant, into `inner`."""
+    """Copy the inner states at one instant into `inner`."""
     inner[0], inner[1] = memory[axis_step.DEFLECTION], memory[axis_step.OFFSET]
     inner[2], inner[3] = memory[axis_step.SLIP], memory[axis_step.MODE]
 
 
 @axis_step.internal
 def _restore(plant, inner, memory):
-    """Inner states at the position and speed in memory; a stuck load stays stuck."""
+    """Restore inner states at the position and velocity in memory; a stuck load stays stuck."""
     memory[axis_step.DEFLECTION], memory[axis_step.OFFSET] = inner[0], inner[1]
     memory[axis_step.SLIP], memory[axis_step.MODE] = inner[2], inner[3]
     kind = plant.integers[axis_step.STRUCTURE]
@@ -149,8 +150,8 @@ def _restore(plant, inner, memory):
 def _begin(run, w, i, x0, v0, inner):
     """Memory at the first sample of window i; without inner states, an axis at rest.
 
-    The last place of `inner` is the time at rest, which the run before knows
-    better than the readings do: it stopped at an instant, they stand still.
+    The last entry of `inner` is the time at rest.  The previous run knows it more
+    precisely than the readings: it contains the instant of the stop.
     """
     plant, memory, a, rest = run.plant, run.memory, w.edges[i], w.rest[i]
     state = axis_step.pointer(memory)
@@ -184,10 +185,10 @@ def _begin(run, w, i, x0, v0, inner):
 
 @axis_step.internal
 def _inner_at(run, w, i, place, inner):
-    """Inner states with which window i starts, in place.
+    """Set the inner states with which window i starts, in place.
 
-    They do not depend on the start's corrections.  At a `place` of the play,
-    -1 to 1, the load is as fast as the motor.
+    They do not depend on the start's corrections.  At a position `place` in the play,
+    -1 to 1, load and motor have the same velocity.
     """
     if np.isnan(inner[0]):
         _begin(run, w, i, w.x0[i], w.v0[i], inner)
@@ -200,8 +201,8 @@ def _inner_at(run, w, i, place, inner):
 def _free_run(run, w, i, x0, v0, inner, out):
     """One free run over window i from a start state, positions into out[a:b].
 
-    `inner` is the internal memory at the start; what the run hands on is left
-    in run.memory, one sample after its last.
+    `inner` contains the inner states at the start; those one sample after the end,
+    which are passed on, are left in run.memory.
     """
     memory, a, b, last = run.memory, w.edges[i], w.edges[i + 1], w.u.shape[0] - 1
     _begin(run, w, i, x0, v0, inner)
@@ -218,7 +219,7 @@ def _free_run(run, w, i, x0, v0, inner, out):
 
 @axis_step.internal
 def _end(memory, after):
-    """What a run hands on: its inner states and for how long it has been at rest."""
+    """Copy what a run passes on: its inner states and its time at rest."""
     _keep(memory, after)
     at_rest = memory[axis_step.MODE] == 0.0
     after[axis_step.N_INNER] = memory[axis_step.REST] if at_rest else 0.0
@@ -226,14 +227,14 @@ def _end(memory, after):
 
 @axis_step.internal
 def _copy(source, a, b, target):
-    """target[a:b] = source[a:b], whose check of shapes would take long to compile."""
+    """target[a:b] = source[a:b] without a check of shapes, which is slow to compile."""
     for k in range(a, b):
         target[k] = source[k]
 
 
 @axis_step.internal
 def _needed(active, linked, i):
-    """Whether a window must run: asked for, or linked to the next that is."""
+    """Whether a window must run: requested, or linked to a next one that is."""
     return active[i] or (linked and i + 1 < active.shape[0] and active[i + 1])
 
 
@@ -241,9 +242,9 @@ def _needed(active, linked, i):
 def free_runs(axis, w, active, linked, starts, out):
     """Positions of free runs over the active windows from corrected start states.
 
-    `axis` is the `Arrays` of an axis, `starts` as in `Evaluation`.  A window goes
-    on with the inner states and the time at rest with which the one before has
-    ended, if that was run; `linked`: the one before an active window is run too.
+    `axis` is the `Arrays` of an axis, `starts` as in `Evaluation`.  A window continues
+    with the inner states and the time at rest at the end of the previous one, if that
+    was run; `linked`: the window before an active one is run too.
     """
     run = _run_of(axis)
     inner = np.full(axis_step.N_INNER + 1, np.nan)
@@ -258,7 +259,7 @@ def free_runs(axis, w, active, linked, starts, out):
 
 @axis_step.internal
 def _cost(w, i, out, dx, dv, scale):
-    """Sum of squares of a window over scale^2, and the cost of its corrections."""
+    """Sum of squares of a window over scale^2, plus the cost of its corrections."""
     total = 0.0
     for k in range(w.edges[i], w.edges[i + 1]):
         e = out[k] - w.x[k]
@@ -284,9 +285,9 @@ def _start_terms(w, i, scale, dx, dv, errors, by_x, by_v):
 def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, after):
     """Search the start state of window i from the corrections dx, dv.
 
-    Leaves the run in out[a:b], its slopes in at.by_x and at.by_v and the
-    internal memory at its end in `after`.  With rounds < 0 there is one run
-    from the corrections given, and no slopes.
+    Leaves the run in out[a:b], its slopes in at.by_x and at.by_v and the inner
+    states at its end in `after`.  With rounds < 0 there is one run from the given
+    corrections, and no slopes.
     """
     a, b, scale = w.edges[i], w.edges[i + 1], search.scale
     x0, v0 = w.x0[i], w.v0[i]
@@ -309,7 +310,7 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, afte
         if turn == rounds:
             break
         again = False
-        # Along fixed slopes as long as that pays, then with new ones.
+        # Steps along fixed slopes as long as they lower the cost enough, then new slopes.
         for _ in range(_STEPS):
             for k in range(a, b):
                 at.errors[k] = out[k] - w.x[k]
@@ -317,7 +318,7 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, afte
             det = xx * vv - xv * xv
             sx = -(vv * gx - xv * gv) / det
             sv = -(xx * gv - xv * gx) / det
-            # The fall that the slopes promise; less than this is not worth a run.
+            # Predicted fall of the cost; a small one does not justify a run.
             promised = -(gx * sx + gv * sv) / scale**2
             if not promised > _FALL:
                 break
@@ -344,9 +345,9 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, afte
 def project(axis, w, search, at):
     """Errors of the active windows from their most likely start states, into `at`.
 
-    `at.starts` holds where the search of each window's start begins and is
-    changed in place.  A window far above the scale is searched again from other
-    speeds: a break-away makes the cost rugged; and where the load is in its play.
+    `at.starts` contains the start of each window's search and is changed in place.
+    A window far above the scale is searched again from other velocities, as breakaways
+    make the cost rugged, and from other positions of the load in its play.
     """
     run = _run_of(axis)
     n_inner, n = axis_step.N_INNER, w.x.shape[0]
@@ -359,7 +360,7 @@ def project(axis, w, search, at):
             inner[:] = np.nan
             continue
         _inner_at(run, w, i, starts[2, i], inner)
-        # Of a window not asked for, only what it hands on matters.
+        # Of a window that is not requested, only what it passes on matters.
         turns = search.rounds if active else min(search.rounds, 1)
         found = _search_start(
             run, w, i, search, turns, starts[0, i], starts[1, i], inner, at, out, tried, after
@@ -374,7 +375,7 @@ def project(axis, w, search, at):
                     break
                 dv = search.offsets[turn] * w.v_error[i]
             else:
-                # Nobody measures where in its play the load is.
+                # The position of the load in its play is not measured: try several.
                 count = turn - tries
                 if count == 0 and not found.cost > _LOST * (b - a):
                     break
@@ -383,7 +384,7 @@ def project(axis, w, search, at):
                 elif np.isnan(best):
                     break
                 else:
-                    # Either side of the best, then half as far.
+                    # Both sides of the best, then at half the distance.
                     if (count - _PLACES) % 2 == 0:
                         width *= 0.5
                     place = best + (width if count % 2 == 0 else -width)
@@ -410,9 +411,9 @@ def normal_terms(w, active, at, slopes, scale):
 
     `slopes` has one row of errors for each parameter.  With start slopes S,
     their prior P and M = S'S + P, the normal matrix is D'D - D'S inv(M) S'D,
-    all over scale^2; zero for windows not active.  The third array has, for dx
-    and dv, the best step where it is (first column) and its slope with each
-    parameter; without parameters that is all there is.
+    all over scale^2; zero for windows not active.  The third array contains, for dx
+    and dv, the best step (first column) and its slope with each parameter; without
+    parameters only this array is computed.
     """
     p, nw = slopes.shape[0], w.edges.shape[0] - 1
     g, h, back = np.zeros((nw, p)), np.zeros((nw, p, p)), np.zeros((nw, 2, p + 1))
@@ -456,7 +457,7 @@ def accelerations(numbers, integers, t, x, v, u, direction, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def strained(x, distance, share, out):
-    """Deflection of an elastic contact along a motion over that at which it slides."""
+    """Deflection of an elastic contact along a motion, over that at which it slides."""
     for k in range(x.shape[0]):
         if k > 0:
             share = min(max(share + (x[k] - x[k - 1]) / distance, -1.0), 1.0)
@@ -465,9 +466,9 @@ def strained(x, distance, share, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def behind_drive_and_encoder(axis, t0, dt, u, first, y, force, x):
-    """Mean drive force of each sample behind input map, delay and lag, into `force`.
+    """Mean drive force of each sample after input map, delay and lag, into `force`.
 
-    And the positions at which the encoder reads y, into `x`.
+    The positions at which the encoder reads y go into `x`.
     """
     plant, memory = axis_step.point(axis.numbers, axis.integers), np.zeros(axis.memory)
     state, last = axis_step.pointer(memory), u.shape[0] - 1

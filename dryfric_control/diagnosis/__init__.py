@@ -1,4 +1,4 @@
-"""From data to cause: what the simulation gets wrong, and why."""
+"""Diagnosis: from measured data to the cause of a discrepancy."""
 
 from dryfric_control.diagnosis.diagnose import diagnose, diagnose_batch
 from dryfric_control.diagnosis.evidence import Evidence, evidence

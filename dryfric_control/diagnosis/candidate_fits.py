@@ -1,4 +1,4 @@
-"""All candidates fitted side by side; the hopeless leave early."""
+"""Fits of all candidates in parallel; hopeless ones are stopped early."""
 
 from __future__ import annotations
 
@@ -45,36 +45,36 @@ from dryfric_control.ties import SQUARES, ranked
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# All of these are set by `benchmarks/diagnosis.py`: by what it names right on exact and
-# off, and where they say so by one of its effects or by its run times.
+# All these values are set by `benchmarks/diagnosis.py`: by the causes named right under its
+# conditions *exact* and *off*, or, where given in brackets, by one of its effects or run times.
 
-# Cost of one more cause, in the units of the prior of base parameters: as much
-# as one of them being off by some seven times its usual spread (clean, pair).
+# Cost of one more cause, in units of the prior of base parameters: equal to the cost of
+# one of them being off by some seven times its usual spread (clean, pair).
 CAUSE_COST = BASE_COST * 4.0
-# Runners kept after the first round: no more than this, and none whose loss is
-# this many times the best (run times).
+# Largest number of candidates kept after the first round, and largest ratio of their loss
+# to the best (run times).
 _KEPT, _NEAR = 6, 3.0
-# A second guess is followed if its loss is within this factor of the first's.
+# A second guess is followed if its loss is within this factor of the best.
 _CLOSE = 1.1
-# Mean score below which a fit has all but reached the floor, 0.22.
+# Mean score below which a fit has nearly reached the noise floor of 0.22.
 _SETTLED = 0.4
-# Points of the random search where the loss is rugged (dwell_time, stribeck).
+# Number of points of the random search where the loss is rugged (dwell_time, stribeck).
 _TRIES = 120
-# Steps of a first fit; where the base alone reaches the floor, only what a fit
-# asks of it decides, which takes a fit to its end.
+# Iterations of a first fit; more if the base alone reaches the floor, as then only the
+# base values that a fit needs decide, which takes a converged fit.
 _TURNS = {False: 2, True: 6}
-# Fall of the loss, in units of chi^2, that is worth no further fit (clean).
+# Fall of the loss, in units of chi^2, that does not justify a further fit (clean).
 _LOWER = 2.0
-# Search coordinates closer than this lead to the same end.
+# Difference of search coordinates up to which fits count as the same.
 _SAME = 2e-3
-# Of many first guesses, so many are left after single runs (run times).
+# Number of first guesses left after single runs (run times).
 _MANY = 4
-# Parts of a guess between which a parameter is searched that must not vanish
+# Bounds, as multiples of the guess, of a parameter that must not vanish
 # (presliding, backlash).
 _VANISHING = (0.01, 100.0)
-# Steps of the last descent of a fit, and rounds of its search of start states.
+# Iterations of the final descent of a fit, and rounds of its search for start states.
 _LAST_TURNS, _LAST_ROUNDS = 10, 2
-# Mean score below which single windows are worth a search for better starts.
+# Mean score below which a search for better start states of single windows pays.
 _THOROUGH = 1.5
 
 
@@ -92,12 +92,12 @@ class Fitted:
     axis : FrictionAxis
         The fitted axis.
     loss : float
-        On the windows of the fit, prior included, at the noise floor; before
-        it is judged, on those that its fit looked at.
+        On the windows of the fit, prior included, at the scale of the noise floor;
+        before `Race.judged`, on the windows that the fit used so far.
     starts : ndarray, shape (3, nwindows)
         Start states found.
     scores : ndarray, shape (nwindows,)
-        Score of every window, from the fit that did not see it.
+        Score of every window; empty before `Race.judged`.
     """
 
     slug: str
@@ -116,17 +116,17 @@ class Race:
     ----------
     bench : Windows
     believed : FrictionAxis
-        The axis whose base parameters the prior is about.
+        The nominal axis; its base parameters are the centre of the prior.
     fit, judge : ndarray of bool, shape (nwindows,)
         Windows to fit on and to judge on.
     scales : Scales
         Typical sizes in the record.
     jobs : int
-        Fits at the same time.
+        Number of fits in parallel.
     known : sequence of str
-        Base parameters that stay as believed.
+        Base parameters that stay at nominal.
     tolerance : mapping of str to float
-        Base parameters that may be wrong by so much without being an assumption.
+        Base parameters whose errors do not count as assumptions.
     until : float
         Reading of `time.monotonic` at which fits stop where they are.
     """
@@ -150,11 +150,10 @@ class Race:
         self.jobs = jobs
         names = list(BASE.values())
         self.known, self.tolerance = tuple(known), dict(tolerance or {})
-        # Axes with causes from elsewhere, from which fits of the same ones start too.
+        # Axes with causes fitted elsewhere, used as further starts of the same causes.
         self.hints: Sequence[FrictionAxis] = ()
         self.believed = dict(zip(names, values_of(believed, names).tolist(), strict=True))
-        # What was asked before: the same question comes up on several ways, and all
-        # of a search again where another follows.
+        # Cache of fits: a search asks for the same one repeatedly, and so does the next search.
         self._answers: dict[tuple, Any] = {}
 
     def hypothesis(
@@ -174,7 +173,7 @@ class Race:
 
     @property
     def late(self) -> bool:
-        """Whether time is over."""
+        """Whether the time limit has passed."""
         return time.monotonic() > self.until
 
     def _once(self, key: tuple, answer: Callable[[], Any]) -> Any:
@@ -183,7 +182,7 @@ class Race:
         return self._answers[key]
 
     def _run(self, function, items: Iterable):  # type: ignore[no-untyped-def]
-        """Fits side by side, those that are not known yet."""
+        """Run those fits in parallel that are not in the cache yet."""
         asked = [(function.__name__, *item) for item in items]
         new = [key for key in dict.fromkeys(asked) if key not in self._answers]
         if self.jobs == 1:
@@ -203,9 +202,9 @@ class Race:
         active: BoolArray | None = None,
         search: bool = False,
     ) -> Fitted:
-        """Fit of an axis as it is, with base parameters and `free`.
+        """Fit of an axis with base parameters and `free`, no effect added.
 
-        `search`: look farther where break-aways make the loss rugged.
+        `search`: add a random search where breakaways make the loss rugged.
         """
         fit = self.fit if active is None else active
         of = None if base is None else tuple(base)
@@ -235,7 +234,7 @@ class Race:
         starts: FloatArray | None,
         search: bool,
     ) -> Fitted:
-        """A fit to its end, from coordinates and start states, and its scores."""
+        """Complete fit from search coordinates and start states, with its scores."""
         z, [at], loss = through(h, z, fit, scales, CANDIDATE, starts)
         starts = at.starts
         if h.rugged.size and search and not self._settled(loss, fit):
@@ -245,7 +244,7 @@ class Race:
         return self.judged(Fitted(slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0)))
 
     def judged(self, one: Fitted) -> Fitted:
-        """The same, with the scores of all windows and the loss of all that fit."""
+        """The fit with the scores of all windows and the loss of all windows to fit."""
         known = self.fit | self.judge
         at = self.bench.evaluate(one.axis, known, None, one.starts)
         if self.bench.scores(at.costs)[known].mean() < _THOROUGH:
@@ -259,13 +258,13 @@ class Race:
     def among(self, base: Fitted, free: Sequence[str], names: Sequence[str]) -> list[Fitted]:
         """Every candidate added to a fitted axis, best first by its loss.
 
-        Those that are far behind after a short fit are not fitted further.
+        Candidates that are far behind after a short fit are not fitted further.
         """
         self.sieve = self.bench.sieve(self.fit, base.scores)
-        # Before the fits side by side, which all look at them.
+        # Computed before the parallel fits, which all need it.
         self._once(("views", base), lambda: self._views(base))
-        # Elastic contacts and transmissions are slow to run: they are tried where
-        # nothing simpler reaches the floor.
+        # Elastic contacts and transmissions are slow to simulate: try them only if nothing
+        # simpler reaches the floor.
         slow = [n for n in names if effect_class(n).action in ("contact", "transmission")]
         settled = self._settled(base.loss, self.fit)
         at = self.bench.evaluate(base.axis, self.sieve, None, base.starts, 1)
@@ -278,7 +277,7 @@ class Race:
             tried = self._run(self._first, ((base, n, tuple(free), settled) for n in group))
             started = _sorted(r for runs in tried for r in runs)
             if settled:
-                # A fit that ends no lower than the one without has nothing to say.
+                # Ignore candidates that do not lower the loss.
                 started = [r for r in started if r.loss < without - _LOWER]
             least = min(r.loss for r in [*started, *runners]) if started else 0.0
             far = [i > 1 and r.loss > _NEAR * least for i, r in enumerate(started)]
@@ -296,9 +295,10 @@ class Race:
         return list(first.values()) + self._run(self.judged, ((r,) for r in left.values()))
 
     def instead(self, nominal: Fitted, names: Sequence[str], enough: Fitted) -> list[Fitted]:
-        """Effects of one parameter that by themselves, the base as it is, come near a fit.
+        """Effects with one parameter that alone, the base fixed, come near the fit `enough`.
 
-        With two, a cold machine that takes for ever to warm up has a higher level, too.
+        With two, degenerate ones would too: a warm-up with an endless time constant is
+        just a higher Coulomb level.
         """
         self.sieve = self.bench.sieve(self.fit, nominal.scores)
         seen = View(nominal.axis, self.bench.record, self.believed)
@@ -313,7 +313,7 @@ class Race:
         ]
 
     def _quick(self, nominal: Fitted, seen: View, name: str) -> Fitted | None:
-        """The best guess of an effect beside the base as it is, after a few steps."""
+        """The best guess of an effect after a few iterations, the base fixed."""
         best = None
         for values, _ in guesses(name, seen):
             try:
@@ -328,12 +328,12 @@ class Race:
         return None if best is None else self._on(best, _TURNS[True])
 
     def _views(self, base: Fitted) -> tuple[tuple[View, dict[str, float]], ...]:
-        """What first guesses look at, for a fitted axis and with the base as believed."""
+        """Views for first guesses: of a fitted axis, and with its base at nominal."""
         record = self.bench.record
         known = base.hypothesis.values(base.z)
         views = [(View(base.axis, record, self.believed), known)]
         if any(abs(known[n] - v) > 0.005 * v for n, v in self.believed.items() if n in known):
-            # The base may have bent only for want of the cause.
+            # Base values may be biased only because the cause is still missing.
             straight = known | {n: v for n, v in self.believed.items() if n in known}
             names = [n for n in self.believed if n in known]
             axis = with_values(base.axis, names, [straight[n] for n in names])
@@ -341,7 +341,7 @@ class Race:
         return tuple(views)
 
     def _near(self, runners: list[Fitted]) -> list[Fitted]:
-        """Those of sorted runners that are worth a fit to its end."""
+        """Those of sorted candidates that are worth a complete fit."""
         if not runners:
             return []
         best = runners[0].loss
@@ -349,12 +349,12 @@ class Race:
         return [r for i, r in enumerate(runners[:most]) if i < 2 or r.loss < _NEAR * best]
 
     def _settled(self, loss: float, active: BoolArray) -> bool:
-        """Whether a loss over windows is next to the floor."""
+        """Whether the loss over windows is close to the noise floor."""
         n = self.bench.samples[active] * ROBUST**2
         return loss < _SETTLED * float(n.sum())
 
     def _first(self, base, name, free, settled):  # type: ignore[no-untyped-def]
-        """Best of the first guesses after a first fit, of every origin as good."""
+        """First fits of an effect from its best guesses, those that tie with the best."""
         options = list[Any]()
         if self.late:
             return options
@@ -370,7 +370,7 @@ class Race:
                     axis = h.axis_at(z)
                 except ValueError:
                     continue
-                # Where the base reaches the floor, it counts who lets it be.
+                # If the base reaches the floor, keep guesses apart that leave it unchanged.
                 origin_of = (number, bool(regressed) and settled)
                 some.append((origin_of, h, z, axis))
             if len(some) > _MANY:
@@ -383,7 +383,7 @@ class Race:
             if name not in present and set(named(axis)) == {*present, name}:
                 h = self.hypothesis(axis, [*free, *own_names(name)])
                 options.append(("hint", h, h.start, axis))
-        # Where the base is next to the floor its start states are the true ones.
+        # If the base fit is close to the floor, its start states are reliable.
         starts = base.starts if settled else None
         tried = []
         for number, h, z, axis in options:
@@ -393,7 +393,7 @@ class Race:
         if not tried:
             return []
         tried = [tried[i] for i in ranked([item[0] for item in tried], SQUARES)]
-        # The best of every origin, and whoever is as good as the best of all.
+        # The best guess of every origin, and the second best of all if it is as good.
         firsts = {number: i for i, (_, number, _, _) in reversed(list(enumerate(tried)))}
         chosen = set(firsts.values())
         if len(tried) > 1 and tried[1][0] < _CLOSE * tried[0][0]:
@@ -404,14 +404,15 @@ class Race:
             turns = CANDIDATE._replace(iterations=_TURNS[settled])
             z, [at], _ = through(h, z, self.sieve, scales[:1], turns, starts)
             axis = h.axis_at(z)
-            # A break-away hit by luck from other starts must not hide a likeness to the base.
+            # Evaluate from the base fit's start states too: those fitted here may time a
+            # breakaway right by chance and hide that the fit is equivalent to the base.
             known = [at.starts] if starts is None else [at.starts, starts]
             ends = [self.bench.evaluate(axis, self.sieve, None, s, 1) for s in known]
             losses = [self.bench.loss(end.costs, self.sieve) for end in ends]
             at = ends[ranked(losses, SQUARES)[0]]
             loss = self.bench.loss(at.costs, self.sieve) + h.prior(z)[0]
             runs.append(Fitted(name, h, z, axis, loss, at.starts, np.empty(0)))
-        # Fits that tie may differ in what they ask of the base parameters.
+        # Keep all different fits that tie: their base parameters may differ.
         runs = _sorted(runs)
         apart: list[Fitted] = []
         for r in runs:
@@ -421,7 +422,7 @@ class Race:
         return apart
 
     def _on(self, one: Fitted, turns: int) -> Fitted:
-        """The same a little further, down to the floor."""
+        """The fit after some more iterations, with scales narrowed down to the floor."""
         h = one.hypothesis
         scales = narrowing(h, one.z, self.sieve)
         more = CANDIDATE._replace(iterations=turns)
@@ -431,7 +432,7 @@ class Race:
         return Fitted(one.slug, h, z, h.axis_at(z), loss, at.starts, np.empty(0))
 
     def _second(self, one: Fitted, settled: bool) -> Fitted:
-        """The same to the end of its fit, on all windows that fit."""
+        """The complete fit, on all windows to fit."""
         h = one.hypothesis
         scales = narrowing(h, one.z, self.fit)[-3:]
         starts = one.starts if settled else None
@@ -439,13 +440,13 @@ class Race:
 
 
 def _sorted(runs: Iterable[Fitted]) -> list[Fitted]:
-    """Fits, the lowest loss first; those that tie in the order given."""
+    """Fits, lowest loss first; ties in the given order."""
     runs = list(runs)
     return [runs[i] for i in ranked([r.loss for r in runs], SQUARES)]
 
 
 def _bounds(parameters: Sequence[Parameter]) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest search coordinates of a candidate, within reason."""
+    """Plausible lower and upper bounds of a candidate's search coordinates."""
     low, high = search_bounds(parameters)
     for i, p in enumerate(parameters):
         least, most = KINDS[p.kind]

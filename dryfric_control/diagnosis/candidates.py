@@ -1,7 +1,7 @@
-"""Candidates of a diagnosis: what may be added to an axis, and where its fit starts.
+"""Candidates of a diagnosis: effects that may be added, and their first guesses.
 
-A candidate has the name that its effect has in the axis: the slug, and "cogging_2"
-for a second of a kind.
+A candidate has the name of its effect in the axis: the slug, or e.g. "cogging_2" for
+the second effect of a kind.
 """
 
 from __future__ import annotations
@@ -18,27 +18,28 @@ from dryfric_control.model.effects.guesses import Guess, View
 from dryfric_control.model.effects.naming import class_of, named, put
 from dryfric_control.records.record import Record
 
-#: Base parameters by the slug of the cause that a wrong value is.
+#: Base parameters by the slug of the cause that a wrong value represents.
 BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
-#: The same the other way round.
+#: Slugs by base parameter, the inverse of `BASE`.
 SLUGS = {name: slug for slug, name in BASE.items()}
 
-# Sliding samples below which no regression is tried: three for each parameter of the largest.
+# Number of sliding samples below which no regression is tried: three for each parameter of the
+# largest.
 _LEAST_SLIDING = 15
-# Part of the travel of the records beyond its ends where a place is still in it.
+# Margin at each end of the records' travel, as a fraction of it, in which a place is still valid.
 _OUTSIDE = 0.1
-# Velocity over the largest of the records, that of nearly all samples, beyond which what depends
-# on it is the same for all.
+# A characteristic speed beyond _FASTER times the largest of the records (the quantile
+# _NEARLY_ALL of |v|) has no visible effect: the record looks the same for all such values.
 _FASTER, _NEARLY_ALL = 3.0, 0.995
-# Part of a sample below which nothing is late.
+# Shortest time, as a fraction of the sampling time, that counts as a delay or time constant.
 _SOONEST = 0.02
-# Actions of which an axis holds one.
+# Actions of which an axis has at most one effect.
 _SINGLE = ("delay", "lag", "contact", "transmission")
 
 
 @dataclass(frozen=True)
 class Start:
-    """An axis with a candidate in it, and names of what is free beside the base."""
+    """An axis with a candidate in it, and the names of the candidate's free parameters."""
 
     axis: FrictionAxis
     free: tuple[str, ...]
@@ -47,8 +48,8 @@ class Start:
 def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
     """Names of effects that may be tried on an axis: all registered and not found yet.
 
-    One that the axis already has may be there with the wrong numbers; of those that
-    repeat one more may be there.
+    Effects that the axis already has are included, as their values may be wrong; of
+    effects that may repeat, one more is included.
     """
     present = named(axis)
     actions = {e.action for e in axis.effects}
@@ -73,14 +74,14 @@ def effect_class(name: str) -> type[Effect]:
 
 
 def holds(axis: FrictionAxis, name: str) -> bool:
-    """Whether an axis has an effect, as its own field or in its list."""
+    """Whether an axis has an effect, as a field or in its list of effects."""
     return name in named(axis)
 
 
 def guesses(name: str, view: View) -> Iterable[Guess]:
-    """First guesses for one candidate: its values, and base values beside it.
+    """First guesses for one candidate: its values, and base values that go with them.
 
-    One that the axis has already starts from the numbers it has there.
+    A candidate that the axis already has starts from the values it has there.
     """
     mine = named(view.axis).get(name)
     if mine is None:
@@ -93,9 +94,9 @@ def guesses(name: str, view: View) -> Iterable[Guess]:
 
 
 def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Start:
-    """Axis with one effect more or another in its place.
+    """Axis with an effect added, or replaced if it has one of that name.
 
-    A guess outside the bounds of its parameter is moved to the nearer one.
+    A guess outside the bounds of its parameter is moved to the nearer bound.
     """
     effect = effect_class(name)
     kinds = effect.parameters()
@@ -106,9 +107,9 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
 
 
 def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
-    """Whether a cause acts at a place and a velocity that the machine had, over a time that shows.
+    """Whether a cause acts at positions, speeds and times that the records cover.
 
-    `values`: by the names of its free parameters, those of a second of its kind with its own.
+    `values`: by the full names of its free parameters, such as "cogging_2.amplitude".
     """
     kinds = effect_class(name).parameters()
     low, high = travelled(records)
@@ -126,7 +127,7 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
 
 
 def travelled(records: Sequence[Record]) -> tuple[float, float]:
-    """Lowest and highest place that counts as one where the machine has been."""
+    """Lowest and highest position that count as within the travel of the records."""
     low = min(float(r.x.min()) for r in records)
     high = max(float(r.x.max()) for r in records)
     room = _OUTSIDE * (high - low)

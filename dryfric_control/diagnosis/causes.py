@@ -1,4 +1,4 @@
-"""What is said of a cause, whichever judge has found it."""
+"""Description of a cause, whether found by free runs or by likelihood."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.text import rotary_words
 
-# Standard errors, as parts of a value, beyond which a record hardly determines it.
+# Ratio of standard error to value beyond which a record hardly determines a parameter.
 _HARDLY = 0.3
 
 
@@ -24,7 +24,7 @@ def cause_of(
     gain: tuple[float, float],
     alternatives: Sequence[str] = (),
 ) -> Cause:
-    """Cause from the numbers of a fit, by the names that parameters have in it.
+    """Cause from the results of a fit.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ def cause_of(
     slug : str
         Name of the effect.
     own : mapping of str to str
-        Its parameters, and their names in the fit.
+        Names of its parameters, mapped to those in the fit.
     values, errors, units : mapping
         By the names in the fit.
     gain : tuple of float
         Gain on held-out data, and its standard error.
     alternatives : sequence of str, optional
-        What does the same.
+        Equivalent effects or base parameters.
     """
     effect = effect_class(slug)
     title, explanation, experiment = (
@@ -64,7 +64,7 @@ def cause_of(
 
 
 def hardly_determined(causes: Sequence[Cause]) -> list[str]:
-    """A message for each parameter that the record leaves open."""
+    """A message for each parameter that the record hardly determines."""
     messages = []
     for cause in causes:
         kinds = effect_class(cause.effect).parameters()
@@ -72,7 +72,7 @@ def hardly_determined(causes: Sequence[Cause]) -> list[str]:
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
             if not cause.standard_errors[name] <= _HARDLY * abs(value):
-                # A base parameter may have the name of its cause.
+                # A base parameter and its cause may have the same name.
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")
     return messages

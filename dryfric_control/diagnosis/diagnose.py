@@ -1,4 +1,4 @@
-"""Diagnose records: the whole way from data to cause."""
+"""Diagnose records: the whole procedure from data to cause."""
 
 from __future__ import annotations
 
@@ -46,23 +46,23 @@ FloatArray = NDArray[np.float64]
 
 #: What a window is used for.
 FIT, JUDGE, MEASURE = 0, 1, 2
-# Turn of the blocks of a record, and how long they are at most [s].
+# Sequence of the uses of a record's blocks; longest block [s], and least number of blocks.
 _TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
 _BLOCK, _FEWEST_BLOCKS = 1.0, 12
 _LEAST_WINDOWS = 10
-# Verdicts that leave nothing.
+# Verdicts that leave nothing unexplained.
 _CLEAN = ("nothing to find", "explained")
-# Coulomb levels over the nominal one of which free runs must refuse one.
+# Wrong Coulomb levels, over the nominal one, of which free runs must reject at least one.
 _FAR_OFF = (0.7, 1.3)
-# Errors of free runs without the drive over those with it, below which it does nothing.
+# Ratio of free-run errors without and with the drive below which the drive has no effect.
 _IDLE = 5.0
-# Searches, each without the causes that the one before had to take back.
+# Largest number of searches, each without the causes that the previous one refuted.
 _SEARCHES = 3
-# Alternatives for which an experiment is sought.
+# Largest number of alternatives for which an experiment is sought.
 _RIVALS = 4
-# Part of the time limit after which no further cause is sought.
+# Fraction of the time limit after which no further cause is sought.
 _SEARCHING = 0.6
-# The same after which what was found is no longer tested.
+# Fraction of the time limit after which the causes found are no longer tested.
 _ANSWERING = 0.9
 
 
@@ -86,28 +86,28 @@ def diagnose(
     jobs: int = 2,
     progress: bool | None = None,
 ) -> Diagnosis:
-    """Find what a simulation gets wrong, and name the cause.
+    """Find where simulation and measurement differ, and why.
 
     Parameters
     ----------
     axis : FrictionAxis
         The nominal axis.
     record : Record or sequence of Record
-        The measured record: time, drive force, position.  Several of one machine
-        share their causes.
+        The measured record: time, drive force, position.  Several records of one
+        machine share their causes.
     known : sequence of str, optional
         Parameters whose nominal values are right, such as ``("mass",)``.
     tolerance : mapping of str to float, optional
         Relative standard deviation of a nominal value, such as
-        ``{"viscous": 0.5}``: a change within it is no finding.
+        ``{"viscous": 0.5}``: a change within it is not reported as a finding.
     window : float, optional
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
-        Whether the recorded input is held or runs linearly between samples.
+        Whether the recorded input is held or interpolated linearly between samples.
     time_limit : float, optional
-        Time by the clock after which the best answer so far is returned, which says so [s].
+        Wall time [s] after which the best answer so far is returned, with a message.
     jobs : int, optional
-        Candidates fitted at the same time.
+        Number of candidates fitted in parallel.
     progress : bool, optional
         Whether to show a progress bar.  Default: in a terminal or a notebook.
 
@@ -123,23 +123,23 @@ def diagnose(
 
     Notes
     -----
-    Where some hypothesis brings free runs down to the noise of the readings,
-    free runs decide.  Every hypothesis is run freely over short windows of the
-    record, each from its most likely start state, and scored by the mean of
-    log(1 + cost/(4 n)), cost the squared error over the variance of the readings'
-    noise.  Blocks of 1 s are used in turn to fit, to judge and (every fifth) only to
-    measure the final gain.  Candidates join one at a time as long as that lowers the
-    score on the blocks that judge.  The noise floor comes from replays of the model
-    itself through the record's own encoder.
+    If some hypothesis brings free runs down to the noise of the readings, free runs
+    decide.  Every hypothesis is simulated over short windows of the record, each
+    from its most likely start state, and scored by the mean of
+    log(1 + cost/(4 n)), where cost is the squared error over the variance of the
+    readings' noise.  Blocks of 1 s are used in turn to fit, to judge and (every fifth)
+    only to measure the final error reduction.  Candidates are added one at a time as
+    long as the score on the judging blocks falls.  The noise floor comes from replays
+    of the model itself through the record's own encoder.
 
-    Elsewhere, and with several records, a random force acts beside the model:
-    noise of the drive, or what the model leaves out.  Its size and that of the
-    readings' noise are then estimated with the parameters of each hypothesis by
-    the likelihood of a hybrid filter, and the likelihood decides.  Base parameters
-    that are off cost as assumptions do; a factor of 2 is already bold.
+    Otherwise, and with several records, a random force acts in addition to the model:
+    noise of the drive, or unmodelled effects.  Its size and that of the readings' noise
+    are then estimated together with the parameters of each hypothesis by the
+    likelihood of a hybrid filter, and the likelihood decides.  Errors of base parameters
+    count as assumptions; a factor of 2 is already a strong one.
 
     The answer holds for what the record excites: a cause that never acts in it
-    is not found, and a verdict "nothing to find" says no more than that.
+    is not found, and "nothing to find" is no proof of its absence.
 
     Examples
     --------
@@ -175,7 +175,7 @@ def diagnose(
             _check_motion(windows, roles(windows), name)
         cuts.append(windows)
     if progress is None:
-        # Other libraries import IPython too: only a running shell shows a bar.
+        # Other libraries import IPython too: show a bar only in a running shell.
         shell = sys.modules.get("IPython")
         progress = sys.stderr.isatty() or (shell is not None and shell.get_ipython() is not None)
     bar = tqdm(desc="diagnose", unit="step", disable=not progress)
@@ -227,11 +227,11 @@ def diagnose(
             muted = _muted(by_runs, window, hold)
             if search.late or (by_runs.verdict in _CLEAN and not muted):
                 return by_runs
-            # A random force next to the readings' noise, or something that nothing explains.
+            # A random force near the noise of the readings, or an effect outside the catalogue.
             found = found or answer(search, lambda shift: trial(shift).cuts)
             if found is None or not (muted or _prevails(search, found, by_runs)):
                 return by_runs
-        # A cause not yet found may look like a difference between the records.
+        # Last, as a cause not yet found may look like a difference between the records.
         if len(records) > 1 and LATE not in found.messages:
             tell("differences between the records")
             apart(search, found, trial(search.shift).cuts)
@@ -240,9 +240,9 @@ def diagnose(
 
 
 def _prevails(search: Search, found: Answer, by_runs: Diagnosis) -> bool:
-    """Whether the answer of the likelihood holds where free runs have left something.
+    """Whether the likelihood's answer replaces that of free runs that left something.
 
-    It must leave nothing, and free runs name no other causes, or less likely ones.
+    It must leave nothing, and either contain all causes named by free runs or be likelier.
     """
     if found.verdict not in _CLEAN:
         return False
@@ -250,9 +250,9 @@ def _prevails(search: Search, found: Answer, by_runs: Diagnosis) -> bool:
 
 
 def _muted(d: Diagnosis, window: float, hold: str) -> bool:
-    """Whether the motion found is there without the drive, as that of a swinging mass.
+    """Whether the fitted axis moves as measured even without its drive, as a pendulum does.
 
-    Then something else makes it, and free runs say nothing.
+    Then the motion does not depend on the drive, and free runs are uninformative.
     """
     if not d.causes:
         return False
@@ -263,13 +263,13 @@ def _muted(d: Diagnosis, window: float, hold: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Records cut into windows, and what free runs of the first one decide by.
+    """Records cut into windows, and the free-run search and gate of the first one.
 
     Attributes
     ----------
     cuts : list of Windows
     part : ndarray of int64, shape (nwindows,)
-        What each window of the first record is used for.
+        Use of each window of the first record: FIT, JUDGE or MEASURE.
     selector : Selector
     gate : Gate
     """
@@ -284,7 +284,7 @@ class Trial:
         cls, axis: FrictionAxis, cuts: list[Windows], settings: dict[str, Any],
         tell: Callable[[str], None],
     ) -> Trial:  # fmt: skip
-        """All of it, of some records."""
+        """Trial of records that have been cut into windows."""
         first, part = cuts[0], roles(cuts[0])
         race = Race(first, axis, part == FIT, part == JUDGE, typical([first.record]), **settings)
         gate = Gate(first, axis, race.fit, race.judge, settings)
@@ -292,17 +292,17 @@ class Trial:
 
     @property
     def records(self) -> list[Record]:
-        """The records, their inputs as they were cut."""
+        """The records, with the inputs of their windows."""
         return [one.record for one in self.cuts]
 
 
 def _later(records: Sequence[Record], shift: float) -> list[Record]:
-    """Records whose inputs act some time later, earlier where it is negative [s]."""
+    """Records with their inputs delayed by `shift` [s]; negative values advance them."""
     return [one.replace(u=shifted(one.u, shift / one.dt)) for one in records]
 
 
 def _clock(shift: float) -> list[str]:
-    """What is said of inputs that act before their time stamps."""
+    """Message about inputs that act before their time stamps, if they do."""
     if shift == 0.0:
         return []
     early = length_text(-shift, "s")
@@ -310,14 +310,14 @@ def _clock(shift: float) -> list[str]:
 
 
 def _agree(by_runs: Diagnosis, found: Answer) -> bool:
-    """Whether free runs name no other causes than the likelihood does."""
+    """Whether all causes named by free runs are also named by the likelihood."""
     return {c.effect for c in by_runs.causes} <= {c.effect for c in found.causes}
 
 
 def _cut(
     axis: FrictionAxis, record: Record, window: float, hold: str, name: str, least: int
 ) -> Windows:
-    """Windows of a record that can be diagnosed; ValueError for any other."""
+    """Windows of a record; ValueError if it cannot be diagnosed."""
     windows = cut(record, window, hold)
     check_units(axis, record, name)
     warn_if_implausible(axis, record, 4)
@@ -339,16 +339,16 @@ def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
 
 
 def _nothing(selector: Selector, axis: FrictionAxis | None = None) -> bool:
-    """Whether an axis, by default the nominal one, reaches the readings' noise as it is."""
+    """Whether an axis, by default the nominal one, reaches the noise without a fit."""
     race = selector.race
     before = race.judged(race.alone(selector.axis if axis is None else axis, (), base=()))
     return selector.floor_of(before).nothing(before.scores, selector.known)
 
 
 def _blind(selector: Selector) -> bool:
-    """Whether free runs are too short for the readings' noise to show a force.
+    """Whether free runs are too short to reveal a force above the noise of the readings.
 
-    They are if they take an axis for right whether its friction is far too low or too high.
+    That is so if they accept both a far too low and a far too high Coulomb level.
     """
     level = float(values_of(selector.axis, ["coulomb"])[0])
     off = (with_values(selector.axis, ["coulomb"], [part * level]) for part in _FAR_OFF)
@@ -359,7 +359,7 @@ def _likely(
     axis: FrictionAxis, records: Sequence[Record], found: Answer, window: float, hold: str,
     part: NDArray[np.int64], unhurried: bool,
 ) -> Diagnosis:  # fmt: skip
-    """The diagnosis that the likelihood makes."""
+    """Diagnosis from the answer of the likelihood."""
     experiment = None
     extended = found.final.axis
     doubtful = next((c for c in found.causes if found.rivals.get(c.effect)), None)
@@ -391,7 +391,7 @@ def _likely(
 
 
 def _left_out(records: Sequence[Record]) -> list[str]:
-    """What is said of readings that were not used."""
+    """Messages about readings that were not used."""
     found = []
     for i, record in enumerate(records):
         if record.masked.reasons:
@@ -422,12 +422,12 @@ def diagnose_batch(
     window : float, optional
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
-        Whether the recorded inputs are held or run linearly between samples.
+        Whether the recorded inputs are held or interpolated linearly between samples.
     store : path-like, optional
         File that keeps each finished record, see `run_batch`.
     jobs : int, optional
-        Records at the same time, -1 for one on each core.  Default: what
-        `joblib.parallel_config` says, else one.
+        Number of records in parallel, -1 for one on each core.  Default: the setting
+        of `joblib.parallel_config`, else one.
     progress : bool, optional
         Whether to show a progress bar.
 
@@ -444,8 +444,8 @@ def diagnose_batch(
 
     Notes
     -----
-    A store identifies records by their name and their data: one that was measured
-    anew under an old name is diagnosed anew.
+    A store identifies records by their name and their data: a new measurement under
+    an old name is diagnosed again.
 
     Examples
     --------
@@ -495,12 +495,12 @@ def diagnose_batch(
 
 
 def _found(axis: FrictionAxis, window: float, hold: str, record: Record) -> dict[str, Any]:
-    # The records are what runs at the same time.
+    # Records already run in parallel.
     return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()
 
 
 def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
-    """The diagnosis that free runs make."""
+    """Diagnosis by free runs."""
     selector, part, record = trial.selector, trial.part, trial.records[0]
     axis, race, bench = selector.axis, selector.race, selector.bench
     race.hints = trial.gate.hints
@@ -528,7 +528,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     floor = selector.floor_of(final)
     explained = floor.reached(final.scores, selector.known)
     gain, confirmed = _gain(selector, axis, final, part == MEASURE)
-    # Data that nothing was chosen on has the last word on a cause.
+    # A cause must also hold on the data that served for no choice.
     explained = explained and ((confirmed and not gain.beyond) or not (free or kept))
     left = _unexplained(selector, final, floor, gain, explained)
     alike = _alike(selector, before, final, found, kept, floor)
@@ -573,7 +573,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
 
 
 def _remaining(search: Search, final: Fitted, left: Unexplained, explained: bool) -> Remaining:
-    """The random force beside a fit to free runs: none where they reach the noise."""
+    """Random force left by a fit to free runs; none if they reach the noise."""
     unit = search.believed.units[1]
     if explained:
         return Remaining(0.0, 0.0, False, (), unit=unit)
@@ -584,9 +584,9 @@ def _alike(
     selector: Selector, nominal: Fitted, final: Fitted, found: Selection, kept: list[str],
     floor: Floor,
 ) -> dict[str, FrictionAxis]:  # fmt: skip
-    """Axes with an effect each that do what one wrong base parameter does, on this record.
+    """Axes with one effect each that is equivalent to the one wrong base parameter.
 
-    A search that is content with base parameters has tried no effect.
+    A search that stops at base parameters has tried no effects.
     """
     race = selector.race
     if found.causes or selector.late or len(selector.wrong(final, kept)) != 1:

@@ -1,4 +1,4 @@
-"""Simulation beside measurement: what is wrong, and where, before asking why."""
+"""Comparison of simulation and measurement: what differs, and where."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ BoolArray = NDArray[np.bool_]
 
 # Longest lag of the autocorrelation [s].
 _LONGEST_LAG = 0.5
-# Bins of position, speed and time in which a residual is looked for.
+# Number of quantile bins of position, speed and time in which large errors are located.
 _BINS = 40
-# A place is named if chance puts that many bad windows there less often than
-# this: over all the ranges tried, of randomly spread bad windows about 1 in 100.
+# A place is named if the probability of that many bad windows there by chance is below
+# this: over all ranges tried, about 1 in 100 for randomly spread bad windows.
 _SURE = 1e-4
-# It must also hold this share of bad windows, this many times the share elsewhere.
+# The fraction of bad windows there must also be at least _SHARE and _TIMES that elsewhere.
 _SHARE, _TIMES = 0.3, 3.0
-# Part of a window's samples that must lie in a range of speed to count as there.
+# Fraction of a window's samples that must lie in a speed range for the window to count.
 _THERE = 0.3
 _MOST_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One axis beside one record.
+    """An axis compared with a record.
 
     Made by `evidence`.
 
@@ -47,30 +47,29 @@ class Evidence:
     axis : FrictionAxis
     record : Record
     t, x, v : ndarray, shape (n,)
-        Time, position and velocity of samples that slide and are not `blind`, zero-phase.
+        Time, position and velocity (zero-phase) of the sliding samples that are not `blind`.
     residual : ndarray, shape (n,)
-        Force that the axis would need beside its drive to move as measured,
-        m a - (u - f v - F): positive where a push in positive direction is
-        missing.  u is the force behind gain, delay and lag of the axis' drive.
+        Force that the axis would need in addition to its drive to move as measured,
+        m a - (u - f v - F): positive where a force in positive direction is
+        missing.  u is the force after gain, delay and lag of the drive.
     hidden : float
-        Part of the sliding samples that is left out as `blind`.
+        Fraction of the sliding samples that is left out as `blind`.
     since_reversal : ndarray, shape (n,)
         Time since the motion last changed direction [s]; NaN before the first
         time.
     lags, autocorrelation, white : ndarray, shape (nlags,)
-        Autocorrelation of the residual over the lag [s], and the half width of
-        the band that 95 % of white noise stays in.  The smoothing alone
-        correlates the shortest lags.
+        Autocorrelation of the residual over the lag [s], and the half-width of
+        the 95 % band of white noise.  Smoothing alone correlates the shortest lags.
     windows : Windows
         Windows of the free runs.
     errors : ndarray, shape (nsamples,)
-        Free run less measured position at every sample of the record, each run
+        Free-run position - measured position at every sample of the record, each run
         from its most likely start state.
     error_by_window : ndarray, shape (nwindows,)
         RMS of those errors.
     mode_measured, mode_simulated : ndarray of int8, shape (nsamples,)
-        +1 or -1 moving, 0 motionless: seen in the readings, and seen in the
-        free runs read by the same encoder.
+        +1 or -1 moving, 0 motionless: in the readings, and in the free runs as read
+        by the same encoder.
     """
 
     axis: FrictionAxis
@@ -107,7 +106,7 @@ class Evidence:
 
     @property
     def disagreement(self) -> float:
-        """Part of the samples in which the modes differ."""
+        """Stick/slip mismatch: fraction of the samples in which the modes differ."""
         return float(np.mean(self.mode_measured != self.mode_simulated))
 
     def to_dict(self) -> dict[str, float]:
@@ -126,7 +125,7 @@ def evidence(
     hold: str = "zero",
     hide: BoolArray | None = None,
 ) -> Evidence:
-    """Lay an axis' simulation beside a record.
+    """Compare the simulation of an axis with a record.
 
     Parameters
     ----------
@@ -137,7 +136,7 @@ def evidence(
     window : float, optional
         Length of the free runs [s].
     hold : {"zero", "first"}, optional
-        Whether the recorded input is held or runs linearly between samples.
+        Whether the recorded input is held or interpolated linearly between samples.
     hide : ndarray of bool, shape (nsamples,), optional
         Samples that are left out of the force residual.  Default: those of `blind`.
 
@@ -152,9 +151,9 @@ def evidence(
 
     Notes
     -----
-    The force residual is that of one rigid mass behind the drive of the axis.  What acts at
-    rest or between two masses (presliding, backlash, compliance) is no force on it:
-    the free runs and the modes show it.
+    The force residual is that of one rigid mass behind the drive of the axis.  Effects at
+    rest or between two masses (presliding, backlash, compliance) are no force on this
+    mass; they show in the free runs and the modes.
 
     Examples
     --------
@@ -176,10 +175,10 @@ def evidence(
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
     hidden = blind(*behind) if hide is None else hide
-    # What is hidden reaches as far as the smoothing does.
+    # Smoothing spreads the hidden samples over its whole window.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
     left_out = float(np.mean(~shown)) if shown.size else 0.0
-    # A short rest between two motions the same way: no friction of sliding acts there.
+    # Leave out short rests between two motions in the same direction: no sliding friction.
     highest, lowest = (f(record.x, seen.smoothing) for f in (maximum_filter1d, minimum_filter1d))
     shown &= (highest > lowest)[index]
     index, residual = index[shown], seen.residual[shown]
@@ -208,7 +207,8 @@ def evidence(
 def blind(axis: FrictionAxis, record: Record) -> BoolArray:
     """Samples at which effects of an axis are no force on one rigid mass.
 
-    Those within the way and the time after a turn that `Effect.blind` says.
+    These are the samples within a distance and a time after each reversal, which
+    `Effect.blind` returns.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _modes(windows: Windows, positions: FloatArray) -> NDArray[np.int8]:
     record = windows.record
     steps = np.diff(positions)
     restarts = windows.edges[1:-1] - 1
-    # A restart is no motion of the model: go on as before it.
+    # The jump at a restart is no motion of the model: repeat the step before it.
     steps[restarts] = steps[restarts - 1]
     path = np.concatenate(([0.0], np.cumsum(steps)))
     return directions(record.read(path, np.random.default_rng(0), origin=0.0))
@@ -293,7 +293,7 @@ def _modes(windows: Windows, positions: FloatArray) -> NDArray[np.int8]:
 def autocorrelation(
     values: ArrayLike, index: ArrayLike, dt: float, longest: float = _LONGEST_LAG
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Autocorrelation of a signal that is known at some samples only.
+    """Autocorrelation of a signal with missing samples.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ def autocorrelation(
     Returns
     -------
     lags : ndarray, shape (nlags,)
-        Lags at which at least 20 pairs of values lie [s].
+        Lags with at least 20 pairs of values [s].
     correlation : ndarray, shape (nlags,)
         Mean product of the pairs over the mean square of their members.
     white : ndarray, shape (nlags,)
@@ -357,14 +357,14 @@ class Binned(NamedTuple):
 
 
 def binned(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binned:
-    """Median and quartiles of values over something they may depend on.
+    """Median and quartiles of values over a variable that they may depend on.
 
     Parameters
     ----------
     values : array_like, shape (n,)
         Values.
     by : array_like, shape (n,)
-        What they may depend on; samples where it is NaN are left out.
+        The variable; samples where it is NaN are left out.
     bins : int or array_like, shape (nbins + 1,), optional
         Number of equal bins, or their edges.
 
@@ -400,25 +400,25 @@ def binned(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binn
 
 
 class _Place(NamedTuple):
-    """A part of the record that could hold the large errors."""
+    """A part of the record to which the large errors may be confined."""
 
     kind: str
     words: str
-    there: BoolArray  # windows that are in it
-    width: int = 0  # of several with the same windows, the least is named
+    there: BoolArray  # windows that lie in it
+    width: int = 0  # of places with the same windows, the narrowest is named
 
 
 def where(
     scores: FloatArray, expected: float, windows: Windows, units: tuple[str, str] = ("m", "N")
 ) -> tuple[str, ...]:
-    """Say in words where the windows with large scores lie.
+    """Describe in words where the windows with large scores lie.
 
     Parameters
     ----------
     scores : ndarray, shape (nwindows,)
         Score of each window, larger is worse; NaN for windows not judged.
     expected : float
-        Largest score that noise alone makes.
+        Largest score that noise alone causes.
     windows : Windows
         The windows.
     units : tuple of str, optional
@@ -428,16 +428,16 @@ def where(
     -------
     tuple of str
         At most three places, the clearest first; one phrase that says so if the
-        bad windows are tied to no place; nothing if no window is bad.
+        bad windows have no clear location; empty if no window is bad.
 
     Notes
     -----
-    Windows above `expected`, or if those are more than half of all and tied to
-    no place the worse half, are counted inside and outside of every range of position, of speed
-    and of time between quantiles, and in windows with a reversal, with a
-    breakaway, at rest and by direction of motion.  A range is named if chance
-    would hardly put so many of them there (hypergeometric tail) and if they are
-    several times as frequent there as elsewhere.
+    The bad windows are those above `expected`; if these are more than half of all and
+    have no clear location, the worse half.  They are counted inside and outside of
+    every range of position, speed and time between quantiles, of windows with a
+    reversal, with a breakaway and at rest, and by direction of motion.  A range is
+    named if that many bad windows are improbable there by chance (hypergeometric
+    tail) and if they are several times as frequent there as elsewhere.
 
     Examples
     --------
@@ -464,7 +464,7 @@ def where(
 
 
 def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:
-    """Places that hold bad windows far more often than chance would."""
+    """Places that contain significantly many bad windows, in words."""
     inside = np.array([place.there & judged for place in places]).reshape(-1, judged.size)
     total, count = int(judged.sum()), int(bad.sum())
     size, hits = inside.sum(axis=1), (inside & bad).sum(axis=1)
@@ -477,7 +477,7 @@ def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[
         order = order[ranked(key[order])]
     named: dict[str, str] = {}
     for i in order:
-        # What is far less clear than the clearest is most likely its shadow.
+        # A place that is far less significant most likely only overlaps the clearest one.
         if chance[i] > np.sqrt(chance[order[0]]):
             break
         others = str(count - hits[i]) if hits[i] < count else "none"
@@ -522,9 +522,9 @@ def _places(windows: Windows, unit: str) -> Iterator[_Place]:
 
 
 def _ranges(values: FloatArray, name: str, unit: str) -> Iterator[tuple[float, float, str, int]]:
-    """Every range between two quantiles of values, in words, with its width.
+    """Every range between two quantiles of values, in words, with its width in bins.
 
-    A range open to one side is the simpler statement: it has no width.
+    A range open to one side is the simplest statement: its width is 0.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
     low, high = ("before", "after") if name == "t" else ("below", "above")

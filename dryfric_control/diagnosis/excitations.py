@@ -18,17 +18,17 @@ from dryfric_control.ties import samples
 FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray]
 
-# Length of an experiment [s], and the most samples that are simulated.
+# Length of an experiment [s], and largest number of simulated samples.
 _DURATION, _MOST_SAMPLES = 8.0, 16_000
-# Part of the travel that motions keep free at each end.
+# Fraction of the travel that motions keep free at each end.
 _MARGIN = 0.08
-# Mass clamped on over the axis' own, and known force over the Coulomb level.
+# Ratio of the clamped-on mass to that of the axis, and of the known force to the Coulomb level.
 ADDED_MASS, KNOWN_FORCE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What an experiment may use of a machine.
+    """Limits of travel, drive and speed for an experiment.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ class Limits:
 
     @classmethod
     def of(cls, axis: FrictionAxis, record: Record) -> Limits:
-        """What a record has used, and the whole travel of its axis.
+        """Limits from a record, and from the travel of its axis.
 
         Parameters
         ----------
         axis : FrictionAxis
-            Its `travel` counts, if it has one.
+            Its `travel` has priority over that of the record, if it has one.
         record : Record
             A record of the machine.
 
@@ -95,13 +95,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stage:
-    """Where an excitation is to take place.
+    """The axis and the limits for which an excitation is designed.
 
     Attributes
     ----------
     limits : Limits
     axis : FrictionAxis
-        The axis by which distances and forces are chosen.
+        The axis from which distances and forces are chosen.
     level : float
         Coulomb level in the middle of the travel [N].
     t : ndarray, shape (n,)
@@ -134,26 +134,26 @@ class Stage:
 
     @property
     def reach(self) -> float:
-        """Way from the middle that motions may go [m]."""
+        """Largest distance of motions from the middle [m]."""
         return (0.5 - _MARGIN) * self.limits.span
 
     @property
     def spare(self) -> float:
-        """Drive beyond the friction [N]."""
+        """Drive in excess of the friction [N]."""
         return max(self.limits.drive - self.level, 0.2 * self.limits.drive)
 
     def path(self, times: Any, places: Any) -> FloatArray:
-        """Straight lines in time, times as parts of the duration, places in reach."""
+        """Piecewise linear path; times over the duration, places over `reach`."""
         x = np.interp(self.t, np.asarray(times) * self.duration, np.asarray(places))
         return np.asarray(self.middle + self.reach * x)
 
     def still(self) -> FloatArray:
-        """No feed-forward force."""
+        """Zero feed-forward force."""
         return np.zeros(self.t.size)
 
 
 def _zigzag(stage: Stage, speed: float, reach: float) -> FloatArray:
-    """To and fro at one speed, from the middle, within `reach`."""
+    """Triangle at constant speed, from the middle, within `reach`."""
     way = speed * stage.t + reach
     return np.asarray(stage.middle + np.abs(np.mod(way, 4.0 * reach) - 2.0 * reach) - reach)
 
@@ -181,7 +181,7 @@ def _reversals(stage: Stage, scale: float) -> Motion:
 
 
 def _steps(stage: Stage, scale: float) -> Motion:
-    # An integer pattern of jumps: short and long, with time to settle.
+    # Fixed pattern of short and long steps, with time to settle.
     pattern = np.array([0.0, 0.6, 0.0, -0.9, 0.3, 0.9, -0.3, 0.1, -0.6, 0.0, 0.9, -0.9])
     number = np.minimum((stage.t / stage.duration * pattern.size).astype(int), pattern.size - 1)
     return stage.middle + scale * stage.reach * pattern[number], stage.still()
@@ -207,7 +207,7 @@ def _braking(stage: Stage, scale: float) -> Motion:
     m = stage.axis.mass
     speed = 0.85 * scale * stage.limits.speed
     slow = (stage.level + 0.7 * scale * stage.spare) / m
-    # Nothing is gained by a start as hard as the stop.
+    # Accelerate more gently than it brakes: only the braking is informative.
     fast = 0.5 * stage.spare / m
     way = 2.0 * stage.reach
     speed = min(speed, float(np.sqrt(way / (0.5 / fast + 0.5 / slow))))
@@ -227,7 +227,7 @@ def _braking(stage: Stage, scale: float) -> Motion:
 
 
 def _rests(stage: Stage, scale: float) -> Motion:
-    # Time at rest in seconds; all ramps are equally slow.
+    # Times at rest [s] for a duration of 8 s; all ramps are equally slow.
     rests = np.array([0.02, 0.1, 0.3, 0.6, 1.2, 2.0])
     ramp = (stage.duration - rests.sum() * stage.duration / 8.0) / rests.size
     times, places, here = [0.0], [0.0], 0.0
@@ -281,13 +281,13 @@ def _coasting(stage: Stage, scale: float) -> Motion:
     force = np.where(now < time, sign * push, 0.0)
     force = np.clip(force, -0.9 * stage.limits.drive, 0.9 * stage.limits.drive)
     dt = float(stage.t[1])
-    # The loop is there to catch a hypothesis that goes elsewhere.
+    # The loop limits the deviation of hypotheses that move differently.
     return stage.axis.simulate(force, dt, x0=stage.middle).y[0].copy(), force
 
 
 @dataclass(frozen=True)
 class KnownForce(Effect):
-    """Force that the bench adds and knows; no candidate of a diagnosis."""
+    """Known force added on the bench; no candidate of a diagnosis."""
 
     force: float = parameter("N", "force, positive with x")
 
@@ -328,14 +328,14 @@ class Excitation:
     name : str
         Short name.
     title : str
-        What it is called.
+        Title.
     description : str
-        What to do, in plain words; {mass} and {force} stand for what is added.
+        Instructions in plain words; {mass} and {force} are replaced by what is added.
     motion : callable
-        ``motion(stage, scale)`` gives reference and feed-forward force.
+        ``motion(stage, scale)`` returns reference and feed-forward force.
     change : callable or None
-        ``change(stage, axis)``: the axis with a change of the bench that is
-        known, such as a mass clamped on.
+        ``change(stage, axis)`` returns the axis with a known change of the bench,
+        such as a mass clamped on.
     """
 
     name: str

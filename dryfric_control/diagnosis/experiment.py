@@ -1,4 +1,4 @@
-"""Which experiment to do next, to separate causes that look alike."""
+"""The next experiment: the one that best separates causes that fit equally well."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
-# Mean of log(1 + (error/quantum)^2) over the windows from which hypotheses differ,
-# the largest left out (one mistimed breakaway is no evidence): two windows in
-# thirty off by five quanta.
+# Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
+# breakaway is no evidence), from which hypotheses differ: about two windows in thirty off
+# by five quanta.
 _SEPARATE = 0.1
-# RMS of all windows, in quanta, below which no drive parts them.
+# RMS error of all windows in encoder quanta up to which hypotheses cannot be separated.
 _SEEN = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiment that best separates causes that look alike.
+    """The experiment that best separates equally good causes.
 
     Made by `next_experiment`.
 
@@ -44,9 +44,9 @@ class Experiment(Result):
         Short name of the excitation; "change_of_bench" if none of the set
         separates the causes.
     title : str
-        What it is called.
+        Title of the excitation.
     description : str
-        What to do on the bench.
+        Instructions for the bench.
     t, reference : ndarray, shape (n,)
         Time [s] and position reference [m] for the position loop; empty for a
         change of the bench.
@@ -55,12 +55,11 @@ class Experiment(Result):
     separates : tuple of str
         Alternatives that this experiment separates from the named cause.
     score : dict of str to float
-        For every alternative: what is left of the windowed error between the
-        two after the best refit, RMS in encoder quanta; 0 if nothing of the
-        set separates them.
+        For every alternative: remaining windowed error between it and the named cause
+        after the best refit, RMS in encoder quanta; 0 if they are not separated.
     tried : dict of str to float
-        The same before any refit, smallest over the alternatives, for every
-        excitation that keeps the limits.
+        For every excitation that keeps the limits: the same error before any refit,
+        smallest over the alternatives.
     cause : str
         The named cause.
     positions, drives : dict of str to ndarray, shape (n,)
@@ -106,7 +105,7 @@ class Experiment(Result):
         return [self.summary()]
 
     def summary(self) -> str:
-        """What to do and what it separates, in a sentence or two."""
+        """Instructions and what they separate, in a sentence or two."""
         text = f"{self.title}: {self.description}"
         if self.separates:
             shown = ", ".join(
@@ -153,7 +152,7 @@ class Experiment(Result):
 
     @panels(2)
     def plot(self, axes: Any) -> str:
-        """Draw the reference and what each hypothesis predicts."""
+        """Draw the reference and the prediction of each hypothesis."""
         length, force = self.units
         if not self.t.size:
             for one in axes:
@@ -201,10 +200,10 @@ def next_experiment(
         The record that all of them explain.
     names : sequence of str, optional
         Slugs of the named cause and of the alternatives.  Default: the effects
-        by which the axes differ.
+        that distinguish the axes.
     limits : Limits, optional
-        Travel, drive and speed that may be used.  Default: the axis' travel or
-        the record's, the record's largest drive and speed.
+        Travel, drive and speed that may be used.  Default: travel of the axis or
+        else of the record, largest drive and speed of the record.
 
     Returns
     -------
@@ -218,21 +217,21 @@ def next_experiment(
 
     Notes
     -----
-    Each excitation of a small set is run in a position loop, read through the
-    record's encoder, with every hypothesis in turn as the truth, and made
-    smaller until all of them keep the limits.  The other hypothesis then runs
-    freely over windows of it, from the true states, after a refit of its
-    parameters that may not spoil what it says on the known record.  How far the
-    two stay apart is the mean of log(1 + (error/quantum)^2), the largest window
-    left out, and the worse of both ways round.  A line in time is taken out of
-    every window's error first: another start state could explain it.
+    Each excitation of a small set is simulated in a position loop, read through the
+    record's encoder, with every hypothesis in turn as the truth, and reduced in
+    size until all of them keep the limits.  The other hypothesis is then simulated
+    freely over windows of it from the true states, after a refit of its parameters
+    that must keep its prediction of the known record.  The distance of the two is the
+    mean of log(1 + (error/quantum)^2) without the largest window, the smaller of
+    both directions.  A straight line in time is removed from the error of every
+    window first, as another start state could explain it.
 
-    Experiments that need a known mass or force come into play only if no
-    other separates the causes.  If these do not either, the causes are equal on
-    this bench, and the answer is in words.
+    Experiments that need a known mass or force are tried only if no other separates
+    the causes.  If these do not either, the causes are equivalent on this bench, and
+    the answer is in words.
 
-    The answer is as good as the hypotheses: if none of them is true, the
-    experiment may still show something else.
+    The answer assumes that one of the hypotheses is true; otherwise the experiment
+    may show something else.
 
     Examples
     --------
@@ -275,8 +274,8 @@ def next_experiment(
         raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
         for one, pairs in zip(stages, raw, strict=True):
             tried[one.excitation.name] = min(rms for _, rms in pairs)
-        # A refit can only bring hypotheses closer, so the order by what they are
-        # without one shows when to stop.
+        # A refit can only bring hypotheses closer: the distance before it is an upper bound,
+        # so that the search in this order can stop early.
         upper = [_worth([part for part, _ in pairs]) for pairs in raw]
         for k in ranked(-np.array(upper)):
             if best is not None and not above(upper[k], best[0]):
@@ -309,12 +308,12 @@ def next_experiment(
 
 
 def _separate(part: float, score: float) -> bool:
-    """Whether two hypotheses stay apart by what is seen."""
+    """Whether two hypotheses differ by enough to be separated."""
     return part > _SEPARATE and score > _SEEN
 
 
 def _worth(parts: Sequence[float]) -> float:
-    """How good an experiment is: what is not parted yet counts most."""
+    """Merit of an experiment; saturates, so that pairs not separated yet count most."""
     return float(np.mean([part / (1.0 + part) for part in parts]))
 
 
@@ -325,7 +324,7 @@ def _measure(squares: FloatArray, quantum: float) -> tuple[float, float]:
 
 
 def _apart(one: Staged, rival: int, quantum: float) -> tuple[float, float]:
-    """How far a rival is from the named cause without refit, the worse way round."""
+    """Distance of a rival from the named cause without refit, smaller of both directions."""
     return min(
         _measure(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
         for truth, other in ((0, rival), (rival, 0))
@@ -336,7 +335,7 @@ def _after_refit(
     one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[tuple[float, float]],
     quantum: float,
 ) -> tuple[list[float], list[float]]:  # fmt: skip
-    """The same for every rival with the other hypothesis refitted."""
+    """Distance of every rival from the named cause, with the other hypothesis refitted."""
     parts, scores = [], []
     for rival, first in enumerate(raw, start=1):
         worst = first
@@ -413,7 +412,7 @@ def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[Friction
 def _named(
     axis: FrictionAxis, rivals: Sequence[FrictionAxis], names: Sequence[str] | None
 ) -> list[str]:
-    """Names given, or the effects and base parameters by which the axes differ."""
+    """The given names, or those of the effects by which the axes differ."""
     count = 1 + len(rivals)
     if names is not None:
         if not all(isinstance(name, str) for name in names):

@@ -1,4 +1,4 @@
-"""Causes one after the other by the likelihood of the hybrid filter, forward and back."""
+"""Stepwise search for causes by the hybrid filter's likelihood, forward and backward."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import followed, named, put, renumbered
 
-# Part of the whole gain that a further cause must bring, or part of the random force that it
-# must explain: where a model leaves something out, that is not white, and likelihood counts
-# what follows it as evidence.
+# A further cause must bring this fraction of the total gain, or reduce the random force by this
+# fraction (gain of log-likelihood per sample): unmodelled force is not white, and the likelihood
+# rewards any effect that resembles it.
 _FURTHER, _QUIETER = 0.02, 0.02
-# Candidates of which pairs are tried, beside none and beside some causes, and by how much a
-# pair may gain more than its members one by one.
+# Number of best candidates that are combined into pairs, before the first cause and later, and
+# the largest expected ratio of a pair's gain to the sum of its members' single gains.
 _PAIRED, _HOPE = (5, 3), 3.0
-# Causes that are unsure by themselves with which a search looks one round ahead.
+# Number of causes not confirmed individually from which the search looks one round ahead.
 _UNSURE = 2
-# Candidates beside the chosen one that are tried in its place later, and the part of its
-# worth that they must have had.
+# Number of alternatives of a chosen cause that are tried in its place later, and the fraction of
+# its worth that they must have reached.
 _REMEMBERED, _CLOSE = 4, 0.5
-# Turns of such a fit after which it must promise to be better.
+# Iterations after which a trial fit is abandoned unless it is predicted to be better.
 _SOME_TURNS = 5
 
 
 @dataclass(eq=False)
 class State:
-    """Causes found so far, and the fit with them.
+    """Causes found so far, and the fit that includes them.
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class State:
     free : dict of str to tuple of str
         Free parameters of each cause.
     alternatives : dict of str to tuple of str
-        What does equally well in a cause's place.
+        Effects that fit equally well in place of each cause.
     rivals : dict of str to dict of str to FrictionAxis
-        Axes with those in its place.
+        The axes fitted with these alternatives.
     close : dict of str to list of Candidate
-        What was nearly as good when a cause was chosen, with no more parameters.
+        Candidates that were nearly as good when the cause was chosen, with no more parameters.
     first : dict of str to float
-        Quick gain of every candidate of the first round, "" the fit without.
+        Gain of log-likelihood of every candidate in the first round, after a quick fit.
     refuted : set of str
-        Causes that fell when further ones were there.
+        Causes that were dropped after others had joined; they are not tried again.
     late : bool
         Whether time ran out.
     """
@@ -78,14 +78,14 @@ class State:
         return tuple(n for slug in self.causes for n in self.free[slug])
 
     def drop(self, slug: str, less: Solution) -> None:
-        """Go on without a cause, from the fit without it."""
+        """Remove a cause; `less` is the fit without it."""
         self.causes.remove(slug)
         for table in (self.free, self.alternatives, self.rivals, self.close):
             table.pop(slug)
         self.fit = less
 
     def add(self, candidate: Candidate, fit: Solution, at: int | None = None) -> None:
-        """Go on with one cause more, the last or at a place among them."""
+        """Add a cause, at the end or at index `at`."""
         slug = candidate.slug
         self.causes.insert(len(self.causes) if at is None else at, slug)
         self.free[slug] = candidate.free
@@ -93,21 +93,21 @@ class State:
         self.fit = fit
 
 
-#: What may end a search: asked with the state and the candidates of every round.
+#: Callback that may end the search; called with the state and the candidates of each round.
 Ends = Callable[[State, Sequence[Candidate]], bool]
 
 
 def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | None:
-    """Causes one after the other, or two at once, as long as they pay.
+    """Add causes one at a time, or two at once, while the likelihood gains enough.
 
-    None where `end`, which is asked about every round's candidates, says that the
-    likelihood is not the judge.
+    Returns None if `end`, which is called with the candidates of each round, reports
+    that free runs decide instead of the likelihood.
     """
-    # Before the search goes on: most of what free runs are the judge of is told at a glance.
+    # Ask with quickly fitted candidates first: they show most records that free runs decide.
     if end and not search.clock and search.driven:
         if end(State(search.begun), search.glance(search.begun)):
             return None
-    # Inputs that were found to be early before stay so.
+    # A lead of the inputs that was found earlier is kept.
     state = State(search.alone() if search.clock else search.first[0])
     if _rounds(search, state, most, end):
         return None
@@ -121,16 +121,17 @@ def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | N
 
 
 def _from_nominal(search: Search, state: State, most: int) -> State:
-    """Search again with the base held, where the fit makes it another machine: the likelier.
+    """Repeat the search with the base parameters held at nominal; the likelier state.
 
-    Without its causes a base may bend so far that it hides them.
+    Used where a base parameter has changed by more than a factor of two: while causes are
+    missing, base parameters may absorb so much of their effect that they hide them.
     """
     search.tell("causes beside the nominal base")
     base, search.base, smooth = search.base, (), search.smooth
     held = State(search.alone(), refuted=state.refuted)
     _rounds(search, held, most, None, alone=True)
     search.base = base
-    # Costs of inputs that are smoothed otherwise do not compare.
+    # Costs are comparable only with equally smoothed inputs.
     search.smooth_by(smooth)
     if not held.causes:
         return state
@@ -144,11 +145,12 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
 
 
 def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bool = False) -> bool:
-    """Add causes to a state as long as they pay; whether `end` has said to end.
+    """Add causes to a state while they gain enough; whether `end` ended the search.
 
-    One that has moved to the edge of where the machine has been may come back when a
-    further one is there; then it falls, and the others may be others without it.
-    `alone`: only those that pay by themselves.
+    A cause whose position has moved to the edge of the travelled range may return once a
+    further cause is added.  If it does not, it is dropped, and the search continues, as
+    other causes may be better without it.
+    `alone`: add single causes only, no pairs.
     """
     while True:
         if _added(search, state, most, end, alone):
@@ -158,16 +160,16 @@ def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bo
 
 
 def _added(search: Search, state: State, most: int, end: Ends | None, alone: bool) -> bool:
-    """Add causes to a state as long as they pay; whether `end` has said to end."""
+    """Add causes to a state while they gain enough; whether `end` ended the search."""
     first = state.fit.cost
     while len(state.causes) < most and not search.late:
         now = search.quieter(state.fit)
-        # What smoother inputs gain is no cause's.
+        # The gain from smoother inputs must not be credited to a cause.
         first += now.cost - state.fit.cost
         state.fit = now
         if state.causes:
             search.tell(f"cause {len(state.causes) + 1}")
-        # The first cause is enough in itself.
+        # The first cause has no minimum gain relative to others.
         so_far = first - now.cost if state.causes else -math.inf
         enough = partial(_adds, so_far, search.samples)
         needed = _least(so_far, search.samples) if state.causes else 0.0
@@ -175,7 +177,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         for stiff in (False, True):
             some = search.screen(now, not state.causes, stiff, needed)
             some = [c for c in some if c.slug not in state.refuted]
-            # What reaches the readings' noise gains a great deal.
+            # A candidate that brings free runs down to the noise of the readings gains a lot.
             likely = [c for c in some if stiff or now.cost - c.cost >= needed]
             if end is not None and end(state, likely):
                 return True
@@ -200,14 +202,15 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
         if (least == 0.0 or ahead) and not (alone or search.late):
             pair = _pair(search, now, candidates, least, enough, bool(state.causes))
-            # What is unsure by itself may gain more than two that are sure together.
+            # An unconfirmed cause plus its successor may gain more than a confirmed pair.
             if pair is None or any(half.cost < pair[1].cost for _, _, half in ahead):
                 found = [pair, _ahead(search, now, ahead, least, enough)]
                 pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
             if pair is not None:
                 for c in pair[0]:
                     state.add(c, pair[1])
-                    # Alone they tell little: whatever is no more intricate may do as well.
+                    # Single gains say little about members of a pair: keep every candidate
+                    # with no more parameters.
                     state.close[c.slug] = _no_more(candidates, c)[:_REMEMBERED]
                 _tidy(search, state)
                 continue
@@ -215,7 +218,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
             break
         _, chosen, fit = _plainest(ranked)
         if state.causes:
-            # Few samples may show little of what acts now and then.
+            # A subset of the samples may contain little of an effect that acts rarely.
             if not enough(max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)):
                 break
         state.add(chosen, fit)
@@ -229,27 +232,27 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
 
 
 def notable(gain: float, whole: float, samples: int) -> bool:
-    """Whether a further cause gains more than what a model leaves out may feign.
+    """Whether a further cause gains more than unmodelled force could simulate.
 
-    `whole`: the gain of all causes, this one among them.
+    `whole`: the gain of all causes, including this one.
     """
     return gain >= min(_FURTHER * whole, _QUIETER * samples)
 
 
 def _adds(so_far: float, samples: int, gain: float) -> bool:
-    """Whether a gain beside that so far is notable."""
+    """Whether a gain in addition to `so_far` is notable."""
     return notable(gain, so_far + gain, samples)
 
 
 def _least(so_far: float, samples: int) -> float:
-    """The least gain beside that so far that is notable."""
+    """Smallest gain in addition to `so_far` that is notable."""
     return min(_FURTHER / (1.0 - _FURTHER) * so_far, _QUIETER * samples)
 
 
 def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: ignore[no-untyped-def]
-    """A fit without the best cause that its fit leads to, where the one so far ended early.
+    """Better fit of the present model, restarted from the fit with the best candidate.
 
-    From there candidates gain what is theirs.
+    Where the present fit had ended early, its deficit would count as the candidates' gain.
     """
     if not ranked or search.late:
         return None
@@ -261,22 +264,23 @@ def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: 
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]
-    """Of fits that do equally well the one whose effect ranks first."""
+    """Of equally good fits, the one whose effect has the lowest rank."""
     level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
     return min(level, key=lambda one: effect_class(one[1].slug).rank)
 
 
 def _tidy(search: Search, state: State) -> None:
-    """Weigh all causes once more, now that one more is there."""
+    """Reconsider all causes after one has been added."""
     _backward(search, state)
     _exchange(search, state)
     _sift(search, state)
 
 
 def _pair(search, now, candidates, least, enough, beside):  # type: ignore[no-untyped-def]
-    """The best two causes that only together are sure, and worth more than any one that is.
+    """The best pair that is confirmed only together and worth more than a single cause.
 
-    `enough`: whether a gain is.  `beside`: whether there are causes already.
+    `least`: worth of the best single cause.  `enough`: whether a gain is notable.
+    `beside`: whether causes have been found already.
     """
     some = candidates[: _PAIRED[beside]]
     gains = sum(now.cost - c.cost for c in some[:2])
@@ -328,7 +332,7 @@ def _pair(search, now, candidates, least, enough, beside):  # type: ignore[no-un
 
 
 def _ahead(search, now, unsure, least, enough):  # type: ignore[no-untyped-def]
-    """A cause that unseen data do not confirm by itself, with the next one beside it."""
+    """A cause that held-out data confirm only together with the next one."""
     for _, a, half in unsure:
         search.tell(f"{a.slug} and another")
         for stiff in (False, True):
@@ -345,7 +349,7 @@ def _ahead(search, now, unsure, least, enough):  # type: ignore[no-untyped-def]
 
 
 def _apart(unsure):  # type: ignore[no-untyped-def]
-    """The first few that do not all do the same."""
+    """The first few candidates that are not equivalent (their costs differ)."""
     some: list[Any] = []
     for one in unsure:
         if all(abs(one[2].cost - other[2].cost) > EQUAL for other in some):
@@ -354,9 +358,9 @@ def _apart(unsure):  # type: ignore[no-untyped-def]
 
 
 def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-def]
-    """What may do as well in a cause's place, with no more parameters, once others are known.
+    """Candidates with no more parameters that may replace a cause once others are known.
 
-    What unseen data do not confirm while they are missing may be among it.
+    Unconfirmed ones are included: held-out data may confirm them beside further causes.
     """
     fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in ranked}
 
@@ -369,14 +373,14 @@ def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-
 
 
 def _no_more(candidates: Sequence[Candidate], one: Candidate) -> list[Candidate]:
-    """Other candidates, of no more parameters."""
+    """Other candidates with no more parameters than `one`."""
     return [c for c in candidates if c.slug != one.slug and len(c.free) <= len(one.free)]
 
 
 def _sift(search: Search, state: State, edge: bool = True) -> bool:
-    """Drop causes that further ones have left undetermined, or moved where nothing has been.
+    """Drop causes that are no longer determined or have left the travelled range.
 
-    `edge`: whether they may be at its edge.  Returns whether there are any.
+    `edge`: whether a cause may lie at the edge of the range.  Returns whether any was dropped.
     """
     before = len(state.causes)
     for slug in list(state.causes):
@@ -389,7 +393,7 @@ def _sift(search: Search, state: State, edge: bool = True) -> bool:
 
 
 def _backward(search: Search, state: State) -> None:
-    """Drop causes that a later one has made superfluous."""
+    """Drop causes that a later one has made redundant."""
     for slug in list(state.causes):
         if followed(slug, state.causes) or search.late:
             continue
@@ -400,7 +404,7 @@ def _backward(search: Search, state: State) -> None:
 
 
 def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solution | None:
-    """The fit with another effect in a cause's place, where it promises to do as well."""
+    """Fit with another effect in place of a cause; None if it is predicted to be worse."""
     if search.late or other.slug in state.causes or effect_class(other.slug).action in LATE:
         return None
     fit, own = state.fit, state.free[slug]
@@ -419,23 +423,24 @@ def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solu
 
 
 def _fewer(search: Search, own: Sequence[str], others: Sequence[str]) -> float:
-    """Cost by which another effect may lie higher, for its fewer parameters."""
+    """Cost by which a replacement may be higher because it has fewer parameters."""
     return search.penalty(len(own)) - search.penalty(len(others))
 
 
 def _may_go(state: State, slug: str) -> bool:
-    """Whether another effect may take a cause's place.
+    """Whether another effect may replace a cause.
 
-    A lag smooths the noise of a recorded input, which speaks for none.
+    Delay and lag are compared separately, see `_in_time`: a lag also smooths noise of the
+    recorded input, and that gain is no evidence for it.
     """
     return not followed(slug, state.causes) and effect_class(slug).action not in LATE
 
 
 def _exchange(search: Search, state: State) -> None:
-    """Put what was nearly as good when a cause was chosen in its place, where it is better now.
+    """Replace causes by close alternatives that are better beside the other causes.
 
-    The first cause is chosen while the others are missing, and more parameters take up some
-    of what those do: gravity looks like a bias, cogging of one turn like gravity.
+    The first cause is chosen while the others are missing, and its parameters absorb some of
+    their effect: gravity looks like a bias, cogging with one period per turn like gravity.
     """
     for slug in [one for one in state.causes if _may_go(state, one)]:
         for other in state.close[slug]:
@@ -448,7 +453,7 @@ def _exchange(search: Search, state: State) -> None:
                 found.cost < cost + EQUAL and _spares(search, state, found, slug)
             ):
                 place = state.causes.index(slug)
-                # The others may be better still once further causes are there.
+                # The remaining alternatives may be better still once further causes are found.
                 left = [c for c in state.close[slug] if c is not other]
                 state.drop(slug, found)
                 state.add(other, found, place)
@@ -458,7 +463,7 @@ def _exchange(search: Search, state: State) -> None:
 
 
 def _in_time(search: Search, state: State) -> None:
-    """Whether a delay or a lag: one in the other's place, beside all other causes."""
+    """Decide between delay and lag, with all other causes in the model."""
     for slug in [one for one in state.causes if effect_class(one).action in LATE]:
         fit, own = state.fit, state.free[slug]
         less, time = search.less(fit.axis, slug), fit.values()[own[0]]
@@ -483,7 +488,7 @@ def _in_time(search: Search, state: State) -> None:
 
 
 def _compare(search: Search, state: State) -> None:
-    """What does as well as each cause beside all the others."""
+    """Find equally good alternatives of each cause, with all others in the model."""
     search.tell("alternatives")
     for slug in [one for one in state.causes if _may_go(state, one)]:
         fits = {other.slug: _in_place(search, state, slug, other) for other in state.close[slug]}
@@ -492,7 +497,7 @@ def _compare(search: Search, state: State) -> None:
 
 
 def _spares(search: Search, state: State, fit: Solution, slug: str) -> bool:
-    """Whether a fit with another cause in one's place does without the last, which mended it."""
+    """Whether replacing `slug` makes the last cause redundant, which only compensated for it."""
     last = state.causes[-1]
     if last == slug or followed(last, state.causes):
         return False
@@ -503,13 +508,13 @@ def _spares(search: Search, state: State, fit: Solution, slug: str) -> bool:
 
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
-    """Free parameters beside the base, as they are called in the axis without a cause."""
+    """Free parameters other than the base, by their names in the axis without a cause."""
     names = [n for n in search.free_of(fit) if n not in own]
     return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
 
 
 def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
-    """The fit without one cause."""
+    """Fit without one cause."""
     fit = state.fit
     axis = search.less(fit.axis, slug)
     free = names_without(search, fit, slug, state.free[slug])

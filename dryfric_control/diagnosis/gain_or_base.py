@@ -1,4 +1,4 @@
-"""A gain of the drive, or base parameters that are all wrong: motion alone does not tell."""
+"""Input gain against errors of all base parameters: motion alone does not separate them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ GAIN = "input_gain"
 
 
 def every(axis: FrictionAxis) -> list[str]:
-    """Errors of base parameters that do together what a gain does: what is zero stays zero."""
+    """Base-parameter errors that together are equivalent to a gain; zero values stay zero."""
     values = values_of(axis, tuple(SLUGS))
     return [slug for slug, value in zip(SLUGS.values(), values, strict=True) if value > 0.0]
 
 
 def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
-    """Whether nothing that is known of an axis tells a gain from base parameters.
+    """Whether no knowledge about an axis separates a gain from its base parameters.
 
-    The motion follows from all forces over the gain: with another gain all forces may be
-    scaled alike.  `told`: parameters whose nominal values are known, or to a tolerance.
+    The motion depends only on the ratio of all forces to the gain, so that both may be scaled
+    alike.  `told`: parameters whose nominal values are known exactly or to a tolerance.
     """
     return not (axis.effects or {*told} & {*SLUGS})
 
@@ -32,9 +32,9 @@ def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
 def far_off(
     values: Mapping[str, float], nominal: Mapping[str, float], names: Collection[str]
 ) -> bool:
-    """Whether a gain leaves base parameters far off, so that it is no simpler answer.
+    """Whether base parameters are far off beside a gain, so that it is no simpler answer.
 
-    Then these are named: that they are wrong is certain, that the gain is as well is not.
+    Then the base parameters are named: that they are wrong is certain; the gain error is not.
     """
     return any(abs(values[n] - nominal[n]) > SMALL * nominal[n] for n in names)
 
@@ -44,10 +44,10 @@ def or_a_gain(
     wrong: Sequence[Cause],
     scales: Callable[[Cause], Sequence[str]] = lambda cause: (GAIN,),
 ) -> list[Cause]:
-    """Wrong base parameters with what does the very same where all of them are wrong.
+    """Wrong base parameters, with scales of the drive as alternatives if all are wrong.
 
-    Each of the scales takes the place of any one of them that it can bring back to nominal:
-    no scale does with a value that is zero.
+    Each of the scales can replace any one of them by bringing it back to nominal; a value of
+    zero cannot be scaled.
     """
     slugs = [cause.effect for cause in wrong]
     scaled = every(axis)

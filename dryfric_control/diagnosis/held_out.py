@@ -1,4 +1,4 @@
-"""What data that no fit has seen say about a cause."""
+"""Evidence of held-out data for a cause."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, wilcoxon
 
-#: Gain of log-likelihood beyond that of its parameters which a cause must bring.
+#: Gain of log-likelihood that a cause must bring beyond the penalty of its parameters.
 LEAST = 6.0
-#: Standard errors by which what is sure must differ from zero.
+#: Number of standard errors by which a significant value differs from zero.
 CLEAR = 3.0
-# Separate events that must gain where most blocks say nothing, and the part of their
-# gain that others may lose: of a small gain, and of one so large that it is no chance
-# (causes that were not there gained up to 50, and lost 0.33 of it and more).
+# For causes that act rarely: number of separate events that must gain, and the fraction of
+# their gain that other blocks may lose: of a gain below _LARGE, and of a larger one, which
+# is no chance (false causes gained up to 50 and lost at least 0.33 of it).
 _EVENTS, _LOST, _LARGE, _LOST_OF_LARGE = 3, 0.15, 300.0, 0.3
 
 
 class HeldOut(NamedTuple):
-    """Gain of a fit over another on data that neither was fitted to.
+    """Gain of a fit over another on held-out data.
 
     Attributes
     ----------
     gain, error : float
-        Log-likelihood of all blocks, and its standard error from their differences.
+        Gain of log-likelihood of all blocks, and its standard error from their spread.
     order : float
         Standard score of the signed ranks of the blocks' gains (Wilcoxon 1945): high
-        where most blocks gain, however unequally.
+        if most blocks gain, however unequally.
     usual : float
-        Gain over its standard error where no block counts for more than the upper quartile
-        does: a few that gain most widen the spread and say all the more.
+        Gain over its standard error with the blocks' gains limited to the upper quartile of
+        their magnitudes: a few large gains would widen the spread, although they are evidence.
     events : int
-        Events that each gain, of two blocks side by side at most, where the others lose little:
-        a drive that is limited now and then says nothing in between.
+        Number of separate events that gain, each at most two adjacent blocks; 0 if the other
+        blocks lose too much.  A drive that saturates rarely says nothing in between.
     """
 
     gain: float
@@ -45,7 +45,7 @@ class HeldOut(NamedTuple):
 
     @classmethod
     def of(cls, less: NDArray[np.float64], more: NDArray[np.float64]) -> HeldOut:
-        """From the costs of each block without and with a cause."""
+        """Held-out gain from the costs of each block without and with a cause."""
         fall = less - more
         gains = np.isfinite(fall) & (fall > LEAST)
         ends = np.flatnonzero(np.diff(gains.astype(int), prepend=0, append=0))
@@ -56,7 +56,7 @@ class HeldOut(NamedTuple):
         error = float(np.std(fall) * math.sqrt(fall.size))
         part = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
         lost = -fall[fall < 0.0].sum() > part * fall[fall > 0.0].sum()
-        # One event may lie across the edge of two blocks, not of more.
+        # One event may straddle the edge of two blocks, not of more.
         events = 0 if lost else int(np.sum((ends[1::2] - ends[::2] + 1) // 2))
         most = np.quantile(np.abs(fall), 0.75)
         limited = np.clip(fall, -most, most)
@@ -65,6 +65,6 @@ class HeldOut(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether unseen data speak for the cause."""
+        """Whether held-out data confirm the cause."""
         often = max(self.gain / max(self.error, 1e-300), self.order, self.usual) > CLEAR
         return self.gain > LEAST and (often or self.events >= _EVENTS)

@@ -39,25 +39,26 @@ from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
-# Samples of all records together on which candidates are compared, and those on which a net
-# of starts is hung.
+# Number of samples, of all records together, on which candidates are compared, and on which a
+# grid of starting points is evaluated.
 _SOME, _NET = 8000, 4000
-#: Iterations of a fit while candidates are compared, and of a fit that ends.
+#: Largest number of iterations of a fit that compares candidates, and of a final fit.
 ITERATIONS, LAST = 15, 30
-# Guesses of what acts at breakaway alone from which a fit to all samples starts once more.
+# Number of guesses, for effects that act only at breakaway, from which the fit to all samples is
+# restarted.
 _ANEW = 2
-# Increments a sample below which no speed of sliding is told from rest.
+# Lower bound of speed parameters [encoder increments per sample]: slower sliding looks like rest.
 _SLOWEST = 0.1
 #: The effect that is a constant force.
 BIAS = "bias_force"
-#: Actions of effects that move the drive in time.
+#: Actions of effects that shift the drive in time.
 LATE = ("delay", "lag")
 
 
 def hard(slug: str) -> bool:
-    """Whether an effect has states that move with every reading, or a memory of the mode.
+    """Whether an effect has inner states or a memory of the mode, delay and lag excepted.
 
-    Then slopes tell little far from the best values.
+    Then slopes are a poor guide far from the optimum.
     """
     effect = effect_class(slug)
     return effect.remembers and effect.action not in LATE
@@ -70,21 +71,22 @@ class Fits:
     Parameters
     ----------
     believed : FrictionAxis
+        The nominal axis.
     records : sequence of Record
     known : sequence of str
-        Parameters that stay as believed.
+        Parameters that stay at their nominal values.
     tolerance : mapping of str to float
         Relative standard deviations of priors.
     own : sequence of str
-        Parameters of which every record has its own value.
+        Parameters with a separate value for each record.
     also : sequence of str
-        Further parameters of the believed axis that are free.
+        Further parameters of the nominal axis that are free.
     hold : str
     jobs : int
     until, end : float
-        Readings of `time.monotonic` at which the search ends, and the answer too.
+        Readings of `time.monotonic` at which the search ends, and the final answer.
     tell : callable
-        Is told each step.
+        Called with the name of each step, for the progress bar.
     """
 
     believed: FrictionAxis
@@ -103,7 +105,7 @@ class Fits:
         self.believed = self.believed.effective()
         self.whole = sum(len(r) for r in self.records)
         self.recorded: list[Run] = [prepare(r) for r in self.records]
-        # Noise that was recorded with the inputs pushes nothing: how smooth they are taken.
+        # Smoothing length of the inputs [samples]: their measurement noise does not act.
         self.smooth = 1
         self._take(self.recorded)
         self.samples = sum(int(r.active.sum()) for r in self.few)
@@ -111,45 +113,45 @@ class Fits:
         self.scales = typical(self.records)
         values = values_of(self.believed, BASE)
         self.nominal = {n: v for n, v in zip(BASE, values.tolist(), strict=True)}
-        # What is zero by belief, such as an axis without viscous friction, may be wrong too.
+        # A nominal value of zero, such as no viscous friction, may be wrong too.
         self.base = tuple(n for n in BASE if n not in self.known)
-        # Time by which the recorded inputs act later than their time stamps say, and its
-        # name where it is free: before them only, as after them is a delay of the machine.
+        # Time by which the inputs act after their time stamps [s], and its name if it is free.
+        # Only negative values: acting later is a delay of the machine.
         self.clock: tuple[str, ...] = ()
         self.shift = 0.0
         self.view: type[Likelihood] = Likelihood
         # Whether an imposed motion has nearly one velocity in each direction.
         self.steady = False
-        # What each record has of its own, by parameter and number of the record.
+        # Record-specific values, by parameter and number of the record.
         self.each: dict[tuple[str, int], float] = {}
 
     def _take(self, runs: list[Run]) -> None:
-        """Go on with runs, and with some of their samples."""
+        """Use these runs from now on, and subsets of their samples."""
         self.runs = runs
         self.few, self.fewer = self._some(runs), self._some(runs, _NET)
 
     def _some(self, runs: Sequence[Run], most: int = _SOME) -> list[Run]:
-        """Some samples of runs, so many of all together."""
+        """A subset of about `most` samples of all runs together."""
         return [some_of(r, max(most * len(r.record) // self.whole, 500)) for r in runs]
 
     @property
     def late(self) -> bool:
-        """Whether time is over."""
+        """Whether the time limit has passed."""
         return time.monotonic() > self.until
 
     def penalty(self, count: int) -> float:
-        """Gain that so many parameters bring by chance, at most."""
+        """Largest gain of log-likelihood that `count` parameters bring by chance."""
         return 0.5 * count * math.log(self.samples)
 
     def worth(self, gain: float, count: int, causes: int = 1) -> float:
-        """Gain of log-likelihood less what so many parameters and causes must bring."""
+        """Gain of log-likelihood less the penalty for its parameters and causes."""
         return gain - self.penalty(count) - causes * LEAST
 
     def problem(
         self, axis: FrictionAxis, free: Sequence[str], runs: Sequence[Run] | None = None,
         base: Sequence[str] | None = None, wonder: bool = True,
     ) -> Likelihood:  # fmt: skip
-        """Likelihood of an axis with the base and further parameters free."""
+        """Likelihood problem of an axis with the base and further parameters free."""
         base = self.base if base is None else base
         problem = self.view(
             axis, (*base, *self.clock, *free), self.few if runs is None else runs,
@@ -160,7 +162,7 @@ class Fits:
             problem.high[problem.names.index(SHIFT)] = 0.0
         for j, p in enumerate(problem.parameters):
             if p.kind == "share":
-                # One so light rattles by the thousand steps where the other stands.
+                # A very light mass would vibrate over thousands of steps while the other rests.
                 problem.low[j], problem.high[j] = map(p.search, KINDS["share"])
             elif p.kind == "speed":
                 slowest = min(r.resolution.step / r.dt for r in self.records)
@@ -173,7 +175,7 @@ class Fits:
         self, axis: FrictionAxis, free: Sequence[str], noises: FloatArray | None = None,
         iterations: int = LAST, **settings: Any,
     ) -> Solution:  # fmt: skip
-        """Most likely parameters from one axis."""
+        """Most likely parameters, starting from the values of an axis."""
         problem = self.problem(axis, free, **settings)
         z = problem.start(1.0)
         if noises is not None:
@@ -191,16 +193,16 @@ class Fits:
         return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
 
     def rough(self, fit: Solution) -> list[str]:
-        """Free parameters of what acts at breakaway alone, and by a memory."""
+        """Free parameters that act only at breakaway, of effects that are `hard`."""
         return [
             p.name for p in fit.problem.parameters
             if p.breaks_away and p.name not in self.own and hard(p.name.partition(".")[0])
         ]  # fmt: skip
 
     def anew(self, fit: Solution, **settings: Any) -> Solution:
-        """A fit, or a likelier one from the guesses of what acts at breakaway alone.
+        """The fit, or a better one restarted from guesses of parameters acting at breakaway.
 
-        Few samples hold few breakaways, and may have led another way than all do.
+        A subset of the samples has few breakaways and may have led to another optimum.
         """
         names = self.rough(fit)
         noises = fit.z[len(fit.problem.names) :]
@@ -218,7 +220,7 @@ class Fits:
         return fit
 
     def _at(self, fit: Solution, axis: FrictionAxis, names: Sequence[str]) -> FloatArray:
-        """Coordinates of a fit with some parameters as they are in an axis."""
+        """Search coordinates of a fit, with some parameters set to the values of an axis."""
         z = fit.z.copy()
         for name, value in zip(names, values_of(axis, names), strict=True):
             j = fit.problem.names.index(name)
@@ -226,7 +228,7 @@ class Fits:
         return np.clip(z, fit.problem.low, fit.problem.high)
 
     def possible(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
-        """Whether there is a fit from an axis: it may be stiffer than the samples show."""
+        """Whether a fit can start from an axis: its cost is finite, unless it is too stiff."""
         problem = self.problem(axis, free)
         return math.isfinite(problem.tried(problem.start(1.0)).cost)
 
@@ -234,7 +236,7 @@ class Fits:
         self, axis: FrictionAxis, idle: bool = False, runs: Sequence[Run] | None = None,
         shift: float = 0.0,
     ) -> Solution:  # fmt: skip
-        """An axis as it is, its noises fitted alone; `idle`: without its drive."""
+        """Fit of the noises of a fixed axis; `idle`: without its drive."""
         runs = self.runs if runs is None else runs
         runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in runs]
         problem = self.view(axis, (), runs, hold=self.hold, scales=self.scales, shift=shift)
@@ -242,7 +244,7 @@ class Fits:
 
     @property
     def imposed(self) -> bool:
-        """Whether something other than the drive makes the motion."""
+        """Whether the motion is imposed by something other than the drive."""
         return self.view is ForceView
 
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
@@ -252,10 +254,10 @@ class Fits:
         return run(joblib.delayed(f)(*a) for f, a in tasks)
 
     def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
-        """An axis with an effect as it is in the nominal one, or not at all."""
+        """The axis with an effect as in the nominal axis, or without it if that has none."""
         return put(axis, slug, named(self.believed).get(slug))
 
     def free_of(self, now: Solution) -> tuple[str, ...]:
-        """Free parameters of a model beside the base."""
+        """Free parameters of a model other than those of the base."""
         others = (*self.base, SHIFT)
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))

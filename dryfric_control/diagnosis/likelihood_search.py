@@ -1,4 +1,4 @@
-"""The search for causes by the likelihood of the hybrid filter: what it is made of."""
+"""Steps of the search for causes by the likelihood of the hybrid filter."""
 
 from __future__ import annotations
 
@@ -32,43 +32,44 @@ from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 FloatArray = NDArray[np.float64]
 
-# Times of the fit without causes that the answer after a search takes.
+# Time for the final answer, as a multiple of the time for the fit without causes.
 _ANSWER = 5.0
-# Candidates that are fitted in full.
+# Largest number of candidates that are fitted in full.
 _FITTED = 8
-#: Relative change of a parameter by less than this is none.
+#: Relative change below which a parameter counts as unchanged.
 MOVED = 0.01
-#: Causes whose costs differ by less do equally well.
+#: Difference of cost (log-likelihood) below which fits are equally good.
 EQUAL = 4.0
-# Part of the best quick gain below which a candidate is not fitted in full, the same for
-# hard ones, which have been, and what a full fit may add to a quick one.
+# Fraction of the best quick gain below which a candidate is not fitted in full, the same for
+# effects that are `hard` and therefore fitted longer before, and the log-likelihood that a full
+# fit may add to a quick one.
 _SHARE, _HARD_SHARE, SLACK = 0.4, 0.8, 8.0
-# Gain of a full fit over that of a quick one, beside that.
+# Largest expected ratio of a full fit's gain to that of a quick one, in addition to SLACK.
 _FULLER = 2.0
-# Errors of a parameter within which its neutral value means that nothing is there.
+# Standard errors by which an amount must differ from its neutral value to be determined.
 _SURE = 2.0
-# Part of the best worth within which causes are compared on all samples.
+# Candidates within this fraction of the best worth are compared on all samples.
 _CLOSE = 0.25
-# Time constants over which the input is smoothed where causes are compared with a lag.
+# Smoothing lengths of the input, in time constants of the lag with which causes are compared.
 _OVER = (2.0, 4.0, 8.0, 16.0)
-# Samples over which recorded inputs are smoothed, and correlation from one sample to the next
-# up to which what that takes off is noise.
+# Smoothing lengths of the recorded inputs [samples], and the largest lag-one autocorrelation of
+# the removed part at which it counts as noise.
 _SMOOTHER, _WHITE = (1, 5, 9, 17, 33, 65, 129), 0.1
-# Part of the gain on few samples that must be clear for a doubt to be followed, and the turns
-# of the fits that follow it.
+# Fraction of the gain on the subset of samples that is tested against LEAST to decide whether a
+# doubtful cause is refitted to all samples, and the iterations of these fits.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
-#: Name of the reference without drive and friction.
+#: Name of the reference model without drive and friction.
 STRAIGHT = "straight line"
-# Units a sample by which a straight line is ahead of the base where the motion is imposed, and
-# by which no cause is ahead of the line; the part of the drive that the force which the motion
-# needs may then leave.
+# Signs of an imposed motion: log-likelihood per sample by which the straight line beats the base
+# fit, log-likelihood per sample by which a candidate would have to beat the line, and the
+# largest random force, as a fraction of the drive, that the required force may then leave.
 _BEHIND, _CLEAR_OF, _IMPOSED = 0.1, 0.2, 0.25
-# Samples by which the recorded input may be late, tried first.
+# Leads of the input over its time stamps that are tried as starting values [samples].
 _EARLIER = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 def _time_of(fit: Solution) -> float:
-    """Time constant of the lag in a fit."""
+    """Time constant of the lag in a fit [s]."""
     return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
 
 
@@ -80,37 +81,37 @@ class Search(Screening):
         self._quiet: Solution | None = None
         self._costs: dict[Solution, FloatArray] = {}
         self._whole: dict[Solution, Solution] = {}
-        # Causes of the last round that unseen data do not confirm: worth, candidate, fit.
+        # Candidates of the last round that held-out data do not confirm: worth, candidate, fit.
         self.unsure: list[tuple[float, Candidate, Solution]] = []
 
     def _less_dry(self) -> dict[str, float]:
-        """Base values with most of the dry friction exchanged for viscous friction."""
+        """Base values with 80 % of the dry friction replaced by viscous friction."""
         level, speed = self.nominal["coulomb"], self.scales.length / self.scales.time
         return {"coulomb": 0.2 * level, "viscous": self.nominal["viscous"] + 0.8 * level / speed}
 
     def references(self) -> dict[str, float]:
-        """Costs of the nominal axis and of a straight line, their noises fitted alone.
+        """Costs of the nominal axis and of a straight line, only their noises fitted.
 
-        The line has no drive and no friction: what a model that mutes the drive
-        comes to.
+        The straight line has no drive and no friction.  A model whose inertia or gain
+        makes the drive ineffective approaches it.
         """
         found = {"nominal axis": self.reference(self.believed).cost}
         return found if self.imposed else found | {STRAIGHT: self._line(self.runs)}
 
     def _line(self, runs: Sequence[Run]) -> float:
-        """Cost of a straight line."""
+        """Cost of the straight line, the axis without drive and friction."""
         line = FrictionAxis(mass=self.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
         return self.reference(line, idle=True, runs=runs).cost
 
     def _look_at_the_force(self) -> None:
-        """Go on with the force that the motion needs, as the motion itself says nothing."""
+        """Switch to the force view: compare the drive with the force that the motion requires."""
         self.view, self.smooth = ForceView, 1
         self.runs = self.few = self.fewer = [prepare_force(r, self.hold) for r in self.records]
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
 
     def _by_force(self) -> Solution | None:
-        """The fit to the force that the motion needs, where the drive follows it."""
+        """Fit in the force view; None if the drive does not follow the required force."""
         before = dict(self.__dict__)
         self._look_at_the_force()
         found = self.alone()
@@ -122,11 +123,11 @@ class Search(Screening):
             found = self.alone()
         if self._follows(found):
             return found
-        # A force such as gravity may be most of what the drive has to do.
+        # An effect such as gravity may make up most of the required force.
         best = next(iter(self.screen(found)), None)
         if best and self._follows(self.fit(best.axis, (*self.free_of(found), *best.free))):
             return found
-        # The drive does not follow the motion either: a cause is what is missing.
+        # The motion is not imposed: restore the likelihood view, a cause is missing.
         self.__dict__.update(before)
         return None
 
@@ -143,12 +144,12 @@ class Search(Screening):
         return all(fast < ONE_VELOCITY * slow for slow, fast in speeds if fast > 0.0)
 
     def _follows(self, fit: Solution) -> bool:
-        """Whether the drive does what the motion of each record needs, but for a part."""
+        """Whether the drive matches the required force of each record up to a fraction."""
         runs = fit.problem.runs
         return max(fit.random_force(i) / run.drive for i, run in enumerate(runs)) < _IMPOSED
 
     def _apart(self, now: Solution) -> Solution:
-        """The same with levels and offsets of each record's own, where they differ."""
+        """The fit with a Coulomb level and offset per record, where the records differ."""
         base, also, own = self.base, self.also, self.own
         for names in ((f"{BIAS}.force", "coulomb"), ("coulomb",)):
             if "coulomb" not in base or not set(names).isdisjoint(self.known):
@@ -163,7 +164,7 @@ class Search(Screening):
         return now
 
     def alone(self) -> Solution:
-        """The believed structure, its base parameters free: best of several starts."""
+        """Best fit of the nominal structure with free base parameters, from several starts."""
         starts = [self.believed]
         other = {n: c for n, c in self._less_dry().items() if n in self.base}
         if other:
@@ -173,7 +174,7 @@ class Search(Screening):
 
     @cached_property
     def begun(self) -> Solution:
-        """The fit without causes; how long it takes says what an answer will take."""
+        """The fit without causes; its duration predicts the time for the final answer."""
         self.tell("base parameters")
         begun = time.monotonic()
         found = self.quieter(self.alone())
@@ -186,14 +187,14 @@ class Search(Screening):
 
     @property
     def driven(self) -> bool:
-        """Whether no straight line does better than the believed structure."""
+        """Whether the nominal structure predicts the motion at least as well as a straight line."""
         return self.begun.cost <= self._line_of_few + _BEHIND * self.samples
 
     @cached_property
     def first(self) -> tuple[Solution, list[Candidate]]:
-        """The fit without causes, and every candidate beside it that is not hard, best first.
+        """The fit without causes, and its candidates that are not `hard`, best first.
 
-        Where a straight line does better than any, of the force that the motion needs.
+        If a straight line is better than all of them, both are those of the force view.
         """
         now, line = self.begun, self._line_of_few
         self.tell("first cause")
@@ -202,7 +203,7 @@ class Search(Screening):
         def lost(candidates: Sequence[Candidate]) -> bool:
             return all(c.cost > line - _CLEAR_OF * self.samples for c in candidates)
 
-        # A drive with a limit is no match for the line either, until that is tried.
+        # A drive that saturates may lose to the line too, until the `hard` effects are tried.
         if not self.driven and lost(found) and not self.late:
             if lost(self.screen(now, stiff=True)):
                 by_force = self._by_force()
@@ -211,7 +212,7 @@ class Search(Screening):
         return now, found
 
     def earlier(self, now: Solution) -> Solution | None:
-        """A model beside inputs that act before their time stamps, where data ask for it."""
+        """The model with inputs that act before their time stamps, if the data require it."""
         if self.imposed or self.clock or any(e.action in LATE for e in now.axis.effects):
             return None
         noises = now.z[len(now.problem.names) :]
@@ -223,7 +224,7 @@ class Search(Screening):
             z = problem.start()
             z[len(problem.names) :] = noises
             costs[self.shift] = problem.at(z).cost
-        # The model may have bent for want of it: no cost need be lower yet.
+        # Parameters may have compensated for the lead, so no cost needs to be lower yet.
         self.shift = min(costs, key=costs.__getitem__)
         fit = self.fit(now.axis, self.free_of(now), noises, ITERATIONS)
         sure = fit.values()[SHIFT] < -CLEAR * fit.standard_errors()[SHIFT]
@@ -233,10 +234,10 @@ class Search(Screening):
         return found
 
     def quieter(self, now: Solution) -> Solution:
-        """A model beside inputs as smooth as suits it, by which the search goes on.
+        """The model with the input smoothing that suits it best; the search continues with it.
 
-        Noise that was recorded with an input and pushes nothing counts as random force
-        else, and is what a lag seems to take off.
+        Measurement noise of the input does not act on the axis.  Without smoothing it would
+        count as random force, and a lag that filters it would seem to be a cause.
         """
         if self.imposed or self.late or now is self._quiet:
             return now
@@ -255,23 +256,23 @@ class Search(Screening):
         return now
 
     def smooth_by(self, count: int) -> None:
-        """Go on with inputs smoothed over some samples."""
+        """Use inputs smoothed over `count` samples from now on."""
         if count != self.smooth:
             self.smooth = count
             self._take(self._smoother[count])
 
     @cached_property
     def _smoother(self) -> dict[int, list[Run]]:
-        """The records with inputs from which smoothing takes only noise, by its samples."""
+        """Runs by smoothing length, for the lengths that remove nothing but noise."""
         return {n: runs for n in _SMOOTHER if self._takes_noise(runs := self._smooth(n))}
 
     def _takes_noise(self, runs: Sequence[Run]) -> bool:
-        """Whether what smoothing takes off the inputs is white."""
+        """Whether the part of the inputs that smoothing removes is white."""
         off = [one.u - smooth.u for one, smooth in zip(self.recorded, runs, strict=True)]
         return all(e[1:] @ e[:-1] <= _WHITE * (e @ e) for e in off)
 
     def as_recorded(self, fit: Solution) -> Solution:
-        """A fit with the random force that the inputs leave as they were recorded."""
+        """The fit on inputs as recorded, with only the noises fitted again."""
         if self.smooth == 1:
             return fit
         problem, known = fit.problem.on(self.recorded), slice(len(fit.problem.names))
@@ -280,7 +281,7 @@ class Search(Screening):
         return maximise(problem, fit.z, 12)
 
     def still_early(self, fit: Solution) -> bool:
-        """Whether unseen data still ask for inputs that act before their time stamps."""
+        """Whether held-out data still require inputs that act before their time stamps."""
         noises = fit.z[len(fit.problem.names) :]
         shift, self.clock = self.shift, ()
         less = self.fit(fit.axis, self.free_of(fit), noises)
@@ -288,22 +289,22 @@ class Search(Screening):
         return self.held_out(less, fit).sure
 
     def shifted_by(self, fit: Solution | None) -> None:
-        """Go on with the inputs as early as in a fit, or as recorded."""
+        """Use the input lead of a fit from now on; None: inputs as recorded."""
         self.clock = () if fit is None else (SHIFT,)
         self.shift = 0.0 if fit is None else fit.values()[SHIFT]
 
     def extend(self, now, candidates, notable=0.0):  # type: ignore[no-untyped-def]
-        """Fits of the most promising candidates beside a model: worth, candidate, fit.
+        """Full fits of the most promising candidates: worth, candidate, fit.
 
-        Of those that may gain what is `notable`, on few samples or on all.
+        Only candidates whose gain may reach `notable`, on the subset or on all samples.
         """
         noises = now.z[len(now.problem.names) :]
         names = [n for n in self.base if n in now.problem.names]
         bent = list(map(now.values().__getitem__, names))
 
         def one(c: Candidate) -> Solution:
-            # Beside the nominal base too, and beside the one that bent for want of it: where
-            # a parameter starts far from its value, what is believed of it may hold it.
+            # Start from the candidate's base values and from those of the present fit: from
+            # far away, the prior may hold a parameter near its nominal value.
             free = (*self.free_of(now), *c.free)
             other = with_values(c.axis, names, bent)
             starts = [c.axis, *([other] if self.possible(other, free) else [])]
@@ -335,22 +336,26 @@ class Search(Screening):
             self.unsure = sorted(doubted, key=lambda one: -one[0])
             if found:
                 return self._ranked(sorted(found, key=lambda one: -one[0]))
-            # What gains most may be refused: then it is no measure for the others.
+            # All these were rejected: compare the others with the best of the rest.
             left = [c for c in left if c not in chosen]
         return []
 
     def _may_gain(self, now: Solution, c: Candidate, least: float) -> bool:
-        """Whether a candidate, fitted to its end, may gain so much, on few samples or on all."""
+        """Whether a full fit of a candidate may gain `least`, on the subset or on all samples."""
         if _FULLER * (now.cost - c.cost) + SLACK >= least or self.part == 1.0:
             return _FULLER * (now.cost - c.cost) + SLACK >= least
         noises = now.z[len(now.problem.names) :]
+        shift = now.values().get(SHIFT, self.shift)
         costs = [
-            self.problem(axis, (), self.runs, ()).tried(noises).cost for axis in (now.axis, c.axis)
+            self.view(axis, (), self.runs, hold=self.hold, scales=self.scales, shift=shift)
+            .tried(noises)
+            .cost
+            for axis in (now.axis, c.axis)
         ]
         return _FULLER * self.part * (costs[0] - costs[1]) + SLACK >= least
 
     def _ranked(self, found):  # type: ignore[no-untyped-def]
-        """Fits with a cause, those that are close to the best by all samples of the records."""
+        """Fits with a cause, those close to the best reordered by all samples."""
         if not found:
             return found
         best = found[0][0]
@@ -363,10 +368,10 @@ class Search(Screening):
         return close + [(min(w, last), c, s) for w, c, s in found[len(close) :]]
 
     def weighed(self, found):  # type: ignore[no-untyped-def]
-        """Fits with a cause in the order of all samples of the records, the best first.
+        """Fits with a cause, ordered by their costs on all samples, best first.
 
-        A lag also smooths noise that was recorded with the input, which speaks for none:
-        beside one, every cause has the input as smooth as suits it.
+        A lag also filters noise that was recorded with the input, which is no evidence for
+        it: in a comparison with a lag, every cause gets the input smoothing that suits it best.
         """
         lags = [s for _, c, s in found if effect_class(c.slug).action == "lag"]
         counts = {round(part * _time_of(s) / self.scales.step) for s in lags for part in _OVER}
@@ -384,10 +389,10 @@ class Search(Screening):
         return sorted(found, key=lambda one: -one[0])
 
     def _smooth(self, count: int) -> list[Run]:
-        """The records with inputs smoothed over some samples, by local parabolas."""
+        """Runs with inputs smoothed over `count` samples (Savitzky-Golay, order 2)."""
         if count == 1:
             return self.recorded
-        # Windows are odd, and no longer than the record.
+        # The filter window must be odd and no longer than the record.
         return [
             replace(r, u=savgol_filter(r.u, max(min(count, r.u.size - 2), 2) | 1, 2))
             for r in self.recorded
@@ -397,10 +402,10 @@ class Search(Screening):
         return _HARD_SHARE if hard(slug) else _SHARE
 
     def held_out(self, less: Solution, fit: Solution) -> HeldOut:
-        """Gain of a fit over another on all samples of the records.
+        """Held-out gain of `fit` over `less` on all samples of the records.
 
-        What a few samples say of the noises may be far off: where they leave doubt about a
-        cause that may be there, both are fitted to all.
+        The noises estimated on a subset of the samples may be far off.  If they leave a
+        likely cause in doubt, both fits are repeated on all samples.
         """
         found = HeldOut.of(*(self._costs_of(one) for one in (less, fit)))
         likely = max(found.gain, _DOUBTED * (less.cost - fit.cost)) > LEAST
@@ -409,21 +414,21 @@ class Search(Screening):
         return HeldOut.of(*(self._costs_of(self._on_all(one)) for one in (less, fit)))
 
     def _costs_of(self, one: Solution) -> FloatArray:
-        """Cost of each block under parameters to which it did not contribute."""
+        """Cost of each block under parameters fitted without that block."""
         if one not in self._costs:
             whole = one.problem.runs[0] is self.runs[0]
             self._costs[one] = one.held_out(None if whole else self.runs)
         return self._costs[one]
 
     def _on_all(self, one: Solution) -> Solution:
-        """A fit to few samples, fitted to all."""
+        """A fit to a subset of the samples, continued on all of them."""
         if one not in self._whole:
             problem = one.problem.on(self.runs)
             self._whole[one] = maximise(problem, one.z, _DOUBTED_TURNS, self.until)
         return self._whole[one]
 
     def off(self, fit: Solution) -> list[str]:
-        """Base parameters that a fit surely moves."""
+        """Base parameters that a fit changes significantly from nominal."""
         values, errors = fit.values(), fit.standard_errors()
         return [
             n for n, nominal in self.nominal.items()
@@ -432,11 +437,14 @@ class Search(Screening):
         ]  # fmt: skip
 
     def simpler(self, fit: Solution, less: Solution) -> bool:
-        """Whether one cause stands for several base parameters, wrong all at once without it."""
+        """Whether a cause replaces errors of at least two base parameters."""
         return len(self.off(less)) > len(self.off(fit)) + 1
 
     def sound(self, fit: Solution, slug: str, free: Sequence[str], edge: bool = False) -> bool:
-        """Whether a cause is determined, and where the machine has been, or at the `edge` of it."""
+        """Whether a cause is determined and lies in the travelled range.
+
+        `edge`: whether a position at the edge of the range is accepted.
+        """
         values, errors = fit.values(), fit.standard_errors()
         own = {n: values[n] for n in free if n in values}
         if not placed(slug, own, self.records):
@@ -455,12 +463,12 @@ class Search(Screening):
                 return False
             if kind == "place" and name in fit.at_bound and not edge:
                 return False
-            # Of what acts at breakaway alone the cost is too rough for standard errors: that it
-            # gains is what says that it is there.
+            # The cost is too rough for standard errors of parameters that act only at breakaway:
+            # for these the gain alone decides.
             smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
             if kind == "amount" and smooth:
                 parameter = fit.problem.parameters[fit.problem.names.index(name)]
                 there = abs(value - parameter.neutral) > _SURE * errors[name]
                 (further if of_kind["optional"] else needed).append(there)
-        # What may be left out is one term of a sum, and one of them is enough.
+        # Optional amounts are terms of a sum: one significant term is sufficient.
         return all(needed) or any(further)

@@ -1,4 +1,4 @@
-"""The noise floor: what a perfect model's own errors would look like on this record."""
+"""The noise floor: errors that a perfect model would have on this record."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 REPLAYS = 6
-# A window is out of line if its score exceeds the worst of its replays by this
-# much: errors some 1.7 times as large as any that chance made.
+# A window is an outlier if its score exceeds the worst of its replays by this much: errors
+# about 1.7 times as large as any that noise caused.
 _BEYOND = 1.0
-# Mean scores further apart than this many standard errors are no accident, if
-# they are further apart than the estimate of the noise itself may be off.
+# A mean score above that of the replays is significant if it exceeds this many standard
+# errors, and an excess that an error of the noise estimate could cause.
 _FAR, _LEAST = 4.0, 0.15
-#: Scores this close to their replays leave nothing to look for.
+#: Excess of the mean score over that of the replays below which nothing can be gained.
 NONE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Scores of replays of an axis by itself, and how the record compares.
+    """Scores of a model on replays of itself, for comparison with those on the record.
 
     Attributes
     ----------
     scores : ndarray, shape (nreplays, nwindows)
-        Score of every window in every replay; windows not asked for hold 0.
+        Score of every window in every replay; 0 in windows not evaluated.
     squares : ndarray, shape (nreplays, nwindows)
         Mean square error of every window.
     """
@@ -52,15 +52,14 @@ class Floor:
         return np.asarray(self.scores.max(axis=0))
 
     def outliers(self, scores: FloatArray, active: BoolArray) -> BoolArray:
-        """Windows whose score no replay comes near."""
+        """Windows whose score clearly exceeds that of every replay."""
         return np.asarray(active & (scores > self.worst + _BEYOND))
 
     def reached(self, scores: FloatArray, active: BoolArray) -> bool:
-        """Whether the scores of a record are what chance alone makes.
+        """Whether the scores of a record are consistent with noise alone.
 
-        Looks at the tail (single windows far beyond their replays: one in forty
-        may be, a breakaway sits on the edge of a sample) and at the mean of
-        the others.
+        Tests the tail (one window in forty may be an outlier, as a breakaway may lie
+        at the edge of a sample) and the mean of the other windows.
         """
         out = self.outliers(scores, active)
         if out.sum() > max(1, active.sum() // 40):
@@ -69,7 +68,7 @@ class Floor:
         return bool(excess < max(_LEAST, _FAR * spread))
 
     def nothing(self, scores: FloatArray, active: BoolArray) -> bool:
-        """Whether the scores are so close to chance that nothing can be gained."""
+        """Whether the scores are so close to the floor that nothing can be gained."""
         out = self.outliers(scores, active)
         return not out.any() and self.excess(scores, active)[0] < NONE
 
@@ -83,9 +82,9 @@ class Floor:
 
 
 def usual_rms(squares: Sequence[FloatArray]) -> float:
-    """RMS error of a whole replay, the median of all.
+    """RMS error of a whole replay, the median over all replays.
 
-    In one replay or another a breakaway comes much later, which no mean should hang on.
+    In some replays a breakaway comes much later, which would dominate a mean.
     `squares`: mean square errors of each record, each shape (nreplays, nwindows).
     """
     count = min(one.shape[0] for one in squares)
@@ -104,10 +103,10 @@ def noise_floor(
     seed: int = 0,
     force: float = 0.0,
 ) -> Floor:
-    """Replay axes through the record's own encoder and score the model on that.
+    """Replay axes through the record's own encoder and score the model on the replays.
 
-    `truths` make the replays: the model within what is known of it.  `at` holds the
-    start states of the model on the record.  `force`: standard deviation of a random
+    `truths` are simulated: the model within the uncertainty of its parameters.  `at` holds
+    the start states of the model on the record.  `force`: standard deviation of a random
     force that acts in the replays, held over each sample.
     Replays that diverge are left out; all zeros if all do.
     """

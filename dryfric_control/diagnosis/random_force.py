@@ -1,4 +1,4 @@
-"""Diagnosis where a random force acts: by the likelihood of both noises."""
+"""Diagnosis by likelihood, for records in which a random force acts."""
 
 from __future__ import annotations
 
@@ -35,49 +35,50 @@ from dryfric_control.text import length_text
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# Windows by which it is seen whether free runs reach the noise of the readings.
+# Windows (to fit, to judge) that decide whether free runs reach the noise of the readings.
 _GATE_FIT, _GATE_JUDGE = 8, 4
-# Causes that are tried together there, and how many of the likeliest candidates.
+# Largest number of causes tried together there, and number of the likeliest candidates tried.
 _TOGETHER, _LIKELY = 2, 6
-# Part of the score that the first of two causes must leave at most.
+# The first of two causes must lower the mean score to this fraction or less.
 _HELPS = 0.95
-# Windows of each record that are replayed, and how often: one that breaks away now and then
-# must have done so in a replay too.
+# Windows of each record that are replayed, and number of replays: enough that a window in which
+# the axis breaks away only sometimes does so in some replay.
 _REPLAYED, _REPLAYS = 40, 20
-# A base parameter off by less than this is what anybody would call right.
+# Relative error of a base parameter up to which it counts as right.
 _RIGHT = 0.004
-# Part of the random force that a wrong base parameter must make to be named.
+# RMS force of a base-parameter error, as a fraction of the random force, from which it is named.
 _NOTABLE = 0.25
-# What a cause must take off the random force, as a factor, where structure is left; and what
-# no false one takes off: then unseen data may gain on the whole, in however few blocks.
+# Factors of random force without a cause over that with it: the least for a cause where structure
+# is left in the residual; one that no false cause reaches, so that a held-out gain in total is
+# sufficient, however few blocks gain; and that gain, in standard errors.
 _LOUDER, _MUCH_LOUDER, _ON_THE_WHOLE = 1.1, 2.0, 1.5
-# Errors of free runs, over those of the nominal axis, with which no cause is shown.
+# Free-run error, over that of the nominal axis, beyond which no cause is shown.
 _WORSE = 1.1
-# Part of the windows that may err more than all their replays, and mean score above the
-# replays that is none.
+# Fraction of the windows that may have larger errors than all their replays, and excess of the
+# mean score over that of the replays that is still no structure.
 _STRAY, _EXCESS = 0.1, 0.2
-# Standard errors of what each record has of its own over those without one parameter more,
-# beyond which the two are not told apart.
+# Growth of the standard errors of record-specific parameters, by one parameter more, beyond which
+# the two cannot be separated.
 _BLURRED = 2.0
-# Turns of a fit with one parameter of each record's own, and what may lie ahead of it, over what
-# its last step promised, where a gain may come of it.
+# Iterations of a trial fit with one more record-specific parameter, and its largest further gain
+# over the predicted gain of its last step.
 _OWN_TURNS, _OWN_AHEAD = 3, 3.0
-# RMS of the force left over that of its changes from sample to sample beyond which it has
-# structure.
+# Ratio of the RMS of the force residual to that of its sample-to-sample changes beyond which it
+# has structure.
 _SMOOTH = 1.5
-# The effect that scales every force of the drive that never brakes, and turns of a fit with it.
+# The effect that is equivalent to an input gain if the drive never brakes, and the iterations of
+# a fit with it.
 _LOAD, _LOAD_TURNS = "load_dependence", 10
-# What is said of a fit that did not end, where a line is the better model, and where the force
-# decides.
+# Messages: the fit did not converge; a straight line is the better model; the motion is imposed.
 UNFINISHED = "the last fit had not converged"
 LINE = (
     "a straight line predicts the readings better than the model does: the drive and the friction "
-    "of the model are not those of this motion; look first whether units, factors and signs of "
-    "input and position are right"
+    "of the model do not explain this motion; check first the units, factors and signs of input "
+    "and position"
 )
 IMPOSED = (
-    "something other than the drive makes the motion, such as a bench or a tight loop: it tells "
-    "nothing of the forces, and the drive was held against the force that the motion needs"
+    "the motion is imposed by something other than the drive, such as a bench or a tight loop: it "
+    "says nothing about the forces, so the drive was compared with the force the motion requires"
 )
 ONE_VELOCITY = (
     "each direction has nearly one velocity: what depends on it cannot be separated from the "
@@ -87,23 +88,23 @@ ONE_VELOCITY = (
 
 @dataclass(eq=False)
 class Gate:
-    """Whether some hypothesis reaches the readings' noise in free runs.
+    """Test whether some hypothesis brings free runs down to the noise of the readings.
 
-    Then no random force is at work, and free runs are the sharpest judge.
+    If so, no random force acts, and free runs are the sharpest criterion.
 
     Parameters
     ----------
     windows : Windows
     axis : FrictionAxis
     fit, judge : ndarray of bool
-        Windows that free runs are fitted to and judged by.
+        Windows on which free runs are fitted and judged.
     settings : dict
-        Those of `Race`.
+        Keyword arguments of `Race`.
 
     Attributes
     ----------
     hints : list of FrictionAxis
-        What the likelihood has made of the candidates it was asked about.
+        Axes of the candidates as fitted by likelihood.
     """
 
     windows: Windows
@@ -129,7 +130,7 @@ class Gate:
         return chosen
 
     def at(self, axis: FrictionAxis, free: Sequence[str]) -> bool:
-        """Whether an axis with its base and further parameters free reaches it."""
+        """Whether an axis with free base and further parameters reaches the noise."""
         return self._reached(self.race.alone(axis, free))
 
     def _reached(self, one: Fitted) -> bool:
@@ -143,17 +144,20 @@ class Gate:
         return [r for r in self.race.among(base, free, effects) if r.scores.size]
 
     def opens(self, state: State, candidates: Sequence[Candidate]) -> bool:
-        """Whether the axis with its causes and one candidate more reaches it."""
+        """Whether the axis with its causes and one more candidate reaches the noise."""
         if len(state.causes) >= _TOGETHER:
             return False
         self.hints += [c.axis for c in candidates]
         likely = list(candidates[:_LIKELY])
-        # Slopes tell little of effects with states of their own: they may lie behind.
+        # `hard` effects may rank low, as their slopes are no guide far from the optimum.
         likely += [c for c in candidates[_LIKELY:] if hard(c.slug)]
         return any(self.at(c.axis, (*state.names, *c.free)) for c in likely)
 
     def opens_wide(self) -> bool:
-        """Whether one or two of all effects reach it, where the likelihood has left something."""
+        """Whether one or two effects of the catalogue reach the noise.
+
+        Asked where the answer of the likelihood leaves something unexplained.
+        """
         base = self.race.alone(self.axis, ())
         for _ in range(_TOGETHER):
             runners = self._beside(base)
@@ -162,7 +166,7 @@ class Gate:
             if any(map(self._reached, runners)):
                 return True
             best = min(runners, key=lambda r: r.scores[self.seen].mean(), default=base)
-            # One of several causes helps a good deal; against a random force nothing does.
+            # One of several causes lowers the score clearly; a random force cannot be modelled.
             if best.scores[self.seen].mean() > _HELPS * base.scores[self.seen].mean():
                 return False
             base = best
@@ -171,7 +175,7 @@ class Gate:
 
 @dataclass(eq=False)
 class Answer:
-    """What the likelihood says about the records of one machine.
+    """Result of the diagnosis by likelihood for the records of one machine.
 
     Attributes
     ----------
@@ -210,14 +214,14 @@ def answer(
     cut: Callable[[float], Sequence[Windows]],
     gate: Callable[[float], Gate] | None = None,
 ) -> Answer | None:
-    """Search for causes, and everything that is said about them; None where the gate opens.
+    """Search for causes by likelihood and describe them; None if free runs decide instead.
 
-    `cut` and `gate`: the windows and the gate of the records with their inputs acting
-    some seconds later than recorded.
+    `cut` and `gate` return the windows and the gate of the records with their inputs
+    delayed by some seconds.
     """
 
     def ends(state: State, candidates: Sequence[Candidate]) -> bool:
-        # Free runs say nothing of a motion that something else makes.
+        # Free runs are uninformative about an imposed motion.
         judged = gate is not None and not search.imposed
         return judged and gate(search.shift).opens(state, candidates)  # type: ignore[misc]
 
@@ -235,7 +239,7 @@ def answer(
         windows = cut(search.shift)
         heard = search.as_recorded(final)
         motion, left, worse = _judge(search)(search, windows, heard)
-        # Structure that is left may follow a cause that is not there.
+        # Where structure is left, a cause that hardly lowers the random force may be false.
         quiet = [c for c in state.causes if left.significant and judged[c].louder < _LOUDER]
         if not quiet or search.late:
             break
@@ -277,7 +281,7 @@ def answer(
 
 
 def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
-    """The fit with no more base parameters off than the records ask for."""
+    """The fit with only those base parameters off nominal that need it, and their names."""
     fit = state.fit
     noises = fit.z[len(fit.problem.names) :]
     names = search.free_of(fit)
@@ -305,18 +309,18 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
 
 
 class Judged(NamedTuple):
-    """What the records say about one cause.
+    """Evidence of the records for one cause.
 
     Attributes
     ----------
     sure : bool
-        Whether unseen data confirm it.
+        Whether held-out data confirm it.
     held_out : HeldOut
-        What it gains there.
+        Its gain there.
     others : str
-        Parameters that only together do the same, joined by "+".
+        Parameters that only together have the same effect, joined by "+".
     louder : float
-        Random force without it over that with it.
+        Ratio of the random force without the cause to that with it.
     """
 
     sure: bool
@@ -326,7 +330,10 @@ class Judged(NamedTuple):
 
 
 def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[str, Judged]]:
-    """The fit with the causes that unseen data confirm, and what they say about each."""
+    """The fit with the causes that held-out data confirm, and the evidence for each.
+
+    Between them: the base parameters that are off nominal.
+    """
     while True:
         search.tell("base parameters needed")
         if search.clock and not search.late and not search.still_early(state.fit):
@@ -342,7 +349,7 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
                 judged[slug] = Judged(True, HeldOut(0.0, 0.0, 0.0))
                 continue
             judged[slug] = _judged(search, state, final, slug)
-            # A second of its kind is none without the first.
+            # The first of two effects of a kind stays as long as the second does.
             second = followed(slug, state.causes) and not holds(search.believed, slug)
             if not judged[slug].sure and not second:
                 state.drop(slug, without(search, state, slug))
@@ -360,7 +367,7 @@ def _left_open(search: Search) -> bool:
 def _gain_is_choice(
     search: Search, state: State, final: Solution, kept: Sequence[str], judged: dict[str, Judged]
 ) -> bool:
-    """Whether a gain is found that leaves base parameters far off, while they do the same."""
+    """Whether an input gain leaves base parameters far off that alone are equivalent to it."""
     if GAIN not in state.causes or not _left_open(search):
         return False
     alike = {*judged[GAIN].others.split("+")} == {*every(search.believed)}
@@ -368,7 +375,7 @@ def _gain_is_choice(
 
 
 def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
-    """One cause taken out, everything else free: what it gains over the best of that."""
+    """Evidence for one cause: its gain over the best fit without it, all else free."""
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]
@@ -395,22 +402,23 @@ def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
 
 
 def _sure(found: HeldOut, louder: float) -> bool:
-    """Whether unseen data confirm a cause without which the random force is so much louder.
+    """Whether held-out data confirm a cause.
 
-    Of a short record a half tells the parameters of several causes badly.
+    `louder`: ratio of the random force without it to that with it.  If this is large, a
+    smaller gain is sufficient: half of a short record determines several causes poorly.
     """
     much = louder > _MUCH_LOUDER and found.gain > _ON_THE_WHOLE * found.error
     return found.sure or (much and found.gain > LEAST)
 
 
 def _louder(less: Solution, fit: Solution) -> float:
-    """Random force of one fit over that of another, in the record where it differs most."""
+    """Ratio of the random forces of two fits, in the record where it is largest."""
     count = range(len(fit.problem.runs))
     return max(less.random_force(i) / fit.random_force(i) for i in count)
 
 
 def _moved(search: Search, final: Solution, less: Solution) -> str:
-    """Parameters that together do what a cause does, joined by "+"."""
+    """Parameters that together are equivalent to a cause, joined by "+"."""
     before, after = final.values(), less.values()
     slugs: list[str] = []
     for name, value in after.items():
@@ -440,9 +448,9 @@ def _cause(
 
 
 def _wrong_base(search: Search, final: Solution, kept: Sequence[str], random: float) -> list[Cause]:
-    """Base parameters that are off by more than anybody would call right.
+    """Base parameters with a notable and significant error, as causes.
 
-    `random`: the random force that is left.
+    `random`: the remaining random force.
     """
     values, errors = final.values(), final.standard_errors()
     units = {p.name: p.unit for p in final.problem.parameters}
@@ -456,7 +464,8 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str], random: fl
             continue
         if abs(values[name] - nominal) * sizes[name] < _NOTABLE * random:
             continue
-        # A parabola in the change, but logarithmic where the random force would grow with it.
+        # Quadratic for a small change; logarithmic for a large one, as without it the random
+        # force would grow.
         wald = ((values[name] - nominal) / max(errors[name], 1e-300)) ** 2
         gain = math.log1p(wald / search.whole)
         error = 2.0 * math.sqrt(wald) / (search.whole + wald)
@@ -468,9 +477,9 @@ def _wrong_base(search: Search, final: Solution, kept: Sequence[str], random: fl
 
 
 def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]) -> list[Cause]:
-    """Wrong base parameters with what does the very same where all of them are wrong.
+    """Wrong base parameters, with the equivalent gain as alternative if all are wrong.
 
-    Friction that grows with the load is a gain to a drive that never brakes.
+    Load-dependent friction is equivalent too, if the drive never brakes.
     """
     if not _left_open(search) or GAIN in state.causes:
         return wrong
@@ -483,7 +492,7 @@ def _or_a_gain(search: Search, state: State, final: Solution, wrong: list[Cause]
 
 
 def _load_does_the_same(search: Search, state: State, final: Solution, held: str) -> bool:
-    """Whether load-dependent friction fits as well, one base parameter as believed."""
+    """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
     values = final.values()
     scale = search.nominal[held] / values[held]
     if class_of(_LOAD) is None or _LOAD in state.causes or scale >= 1.0 or search.late:
@@ -499,7 +508,7 @@ def _load_does_the_same(search: Search, state: State, final: Solution, held: str
 
 
 def _sizes(search: Search) -> dict[str, float]:
-    """RMS of the force that base parameters of 1 make while the axis moves."""
+    """RMS force per unit of each base parameter."""
     smooth = [r.derivatives() for r in search.records]
     v = np.concatenate([one.v for one in smooth])
     a = np.concatenate([one.a for one in smooth])
@@ -520,7 +529,7 @@ def _warnings(final: Solution, causes: Sequence[Cause]) -> list[str]:
 
 
 def _gain(squares: Sequence[FloatArray], unit: str) -> Gain:
-    """Gain from mean squares before, after and of the floor, each shape (nblocks,)."""
+    """Error reduction from mean squares before, after and of the floor, shape (nblocks,)."""
     before, after, _ = squares
     picks = np.random.default_rng(0).integers(0, before.size, size=(1000, before.size))
     ratios = np.sqrt(before[picks].sum(axis=1) / np.maximum(after[picks].sum(axis=1), 1e-300))
@@ -532,10 +541,10 @@ def _gain(squares: Sequence[FloatArray], unit: str) -> Gain:
 def _motion(
     search: Search, windows: Sequence[Windows], final: Solution
 ) -> tuple[Gain, Unexplained, bool]:
-    """Errors of free runs, beside replays in which the random force acts.
+    """Errors of free runs, compared with replays in which the random force acts.
 
-    Last, whether by their median or their RMS they are larger than those of the nominal axis,
-    and than the random force makes them.
+    Returned last: whether, by median or RMS, the errors exceed both those of the nominal
+    axis and those that the random force causes.
     """
     squares: list[list[FloatArray]] = [[], []]
     replays: list[FloatArray] = []
@@ -583,9 +592,9 @@ def _motion(
 def _needed(
     search: Search, windows: Sequence[Windows], final: Solution
 ) -> tuple[Gain, Unexplained, bool]:
-    """`_motion` where the motion is imposed: the force that it needs beside the drive.
+    """Counterpart of `_motion` for an imposed motion: required force less drive.
 
-    The floor is what changes from one sample to the next.
+    The floor is the part of it that changes from sample to sample.
     """
     nominal = search.reference(search.believed)
     blocks: list[list[float]] = [[], [], []]
@@ -606,12 +615,12 @@ def _needed(
 
 
 def _judge(search: Search) -> Callable[..., tuple[Gain, Unexplained, bool]]:
-    """What says how much a fit explains and how much it leaves."""
+    """The function that measures what a fit explains and what it leaves."""
     return _needed if search.imposed else _motion
 
 
 def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
-    """Whether free runs err as much as those of replays with the random force."""
+    """Whether the errors of free runs are those of replays with the random force."""
     out = floor.outliers(scores, active)
     if out.sum() > max(2, _STRAY * active.sum()):
         return False
@@ -620,9 +629,10 @@ def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
 
 
 def _apart(less: Solution, more: Solution) -> bool:
-    """Whether what each record has of its own is told as well beside one parameter more.
+    """Whether the record-specific parameters of two fits can be separated.
 
-    And whether no record tells that parameter worse than the records differ.
+    The new parameter of `more` must not blur the standard errors of the earlier ones, and
+    its own must be smaller than its spread over the records.
     """
     before, after = less.standard_errors(), more.standard_errors()
     values = more.values()
@@ -636,14 +646,14 @@ def _apart(less: Solution, more: Solution) -> bool:
 def _in_all(
     search: Search, motion: Gain, left: Unexplained, messages: Sequence[str]
 ) -> Unexplained:
-    """What is left of free runs, and of what else says that something is."""
+    """What is left; significant too if a straight line is better or free runs err widely."""
     if LINE in messages or (not search.imposed and motion.beyond):
         return replace(left, fraction=motion.left, significant=True)
     return left
 
 
 def _verdict(found: Sequence[Any], left: Unexplained, messages: Sequence[str]) -> str:
-    """The verdict, with what was found, what is left, and what is said of the last fit."""
+    """The verdict from what was found, what is left and the messages about the last fit."""
     if not found:
         return "unexplained" if left.significant else "nothing to find"
     doubtful = any("bound" in m or m == UNFINISHED for m in messages)
@@ -651,7 +661,7 @@ def _verdict(found: Sequence[Any], left: Unexplained, messages: Sequence[str]) -
 
 
 def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
-    """Add what differs from record to record, and judge each record with its own values."""
+    """Add parameters that differ between records, and judge each record with its values."""
     found.varies, own = varying(search, found.final)
     if own is found.final:
         return
@@ -663,7 +673,7 @@ def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
 
 
 def varying(search: Search, final: Solution) -> tuple[dict[str, dict[str, list[float]]], Solution]:
-    """Parameters that differ from record to record: values and standard errors; their fit."""
+    """Parameters that differ between records, with standard errors, and the fit with them."""
     if len(search.runs) < 2:
         return {}, final
     names, free = list(final.problem.names), search.free_of(final)
@@ -681,7 +691,7 @@ def varying(search: Search, final: Solution) -> tuple[dict[str, dict[str, list[f
                 "base": [n for n in base if n in names or n in search.own],
                 "wonder": False, "runs": search.runs,
             }  # fmt: skip
-            # Most parameters do not differ, which a few turns show.
+            # Most parameters do not differ; a few iterations show it.
             some = search.fit(final.axis, free, noises, _OWN_TURNS, **settings)
             hoped = now.cost - some.cost + _OWN_AHEAD * some.promised
             if search.worth(hoped, len(search.runs) - 1) < 0.0:

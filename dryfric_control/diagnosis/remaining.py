@@ -1,4 +1,4 @@
-"""The random force that is left when the causes found are in the model."""
+"""The random force that remains with the causes found in the model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dryfric_control.text import Result, rotary_words
 
 FloatArray = NDArray[np.float64]
 
-# Samples of a section of the spectrum, and values that are kept of it.
+# Segment length of the spectrum [samples], and number of values that are kept.
 _SECTION, _KEPT = 1024, 40
 # Longest lag of the correlation [samples].
 _LAGS = 200
@@ -22,22 +22,22 @@ _LAGS = 200
 
 @dataclass(frozen=True, repr=False)
 class Remaining(Result):
-    """Random force that is left when the causes found are in the model.
+    """Random force that remains with the causes found in the model.
 
     Attributes
     ----------
     rms : float
-        Its RMS [N], as if it were held over each sample; 0 where free runs err by
-        no more than the noise of the readings.
+        Its RMS [N], as a force held over each sample; 0 if the errors of free runs do
+        not exceed the noise of the readings.
     correlation_time : float
-        Time over which it keeps its value [s]; 0 for white noise, and below one sample.
+        Correlation time [s]; 0 for white noise and below one sample.
     structured : bool
-        Whether free runs err by more than a white force of this size makes them err.
+        Whether free runs have larger errors than a white force of this size causes.
     where : tuple of str
-        Where they do, in words.
+        Where they have, in words.
     frequency, spectrum : tuple of float
         Power spectral density of the force while the axis slides [N^2/Hz] over the
-        frequency [Hz]; empty where `rms` is 0.
+        frequency [Hz]; empty if `rms` is 0.
     unit : str
         Unit of the force.
 
@@ -75,13 +75,13 @@ class Remaining(Result):
 
 
 def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str) -> Remaining:
-    """Random force of a fit, from what the readings changed in the velocity."""
+    """Random force of a fit, from the filter's corrections of the velocity."""
     force, sizes, lags, count = [], [], np.zeros(_LAGS + 1), 0
     for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):
         axis = found.problem.axis_at(found.z, i)
         sliding = (state[2] != 0.0) & run.active
         pushed = np.where(sliding, axis.mass * state[3] / run.record.dt, 0.0)
-        # One impact must not set the spectrum.
+        # A single impact must not dominate the spectrum.
         size = np.quantile(np.abs(pushed[sliding]), 0.99) if sliding.any() else 0.0
         pushed = np.clip(pushed, -size, size)
         force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SECTION, pushed.size)))

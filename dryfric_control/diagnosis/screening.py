@@ -1,4 +1,4 @@
-"""Effects of the catalogue beside a model: their first guesses, quickly refined."""
+"""Screening of the catalogue: first guesses of every effect, quickly refined."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 
-# Guesses of a candidate that are refined, and candidates that are refined to the end.
+# Number of guesses per candidate that are refined, and of candidates refined for all iterations.
 _REFINED, _AHEAD = 2, 10
-# Guesses of an effect with inner states that are fitted for some turns, of the first cause
-# and of further ones; how many turns, and those that may be of use which are fitted for more.
+# For `hard` effects: number of guesses that are fitted (first cause, further causes), iterations
+# of a first and of a continued fit, and number of promising fits that are continued.
 _HARD_TRIED, _HARD_TURNS, _HARD_REFINED = (6, 2), (3, 10), 2
-# What such a fit may still gain, over what its last step promised.
+# Largest further gain of such a fit, over the predicted gain of its last step.
 _AHEAD_OF = 2.0
-# Turns of the quick refinement, along slopes of the base that stay as they are.
+# Iterations of the quick refinement, in which the slopes of the base stay constant.
 _TURNS = 4
-# Turns of a fit beside the nominal base.
+# Iterations of a fit that starts from the nominal base.
 _LED_TURNS = 8
-# Base values whose logarithm is off by more may be bent by what is missing, beside none and
-# beside some causes.
+# Deviation of ln(base value / nominal) beyond which missing causes may have biased the base
+# values, before the first cause and later.
 _BENT, _BOLD = 0.1, math.log(2.0)
-# Samples of corrections at which first guesses look.
+# Number of force corrections from which first guesses are made.
 _SEEN = 8000
-# Actions of effects that show as a force in a motion that is imposed.
+# Actions of effects that are visible as a force in an imposed motion.
 _FORCES = ("force", "friction", "contact")
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A cause on trial: its name, free parameters, the axis with it, cost."""
+    """A possible cause: its name, free parameters, the axis with it, and the cost."""
 
     slug: str
     free: tuple[str, ...]
@@ -60,14 +60,14 @@ class Candidate:
 
 
 def hidden_shares(fit: Solution) -> list[str]:
-    """Shares that ended at a bound: one of the two parts is too light to be seen."""
+    """Mass shares that ended at a bound: one of the two masses is too light to be identified."""
     p = fit.problem
     rows = zip(p.names, p.parameters, strict=True)
     return [n for n, one in rows if one.kind == "share" and n in fit.at_bound]
 
 
 def _best_of(candidates: Sequence[Candidate | None]) -> list[Candidate]:
-    """The best of each effect, best first."""
+    """The best candidate of each effect, lowest cost first."""
     best: dict[str, Candidate] = {}
     for c in candidates:
         if c and (c.slug not in best or c.cost < best[c.slug].cost):
@@ -76,10 +76,10 @@ def _best_of(candidates: Sequence[Candidate | None]) -> list[Candidate]:
 
 
 class Corrections(View):
-    """What first guesses look at: the force by which the filter corrects a model.
+    """View for first guesses: the force by which the filter corrects the model.
 
-    Readings that it believes, in place of derivatives of all readings: far less noisy
-    where the readings are.
+    Velocity and acceleration come from the filter instead of numerical derivatives, which
+    makes them far less noisy where the readings are noisy.
     """
 
     def __init__(self, found: Solution, believed: dict[str, float]) -> None:
@@ -100,7 +100,7 @@ class Corrections(View):
 
 
 class Screening(Fits):
-    """Fits, and effects of the catalogue on trial beside them."""
+    """Fits, and the screening of catalogue effects on top of them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -108,7 +108,7 @@ class Screening(Fits):
         self._screened: dict[tuple[Solution, bool], list[Candidate]] = {}
 
     def glance(self, now: Solution) -> list[Candidate]:
-        """Effects of the catalogue that are not `hard` beside a model as it is, best first."""
+        """Candidates that are not `hard`, fitted from the present model only, best first."""
         if now not in self._seen:
             self._seen[now] = _best_of(self._easily(now, now, self._effects(now, False)))
         return self._seen[now]
@@ -116,39 +116,40 @@ class Screening(Fits):
     def screen(
         self, now: Solution, first: bool = True, stiff: bool = False, notable: float = 0.0
     ) -> list[Candidate]:
-        """Effects of the catalogue beside a model, quickly refined, best first.
+        """Effects of the catalogue added to a model, quickly refined, best first.
 
-        Those that are `hard`, or all others: these take as long again, and are given up where
-        they promise less than half of what is `notable`.
+        `stiff`: the effects that are `hard`, else all others.  `hard` effects take as long as
+        all others and are given up where their expected gain is below half of `notable`.
+        `first`: whether the model has no causes yet.
         """
         if (now, stiff) not in self._screened:
             self._screened[now, stiff] = self._screen(now, first, stiff, 0.5 * notable)
         return self._screened[now, stiff]
 
     def _effects(self, now: Solution, stiff: bool) -> tuple[str, ...]:
-        """Effects of the catalogue that may be beside a model."""
+        """Effects of the catalogue that may be added to a model."""
         rows = zip(now.problem.parameters, now.problem.place, now.z, strict=False)
         self.each = {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
         present = named(now.axis)
         effects = catalogue(now.axis, tuple(n for n in present if self._is_free(now, n)))
         if self.imposed:
-            # Of what remembers, a contact shows in a motion as it is: since the last turn.
+            # Of effects with memory only a contact follows from the motion since the last reversal.
             shown = [e for e in effects if not hard(e) or effect_class(e).action == "contact"]
             effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
             if self.steady:
                 effects = tuple(e for e in effects if not effect_class(e).needs_velocities())
         if self.clock:
-            # An input that may be early cannot tell a delay, and with a lag it is smoothed.
+            # A free input lead cannot be separated from a delay; a lag would smooth the input.
             effects = tuple(e for e in effects if effect_class(e).action not in LATE)
         return tuple(e for e in effects if hard(e) is stiff)
 
     def _screen(self, now: Solution, first: bool, stiff: bool, least: float) -> list[Candidate]:
         found: list[Candidate | None] = [] if stiff else [*self.glance(now)]
         effects = self._effects(now, stiff)
-        # The base may have bent only for want of the cause.
+        # Base values may be biased only because the cause is still missing.
         bent = effects and self._bent(now, _BENT if first else _BOLD)
         if stiff:
-            # Beside causes the model is nearly right, however far its base has moved.
+            # With causes found, the model is nearly right even if its base values have moved.
             beside = self._at_nominal(now) if bent and first else now
             starts = self._guessed(beside, effects)
             found = self._parallel([(self._patiently, (now, one, first, least)) for one in starts])
@@ -157,15 +158,15 @@ class Screening(Fits):
         return _best_of(found)
 
     def _at_nominal(self, now: Solution) -> Solution:
-        """A fit with the base as believed."""
+        """The model with its base at nominal, noises fitted."""
         names = [n for n in self.base if n in now.problem.names]
         axis = with_values(now.axis, names, [self.nominal[n] for n in names])
-        alone = self.view(axis, (), self.few, hold=self.hold, scales=self.scales)
+        alone = self.view(axis, (), self.few, hold=self.hold, scales=self.scales, shift=self.shift)
         noises = maximise(alone, alone.start(1.0), 6).z
         return self.fit(axis, self.free_of(now), noises, 0)
 
     def _guessed(self, beside: Solution, effects: Sequence[str]) -> list[list[Start]]:
-        """First guesses of each effect that has some."""
+        """First guesses, one list for each effect that has any."""
         views = [
             View(beside.axis, self.records[0], self.nominal),
             Corrections(beside, self.nominal),
@@ -177,11 +178,14 @@ class Screening(Fits):
     def _easily(
         self, now: Solution, beside: Solution, effects: Sequence[str]
     ) -> list[Candidate | None]:
-        """Candidates beside a model, from guesses beside it or beside the nominal base."""
+        """Candidates added to the model `now`, from guesses made for `beside`.
+
+        `beside` is the same model, or the one with its base at nominal.
+        """
         led, plain = list[list[Start]](), list[list[Start]]()
         for one in self._guessed(beside, effects):
-            # What the base has bent for shows where all is free; so does what moves
-            # the drive in time, and every other parameter with it.
+            # Starting from the nominal base, or with an effect that shifts the drive in time,
+            # all parameters change and must be fitted jointly.
             late = effect_class(one[0].slug).action in LATE
             (led if beside is not now or late else plain).append(one)
         found = self._parallel([(self._fitted, (now, [one[0]], _LED_TURNS)) for one in led])
@@ -191,7 +195,7 @@ class Screening(Fits):
         return any(n.startswith(f"{name}.") for n in now.problem.names)
 
     def bold(self, fit: Solution) -> bool:
-        """Whether a fit has moved a base parameter by more than a factor of two."""
+        """Whether a fit has changed a base parameter by more than a factor of two."""
         return self._bent(fit, _BOLD)
 
     def _bent(self, now: Solution, most: float) -> bool:
@@ -203,7 +207,7 @@ class Screening(Fits):
         )
 
     def _guess(self, now: Solution, effect: str, views: Sequence[View]) -> list[Start]:
-        """The guesses of one effect, best first."""
+        """Starts from the guesses of one effect, lowest cost first."""
         tried: list[Start] = []
         seen: list[Any] = []
         if self.late:
@@ -235,7 +239,7 @@ class Screening(Fits):
         return tried
 
     def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
-        """The best of some guesses after a quick refinement."""
+        """The best of several guesses after a quick refinement."""
         best = None
         for one in guessed:
             found = self._quick(now, terms, one.slug, one.problem, one.z, turns)
@@ -244,7 +248,7 @@ class Screening(Fits):
         return best
 
     def _quickly(self, now: Solution, begun):  # type: ignore[no-untyped-def]
-        """Candidates after a quick refinement of their best guesses, the best ones longer."""
+        """Candidates after a quick refinement; the best ones are refined longer."""
         if not begun:
             return []
         terms = now.problem.with_slopes(now.z, now.point)
@@ -260,20 +264,20 @@ class Screening(Fits):
     def _patiently(
         self, now: Solution, guessed: Sequence[Start], first: bool, least: float
     ) -> Candidate | None:
-        """A candidate from many guesses; to the end those that promise to gain something.
+        """A candidate from many guesses; only promising ones are fitted to the end.
 
-        Beside a cause the model is nearly right: what does not help it as it is hardly
-        helps it changed.
+        With a cause found the model is nearly right: an effect that gains nothing with all
+        other parameters fixed will hardly gain with them free.
         """
         own = [n for n in guessed[0].problem.names if n not in now.problem.names]
         guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
         guessed = guessed[: _HARD_TRIED[0 if first else 1]]
-        if not first and not self.own:  # by itself it would have one record's values in all
+        if not first and not self.own:  # `_helps` would use one record's own values for all
             guessed = [one for one in guessed if not self.late and self._helps(now, one, least)]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost - least)
 
     def _helps(self, now: Solution, start: Start, least: float) -> bool:
-        """Whether an effect, fitted by itself, promises to gain so much on a model as it is."""
+        """Whether an effect alone, the model fixed, is predicted to gain more than `least`."""
         problem, z = start.problem, start.z
         own = [n for n in problem.names if n not in now.problem.names]
         alone = self.problem(problem.axis_at(z), own, base=())
@@ -285,14 +289,14 @@ class Screening(Fits):
     def _fitted(
         self, now: Solution, guessed: Sequence[Start], turns: int, below: float | None = None
     ) -> Candidate | None:
-        """The best of an effect's guesses, fitted with everything free for some turns.
+        """The best guess of an effect after a joint fit of `turns` iterations.
 
-        Those that promise to come `below` a cost are fitted for more.
+        With `below`: only fits that are predicted to reach a cost below it, fitted longer.
         """
         fits = [maximise(one.problem, one.z, turns, self.until) for one in guessed]
         if below is not None:
-            # What starts far off has more ahead than a parabola says; a share at its bound may
-            # stay there.
+            # Far from the optimum the quadratic prediction is too small.  Fits with a share at
+            # its bound come last, as it may stay there.
             ahead = [(len(hidden_shares(f)), f.cost - _AHEAD_OF * f.promised, f) for f in fits]
             ahead.sort(key=lambda one: one[:2])
             fits = [f for _, cost, f in ahead if cost < below]
@@ -307,11 +311,11 @@ class Screening(Fits):
         return Candidate(slug, free, best.axis, best.cost)
 
     def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
-        """A few joint steps along new slopes of the candidate and old ones of the rest."""
+        """A few joint steps: new slopes of the candidate, constant slopes of the rest."""
         count = len(problem.names)
         old = len(now.problem.names)
         own = list(range(old, count))
-        place = [*range(old), *range(count, problem.size)]  # where old coordinates are now
+        place = [*range(old), *range(count, problem.size)]  # new indices of the old coordinates
         point = problem.at(z)
         damping, fall = 1e-3, 0.0
         for turn in range(turns):
@@ -351,7 +355,7 @@ class Screening(Fits):
             if not moved or fall < 0.5:
                 break
             if point.cost - (turns - turn) * fall > now.cost:
-                # At this pace it would not even reach the model without it.
+                # At this rate it would not even reach the cost of the model without it.
                 break
         free_names = tuple(problem.names[j] for j in own)
         return Candidate(slug, free_names, problem.axis_at(z), point.cost), problem, z

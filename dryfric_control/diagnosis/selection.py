@@ -1,4 +1,4 @@
-"""Which causes a record shows: forward, backward, and what it cannot tell apart."""
+"""Selection of causes by free runs: forward, backward, and equivalent alternatives."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from dryfric_control.ties import SQUARES, above, ranked
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# A gain counts if it is this many standard errors above zero (two dozen
-# candidates are tried) or wins this many times what it loses, and this much in
-# the mean score; two fits tie if their scores differ by less.
+# A gain is significant if it is _SURE standard errors above zero (two dozen candidates are
+# tried), or if improvements exceed deteriorations _SURE times; the mean score must fall by
+# _LEAST. Two fits tie if their mean scores differ by less than _TIE.
 _SURE, _LEAST, _TIE = 3.0, 0.03, 0.03
-# Part of the structured error that a cause must take away to be named.
+# Fraction of the score above the noise floor that a cause must remove to be named.
 _SHARE = 0.05
-# A base parameter off by less than this is what anybody would call right.
+# Relative error of a base parameter up to which it counts as right.
 _RIGHT = 0.004
 _MOST_CAUSES = 4
-# Causes proposed in one step, each refused if the fit without it does as well.
+# Number of causes proposed in one step; each is rejected if the fit without it is as good.
 _PROPOSED = 4
-# Hypotheses whose likelihood and assumptions differ by less than this, in units
-# of chi^2, are equally good.
+# Difference of likelihood plus assumptions, in units of chi^2, up to which hypotheses
+# are equally good.
 _PLAIN = 4.0
-# A window is in line for comparing likelihoods up to this much above its replays.
+# Score above the worst replay up to which a window is used to compare likelihoods.
 _LINED = 0.1
-# What a wrong base parameter costs at most, less than any other cause.
+# Largest cost of a wrong base parameter, less than that of any other cause.
 _BASE_MOST = 0.8 * CAUSE_COST
 
 
@@ -61,11 +61,11 @@ class Selection:
     best : Fitted
         Fit with all causes and base parameters free.
     alternatives : dict of str to tuple of str
-        For each cause, what explains the record as well in its place.
+        For each cause, the effects that explain the record equally well in its place.
     first : dict of str to float
         Mean held-out score of every candidate of the first round.
     earlier : dict of frozenset to Fitted
-        Fit with each set of causes that the search went on from.
+        Fits with the sets of causes from which the search has continued.
     """
 
     best: Fitted
@@ -77,7 +77,7 @@ class Selection:
     earlier: dict[frozenset[str], Fitted] = field(default_factory=dict)
 
     def drop(self, slug: str) -> None:
-        """Go on without a cause."""
+        """Remove a cause."""
         self.causes.remove(slug)
         for table in (self.free, self.alternatives, self.rivals):
             table.pop(slug, None)
@@ -96,18 +96,18 @@ class Selector:
         self.bench = race.bench
         self.known = race.fit | race.judge
         self.labels = block_labels([self.bench])
-        # Causes that a search named and the fit without them refuted.
+        # Causes found by a search but refuted by the fit without them.
         self.refuted: set[str] = set()
 
     @property
     def late(self) -> bool:
-        """Whether time is over."""
+        """Whether the time limit has passed."""
         return self.race.late
 
     # -- tests -----------------------------------------------------------------
 
     def floor_of(self, fitted: Fitted) -> Floor:
-        """Floor of a fitted hypothesis, its uncertainty included."""
+        """Noise floor of a fitted hypothesis, parameter uncertainty included."""
         h, z = fitted.hypothesis, fitted.z
         at = self.bench.evaluate(fitted.axis, self.known, None, fitted.starts)
         truths = [fitted.axis]
@@ -127,7 +127,7 @@ class Selector:
         return noise_floor(self.bench, fitted.axis, truths, at, self.known)
 
     def covariance(self, fitted: Fitted, at: Evaluation) -> FloatArray:
-        """Covariance of the search coordinates, from leaving out blocks."""
+        """Covariance of the search coordinates, by a jackknife over blocks."""
         h, z = fitted.hypothesis, fitted.z
         h.active, h.scales = [self.known], [self.bench.floor]
         g, normal, _ = h.terms(z, [at], CANDIDATE)
@@ -140,7 +140,7 @@ class Selector:
         return covariance
 
     def gain(self, before: FloatArray, after: FloatArray) -> tuple[float, float]:
-        """Mean fall of the held-out scores, and its standard error by blocks."""
+        """Mean fall of the held-out scores, and its standard error from blocks."""
         judge = np.flatnonzero(self.race.judge)
         fall = (before - after)[judge]
         labels = np.unique(self.labels[judge], return_inverse=True)[1]
@@ -152,24 +152,24 @@ class Selector:
         return mean, float(np.std(blocks, ddof=1) / np.sqrt(blocks.size))
 
     def better(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
-        """Whether a fall of the held-out scores names a cause."""
+        """Whether the fall of the held-out scores is significant enough to name a cause."""
         mean, error = self.gain(before, after)
         above = max(self.excess(before, floor), 0.0)
         if self.rids(before, after, floor):
             return True
         fall = (before - after)[self.race.judge]
         won, lost = fall[fall > 0.0], -fall[fall < 0.0]
-        # What is rare is seen in few blocks: then it must cost nowhere else.
+        # An effect that acts rarely shows in few blocks: then it must not do harm in others.
         sure = mean > _SURE * error or (won.sum() > _SURE * lost.sum() and (won > 0.3).sum() > 1)
         return bool(mean > max(_LEAST, _SHARE * above) and sure)
 
     def earns(self, without: Fitted, fitted: Fitted, floor: Floor, causes: int) -> bool:
-        """Whether a fit with one cause more is worth it.
+        """Whether a fit with one more cause is justified.
 
-        It tells more; or else the fit without it bends base parameters, which
-        is the bolder claim: by a whole cause, unless one of the two leaves
-        nothing to tell.  Either way it must fit the better, on the data that it
-        was fitted to.
+        It must have the lower loss on the data of the fit, and either lower the held-out
+        score, or tie with a fit without it whose changes of base parameters are the
+        stronger assumption: by the cost of a cause, or by any amount if one of the two
+        fits reaches the noise floor.
         """
         if not above(without.loss, fitted.loss + SQUARES):
             return False
@@ -182,10 +182,10 @@ class Selector:
         )
 
     def rids(self, before: FloatArray, after: FloatArray, floor: Floor) -> bool:
-        """Whether windows that nothing else explains fall into line.
+        """Whether windows that were outliers of the noise floor no longer are.
 
-        What acts rarely is seen in a window or two of those that judge: a mean
-        over all says nothing.
+        An effect that acts rarely shows in one or two of the judging windows, where a
+        mean over all windows does not reveal it.
         """
         bad, left = floor.outliers(before, self.known), floor.outliers(after, self.known)
         judged = bad & self.race.judge
@@ -202,10 +202,10 @@ class Selector:
         return float((scores - floor.expected)[self.race.judge].mean())
 
     def nothing_left(self, scores: FloatArray, floor: Floor) -> bool:
-        """Whether no further cause could earn its name.
+        """Whether no further cause could be named.
 
-        One window out of line among those that judge names none, see `better`,
-        nor do two in all, see `rids`.
+        One outlier among the judging windows is not enough to name a cause, see
+        `better`, nor are two among all windows, see `rids`.
         """
         out = floor.outliers(scores, self.known)
         return bool(
@@ -215,7 +215,7 @@ class Selector:
         )
 
     def ties(self, one: FloatArray, best: FloatArray, floor: Floor) -> bool:
-        """Whether held-out scores are as good as the best."""
+        """Whether held-out scores tie with the best."""
         if self.rids(one, best, floor):
             return False
         mean, error = self.gain(one, best)
@@ -224,7 +224,7 @@ class Selector:
         )
 
     def cost(self, fitted: Fitted, causes: int) -> float:
-        """What a hypothesis assumes: its causes, and its wrong base parameters."""
+        """Cost of the assumptions of a hypothesis: causes and wrong base parameters."""
         total = CAUSE_COST * causes
         values = fitted.hypothesis.values(fitted.z)
         for name, believed in self.race.believed.items():
@@ -257,7 +257,7 @@ class Selector:
         return found, floor
 
     def names(self, found: Selection, without: str = "") -> list[str]:
-        """Free parameters of the causes, as they are in the axis without one of them."""
+        """Free parameters of the causes, by their names in the axis without one of them."""
         names = [n for slug, names in found.free.items() if slug != without for n in names]
         return names if holds(self.axis, without) else renumbered(names, without)
 
@@ -275,8 +275,8 @@ class Selector:
             winner, rivals = self._choose(judged, found.best, floor, count)
             if winner is None:
                 return None
-            # The same without the cause, from where the winner got to: the fit
-            # without it may only have ended early.
+            # Refit without the cause from the winner's values: the earlier fit without it
+            # may have stopped early.
             less = self.race.alone(self.without(winner.axis, winner.slug), self.names(found))
             if above(found.best.loss, less.loss + SQUARES):
                 found.best = less
@@ -293,7 +293,7 @@ class Selector:
         return winner
 
     def _placed(self, slug: str, fitted: Fitted, own: Sequence[str]) -> bool:
-        """Whether a cause, by its own parameters, acts where and when the record can tell."""
+        """Whether a cause acts at positions, speeds and times that the record covers."""
         values = fitted.hypothesis.values(fitted.z)
         return placed(slug, {n: values[n] for n in own}, [self.bench.record])
 
@@ -303,7 +303,7 @@ class Selector:
     def _choose(
         self, judged: list[Fitted], current: Fitted, floor: Floor, causes: int
     ) -> tuple[Fitted | None, list[Fitted]]:
-        """The plainest of the best, and those that tie with it."""
+        """The simplest of the best candidates, and those that tie with it."""
         judge = self.race.judge
         best = judged[ranked([r.scores[judge].mean() for r in judged])[0]]
         level = [r for r in judged if self.ties(r.scores, best.scores, floor)]
@@ -320,7 +320,7 @@ class Selector:
             for r in level
             if r is not winner
             and self.cost(r, causes + 1) < most
-            # Not one that does nothing and leaves the work to the base parameters.
+            # Not one without effect, whose base parameters make the fit.
             and (
                 self.better(current.scores, r.scores, floor)
                 or self.cost(r, causes + 1) < self.cost(current, causes)
@@ -329,7 +329,7 @@ class Selector:
         return winner, rivals
 
     def _plainest(self, level: list[Fitted], causes: int, floor: Floor) -> Fitted:
-        """The likeliest of fits that tie; of those as likely, the plainest."""
+        """The likeliest of fits that tie; of equally likely ones, the lowest in rank."""
         judge = self.race.judge
         weight = self.bench.samples * ROBUST**2
         costs = {id(r): self.cost(r, causes) for r in level}
@@ -338,14 +338,14 @@ class Selector:
         level = [r for r in level if costs[id(r)] < costs[id(best)] + _PLAIN]
         if len(level) == 1:
             return best
-        # Held-out data has not told them apart; all that may be looked at might.
+        # Held-out data do not separate them; all data to fit and to judge may.
         scores = []
         for r in level:
             base = [n for n in r.hypothesis.names if n in self.race.believed]
             own = [n for n in r.hypothesis.names if n not in base]
             scores.append(self.race.alone(r.axis, own, r.slug, base, active=self.known).scores)
-        # A break-away that one fit hits by luck must not decide: only windows
-        # count that are in line in all of them.
+        # A breakaway that one fit times right by chance must not decide: use only windows
+        # that are no outliers in any fit.
         lined = self.known & np.all(np.array(scores) < floor.worst + _LINED, axis=0)
         if lined.sum() < 2:
             lined = self.known
@@ -357,7 +357,7 @@ class Selector:
         return min(likely, key=lambda r: effect_class(r.slug).rank)
 
     def _backward(self, found: Selection, floor: Floor) -> Floor:
-        """Drop what later causes or a better fit made superfluous, one at a time."""
+        """Drop causes that later ones or a better fit made redundant, one at a time."""
         changed = True
         while changed and found.causes and not self.late:
             changed = False
@@ -372,7 +372,7 @@ class Selector:
                 if not self.earns(less, found.best, floor, len(found.causes)):
                     found.drop(slug)
                     for one, rivals in found.rivals.items():
-                        # A second of its kind is none without it.
+                        # Without it, a second effect of its kind is no alternative.
                         for name in [n for n in rivals if followed(slug, [n])]:
                             del rivals[name]
                             found.alternatives[one] = tuple(rivals)
@@ -383,12 +383,12 @@ class Selector:
         return floor
 
     def _swap(self, found: Selection, floor: Floor) -> Floor:
-        """Weigh each cause against its alternatives once the others are known."""
+        """Compare each cause with its alternatives once the others are known."""
         count = len(found.causes)
         for i, slug in enumerate(list(found.causes)):
             if self.followed(slug, found):
                 continue
-            # The fit may stem from one that another effect was added to, or taken from.
+            # The best fit may carry the name of another effect.
             runs = {slug: replace(found.best, slug=slug)}
             names = {slug: found.free[slug]}
             rest = self.without(found.best.axis, slug)
@@ -419,20 +419,20 @@ class Selector:
         return floor
 
     def without(self, axis: FrictionAxis, name: str) -> FrictionAxis:
-        """The axis less one effect, or with it as believed."""
+        """The axis with an effect as in the nominal axis, or without it if that has none."""
         return put(axis, name, named(self.axis).get(name))
 
     def followed(self, name: str, found: Selection) -> bool:
-        """Whether a cause must stay, for a second of its kind is one too."""
+        """Whether a cause must stay because a second effect of its kind is a cause too."""
         return not holds(self.axis, name) and followed(name, found.causes)
 
     def base(self, found: Selection, floor: Floor) -> tuple[Fitted, list[str]]:
-        """Fit without the base corrections that nothing speaks for, and the others."""
+        """Fit with only the base corrections that the data support, and their names."""
         best = found.best
         kept = names = [n for n in BASE.values() if n in best.hypothesis.names]
         for i in ranked([self.change(best, n) for n in kept], SQUARES):
             name = names[i]
-            self.tell(f"believed {name}")
+            self.tell(f"nominal {name}")
             left = [n for n in kept if n != name]
             there = self.hold(best.axis, [n for n in BASE.values() if n not in left])
             less = self.race.alone(there, self.names(found), base=left)
@@ -443,7 +443,7 @@ class Selector:
     def without_a_gain(
         self, found: Selection, best: Fitted, kept: list[str], floor: Floor
     ) -> tuple[Fitted, list[str]]:
-        """Base parameters in place of a gain that leaves them far off, where they do the same."""
+        """Base parameters instead of an input gain, if equivalent and far off beside it."""
         race = self.race
         if GAIN not in found.causes or not left_open(self.axis, {*race.known, *race.tolerance}):
             return best, kept
@@ -460,10 +460,10 @@ class Selector:
         return less, [*BASE.values()]
 
     def refutes(self, found: Selection, best: Fitted, kept: Sequence[str], floor: Floor) -> bool:
-        """Whether a cause falls once no more base parameters than needed are free.
+        """Whether a cause is refuted once only the needed base parameters are free.
 
-        So does what has moved to where the machine was not.  What falls is remembered, and
-        not proposed again.
+        A cause that has left the travelled range is refuted too.  Refuted causes are not
+        proposed again.
         """
         fallen = set()
         for slug in found.causes:
@@ -482,21 +482,21 @@ class Selector:
         return bool(fallen)
 
     def change(self, fitted: Fitted, name: str) -> float:
-        """Relative change of a base parameter from its believed value."""
+        """Relative change of a base parameter from its nominal value."""
         value = fitted.hypothesis.values(fitted.z)[name]
         believed = self.race.believed[name]
         return abs(value / believed - 1.0) if believed > 0.0 else abs(value)
 
     def wrong(self, fitted: Fitted, kept: Sequence[str]) -> list[str]:
-        """Base parameters that are off by more than anybody would call right."""
+        """Base parameters whose error is large enough to be named."""
         return [n for n in kept if self.change(fitted, n) > _RIGHT]
 
     def hold(self, axis: FrictionAxis, names: Sequence[str]) -> FrictionAxis:
-        """The axis with base parameters back at their believed values."""
+        """The axis with base parameters back at their nominal values."""
         return with_values(axis, list(names), [self.race.believed[n] for n in names])
 
 
 def in_place(axis: FrictionAxis, rival: FrictionAxis, name: str) -> FrictionAxis:
-    """The axis with an alternative's effect, and the base that goes with it."""
+    """The axis with an alternative's effect and the base parameters fitted with it."""
     there = put(axis, name, named(rival).get(name))
     return there.replace(mass=rival.mass, viscous=rival.viscous, coulomb=rival.coulomb)

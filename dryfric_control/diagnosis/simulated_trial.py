@@ -1,4 +1,4 @@
-"""Simulated experiments, and how far apart two hypotheses are in one."""
+"""Simulated experiments, and the distance of two hypotheses in them."""
 
 from __future__ import annotations
 
@@ -24,23 +24,24 @@ from dryfric_control.ties import NEAR, above, samples
 FloatArray = NDArray[np.float64]
 
 # All of these are set by `benchmarks/diagnosis.py`, by the records on which an experiment
-# is proposed, and bound by tests/diagnosis/test_next_experiment.py.
+# is proposed, and constrained by tests/diagnosis/test_next_experiment.py.
 
-# Length of the free runs [s], and samples below which no run is judged.
+# Length of the free runs [s], and their least number of samples.
 _WINDOW, _FEWEST = 0.25, 20
-# Closed-loop bandwidth times the sampling time, and the largest [rad/s].
+# Closed-loop bandwidth times the sampling time, and largest bandwidth [rad/s].
 _PACE, _BRISK = 0.03, 30.0
-# Parts of an excitation's size that are tried until it keeps the limits.
+# Fractions of an excitation's size that are tried until it keeps the limits.
 _SIZES = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
-# Windows of the known record that hold a refit to it.
+# Number of windows of the known record that constrain a refit.
 _HOLDING = 16
-# Step of a search coordinate of order 1, for slopes, and the longest one taken.
+# Difference step of a search coordinate (of order 1), and largest step of the refit.
 _STEP, _REACH = 1e-4, 0.5
-# An effect that is refitted to less than this part of itself, or to as much
-# more, is no longer the rival that it was; where it acts is open.
+# A refit may weaken an effect to this fraction of its strength, or strengthen it as much:
+# beyond, it is no longer the same rival. Its position may change freely.
 _STRENGTH = 0.7
-# The scale of the errors falls to the quantum in so many steps, each taken so often;
-# parts of a step that are tried, and what keeps the normal matrix regular, over its mean.
+# Number of steps in which the scale of the errors falls to the quantum, and of iterations
+# at each; fractions of a step that are tried; ridge of the normal matrix, over the mean of
+# its diagonal.
 _NARROWINGS, _EACH = 4, 2
 _PARTS, _RIDGE = (1.0, 0.4, 0.1), 1e-9
 
@@ -54,7 +55,7 @@ class Runs:
     windowed : Windowed
         The windows.
     active : ndarray of bool, shape (nwindows,)
-        Windows that count.
+        Windows that are used.
     """
 
     windowed: Windowed
@@ -65,7 +66,7 @@ class Runs:
         cls, u: FloatArray, dt: float, length: int, x0: FloatArray, v0: FloatArray,
         rest: FloatArray, active: NDArray[np.bool_],
     ) -> Runs:  # fmt: skip
-        """Runs over windows of some samples each, from states that are known."""
+        """Runs over windows of `length` samples each, from known states."""
         edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
         return cls(Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest), active)
 
@@ -76,7 +77,7 @@ class Runs:
 
 
 def unbent(errors: FloatArray) -> FloatArray:
-    """Errors of windows less the line that another start state could explain."""
+    """Errors of windows without the straight line that another start state could explain."""
     line = np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2)
     q, _ = np.linalg.qr(line)
     return np.asarray(errors - (errors @ q) @ q.T)
@@ -89,14 +90,14 @@ def mean_squares(errors: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One excitation run on one hypothesis as the truth.
+    """One excitation, simulated with one hypothesis as the truth.
 
     Attributes
     ----------
     x, v, u : ndarray, shape (n,)
-        Position, speed, and drive force as commanded.
+        Position, velocity, and drive force as commanded.
     runs : Runs
-        Its windows, from the true states at their starts.
+        Its windows, each starting from the true state.
     truth : ndarray, shape (nwindows, length)
         True positions.
     """
@@ -108,7 +109,7 @@ class Trial:
     truth: FloatArray
 
     def errors(self, axis: FrictionAxis) -> FloatArray:
-        """What an axis gets wrong, shape (nwindows, length)."""
+        """Position errors of an axis, shape (nwindows, length)."""
         return unbent(self.runs.positions(axis) - self.truth)
 
 
@@ -119,9 +120,9 @@ def simulate(
     force: FloatArray,
     quantum: float,
 ) -> Trial:
-    """Run an experiment on an axis, and cut it into windows."""
+    """Simulate an experiment on an axis, and cut it into windows."""
     with warnings.catch_warnings():
-        # A trial that leaves its limits is refused by its caller.
+        # The caller rejects a trial that exceeds its limits.
         warnings.filterwarnings("ignore", "the loop diverges", RuntimeWarning)
         run = simulate_loop(
             axis, controller, reference, quantum, x0=float(reference[0]), disturbance=force
@@ -139,16 +140,16 @@ def simulate(
 
 @dataclass(frozen=True, eq=False)
 class Staged:
-    """An excitation sized to the limits, run on every hypothesis.
+    """An excitation scaled to the limits, simulated with every hypothesis.
 
     Attributes
     ----------
     excitation : Excitation
     reference, force : ndarray, shape (n,)
     axes : tuple of FrictionAxis
-        The hypotheses, as the bench changes them.
+        The hypotheses, with the change of the bench, if any.
     trials : tuple of Trial
-        One for each.
+        One for each hypothesis.
     """
 
     excitation: Excitation
@@ -168,12 +169,12 @@ def loop_gains(axis: FrictionAxis, limits: Limits, dt: float) -> PositionControl
 def staged(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
-    """The largest of an excitation that keeps the limits on every hypothesis.
+    """An excitation at the largest size that keeps the limits with every hypothesis.
 
     Returns
     -------
     Staged or None
-        None if even the smallest size leaves the limits.
+        None if even the smallest size exceeds the limits.
     """
     limits = stage.limits
     low, high = limits.travel
@@ -203,7 +204,7 @@ def staged(
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """What a hypothesis may change: its parameters, held to the known record.
+    """Refit of a hypothesis, constrained by the known record.
 
     Attributes
     ----------
@@ -212,7 +213,7 @@ class Refit:
     known : Runs
         Windows of the known record.
     positions : ndarray, shape (nknown, length)
-        What the hypothesis as fitted says there.
+        Prediction of the hypothesis there, before the refit.
     quantum : float
     """
 
@@ -223,7 +224,7 @@ class Refit:
 
     @classmethod
     def of(cls, axis: FrictionAxis, record: Record, quantum: float) -> Refit:
-        """Base parameters and those of all effects, on some windows of a record."""
+        """Refit of the base and all effects of an axis, with some windows of a record."""
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
         axis, parameters = choose(axis, names, typical([record]))
@@ -245,7 +246,7 @@ class Refit:
         return cls(problem, known, known.positions(axis), quantum)
 
     def best(self, staged: Staged, stage: Stage, trial: Trial) -> FloatArray:
-        """Mean squares of a trial's windows after the best small change.
+        """Mean square errors of a trial's windows after the best refit.
 
         Parameters
         ----------
@@ -254,7 +255,7 @@ class Refit:
         stage : Stage
             Where it takes place.
         trial : Trial
-            Its run on the truth.
+            Its simulation with the other hypothesis as the truth.
 
         Returns
         -------
@@ -263,8 +264,9 @@ class Refit:
         Notes
         -----
         Gauss-Newton on the mean of log(1 + square/scale^2) over the windows
-        of the trial plus the same mean over the known record, where a change is
-        an error; the scale falls from the first error to the quantum.
+        of the trial plus the same mean over the known record, where every change of
+        the prediction counts as an error.  The scale falls from the first error to
+        the quantum.
         """
         change = staged.excitation.change
         problem = self.problem

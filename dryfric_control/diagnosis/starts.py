@@ -1,4 +1,4 @@
-"""Where the fit of a candidate starts, and a net between the guesses of two parts."""
+"""Starting points of a candidate's fit, and a grid of them between first guesses."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.estimation.likelihood import Likelihood, Run
 
-# Steps from one guess to the next, shares that are tried with each; of how many of the best
-# values near by are tried, in which parts of a range: changes of logarithms, a fifth for a share.
+# Grid step as a fraction of the distance between two guesses, and shares tried at each point.
 _RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
+# Number of best grid points that are refined, scales of the line searches around them, and the
+# changes tried: of the logarithm of a parameter; of a share, a fifth of them.
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
-# Of so many stretches of the samples the net sees one.
+# The grid is evaluated on one of this many stretches of samples.
 _STRETCHES = 2
-# The same beside where a fit has ended whose cost has jumps.
+# Scales of the line searches around the end of a fit whose cost has jumps.
 _FAR_AND_CLOSE = (4.0, 1.0, 0.3)
 
 
 class Start(NamedTuple):
-    """Where a fit may start.
+    """A starting point of a fit.
 
     Attributes
     ----------
@@ -46,14 +47,14 @@ class Start(NamedTuple):
         return self.problem.parameters[j].value(self.z[j])
 
     def moved(self, name: str, value: float) -> Start:
-        """The same with another value of one parameter, of unknown cost."""
+        """The start with another value of one parameter; its cost is not computed (inf)."""
         p, z = self.problem, self.z.copy()
         j = p.names.index(name)
         z[j] = np.clip(p.parameters[j].search(value), p.low[j], p.high[j])
         return self._replace(cost=math.inf, z=z)
 
     def best_of(self, name: str, values: Iterable[float]) -> Start:
-        """The best of it and those with other values of one parameter."""
+        """The best of this start and those with other values of one parameter."""
         best = self
         for value in values:
             one = self.moved(name, float(value))
@@ -66,10 +67,10 @@ class Start(NamedTuple):
 def beside_jumps(
     problem: Likelihood, z: NDArray[np.float64], names: Sequence[str], late: Callable[[], bool]
 ) -> NDArray[np.float64]:
-    """The best coordinates near some, of parameters that act at breakaway alone.
+    """Line search near `z` over parameters that act only at breakaway; best coordinates.
 
-    Each breakaway comes a sample earlier or later at some value: between such jumps the cost
-    hardly slopes, and a descent along slopes ends at the first.
+    At certain values a breakaway moves to another sample and the cost jumps.  It is nearly
+    flat between the jumps, so that a gradient-based fit stops at the first one.
     """
     best = Start(problem.tried(z).cost, problem, z, "")
     for part in _FAR_AND_CLOSE:
@@ -90,22 +91,22 @@ def beside_jumps(
 def in_valleys(
     starts: Sequence[Start], own: Sequence[str], late: Callable[[], bool], runs: Sequence[Run]
 ) -> Sequence[Start]:
-    """Starts of two parts or of a contact, best first, with the best of a net between them.
+    """Starts of a two-mass or contact effect, and the best of a grid between them.
 
-    With a share or a play slightly wrong the parts meet and part at other times than
-    they did, with a length slightly wrong a contact slides at others: within a tenth of
-    the right ones alone the cost falls.
+    With a slightly wrong mass share or play, the masses touch and separate at wrong times;
+    with a slightly wrong length, a contact slides at wrong times.  Only within about 10 %
+    of the true values does the cost fall towards them.
 
     Parameters
     ----------
     starts : sequence of Start
-        Of one effect.
+        Starts of one effect.
     own : sequence of str
         Its free parameters.
     late : callable
-        Whether time is over.
+        Returns whether the time limit has passed.
     runs : sequence of Run
-        Samples of the records on which the net is hung.
+        Samples of the records on which the grid is evaluated.
     """
     kinds = effect_class(starts[0].slug).parameters()
     shares = [n for n in own if kinds[n.partition(".")[2]]["kind"] == "share"]
@@ -129,7 +130,7 @@ def in_valleys(
             best.append(one.best_of(shares[0], _SHARES))
         else:
             best.append(one._replace(cost=net.tried(one.z).cost))
-    # Some of the net may lie where the parts are stiffer than the samples show.
+    # At some grid points the coupling may be too stiff for the sampling time: infinite cost.
     best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
     best = [one._replace(cost=few.tried(one.z).cost, problem=few) for one in best[: 2 * _VALLEYS]]
     best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
@@ -143,5 +144,5 @@ def in_valleys(
                 close = value + 0.2 * by if name in shares else value * np.exp(by)
                 one = one.best_of(name, close)
         best[i] = one._replace(cost=whole.tried(one.z).cost, problem=whole)
-    best = [one for one in best if math.isfinite(one.cost)]  # on all samples too
+    best = [one for one in best if math.isfinite(one.cost)]  # finite on all samples too
     return sorted([*best, *starts], key=lambda one: one.cost)

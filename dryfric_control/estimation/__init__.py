@@ -1,1 +1,1 @@
-"""Estimation: windows, parameters, one problem, uncertainty."""
+"""Estimation: windows, free parameters, least squares, likelihood, uncertainty."""

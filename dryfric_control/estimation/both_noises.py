@@ -1,4 +1,4 @@
-"""Parameters, their blocks' evidence and both noises, where a random force acts."""
+"""Parameters, evidence per block and both noises, for records with a random force."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ from dryfric_control.model.axis import FrictionAxis
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# Time about the start and end of motion, and part of the fast speeds (their 95 % quantile),
-# that do not count for parameters of sliding (`benchmarks/identification.py coverage`).
+# Samples that are not used for parameters of sliding: within this time of a start or stop of
+# motion [s], and below this fraction of the fast speed (95 % quantile)
+# (`benchmarks/identification.py coverage`).
 _ABOUT, _SLOW, _FAST = 0.01, 0.02, 0.95
-# Part of the sliding samples that must be left when those are taken away.
+# Least fraction of the sliding samples that must remain without them.
 _LEFT = 0.3
-# Random force at which the search of the noises starts, over the drive.
+# Initial random force in the search for the noises, over the RMS drive.
 _FORCE = 0.03
-# Iterations of the noises alone, and of all.
+# Iterations for the noises alone, and for all parameters.
 _ALONE, _ITERATIONS = 6, 8
-# Longest time over which the innovations are looked at for what lasts [s], and size in
-# deviations beyond which one counts no more.
+# Longest lag of the autocorrelation of the innovations [s], and size at which they are
+# clipped, in standard deviations.
 _LASTING, _LARGEST = 0.025, 4.0
 
 
 class Evidence(NamedTuple):
-    """What the blocks of the records say of parameters, in search coordinates.
+    """Evidence of the records' blocks for parameters, in search coordinates.
 
     Attributes
     ----------
@@ -46,11 +47,11 @@ class Evidence(NamedTuple):
     normals : ndarray, shape (nblocks, nparameters, nparameters)
     labels : ndarray of int64, shape (nblocks,)
     force, reading : tuple of float
-        Noises of each record, standard deviations: random force within one sample, 0
-        where free runs reach the noise of the readings and NaN where it is not
-        estimated, and readings.
+        Standard deviations of both noises of each record: random force within one
+        sample (0 if free runs reach the noise of the readings, NaN if it is not
+        estimated), and readings.
     lasting : float
-        Power of the innovations below some 40 Hz over that of white ones.
+        Ratio of the innovations' power below some 40 Hz to that of white ones.
     """
 
     z: FloatArray
@@ -84,9 +85,9 @@ def by_likelihood(
     tolerance: Mapping[str, float],
     block: float | None,
 ) -> Evidence | None:
-    """Evidence of the likelihood of both noises, from the end of free runs.
+    """Evidence by likelihood with both noises, starting from the fit to free runs.
 
-    None where the filter cannot run the axis, or does not find an end.
+    None if the filter cannot simulate the axis or the fit fails.
     """
     windows = problem.windows
     records, hold = [w.record for w in windows], windows[0].hold
@@ -115,7 +116,7 @@ def by_likelihood(
     count = range(len(runs))
     values = [p.value(c) for p, c in zip(full.parameters, found.z, strict=False)]
     end = np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
-    # A coordinate is scaled by the value that its axis starts from.
+    # The scale of a coordinate depends on the start value of its parameter.
     rows = zip(problem.parameters, full.parameters, values, strict=True)
     unit = np.array([p.slope(v) / q.slope(v) for p, q, v in rows])
     return Evidence(
@@ -130,10 +131,10 @@ def by_likelihood(
 
 
 def away_from_rest(run: Run, states: FloatArray) -> Run:
-    """The run without the samples next to rest, where those that are left are enough.
+    """The run without the samples close to rest, if enough samples remain.
 
-    There the noise of a recorded input acts to one side, since it releases the model
-    but not the machine, and an axis that creeps stands where an unknown force holds it.
+    Close to rest the noise of the recorded input causes a bias, since it releases the
+    model but not the machine, and a creeping axis stops where an unknown force holds it.
     """
     sliding = states[2] != 0.0
     speed = np.abs(states[1])
@@ -149,7 +150,7 @@ def away_from_rest(run: Run, states: FloatArray) -> Run:
 
 
 def lasting(found: Solution) -> float:
-    """Power of the innovations at low frequency over that of white ones, while sliding."""
+    """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
     worst = 0.0
     for run, out, states in zip(
         found.problem.runs, found.point.out, found.point.states, strict=True

@@ -1,4 +1,4 @@
-"""Force residual of the sliding samples of a record, and a first guess for a fit from it."""
+"""Force residual of the sliding samples of a record, and first guesses from it."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from dryfric_control.ties import above, ranked
 FloatArray = NDArray[np.float64]
 Values = dict[str, float]
 
-# Samples that a regression reads, for the start of a fit and for first guesses; more
+# Number of samples used by a regression, for the start of a fit and for first guesses; more
 # change neither (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
 _ENOUGH, _ENOUGH_TO_GUESS = 5000, 4000
-# First guesses: noise of the acceleration over the Coulomb level that a regression may
-# have, and the longest smoothing that is spent on it [samples]
-# (`benchmarks/diagnosis.py`, conditions exact and coarse).
+# First guesses: largest acceleration noise of a regression, over Coulomb level / mass, and
+# longest smoothing to reach it [samples] (`benchmarks/diagnosis.py`, conditions exact and
+# coarse).
 _NOISE, _LONGEST = 0.02, 81
-# Set by `benchmarks/diagnosis.py --effects cogging time_periodic` and its run times.
-# Periods: points of the search grid within one width of the main lobe, most of them
-# in the record, and how many are followed.
+# Search for periods: grid points per width of the main lobe, largest number of periods in
+# the record, and number of peaks that are refined. Set by
+# `benchmarks/diagnosis.py --effects cogging time_periodic` and its run times.
 _FINE, _MOST_PERIODS, _STRONGEST = 4, 400, 2
-# Change of the drive over its deviation that shows how an axis answers to it, and the
-# least answer.
+# Difference step of the drive, over its standard deviation, for the sensitivity of the force
+# to the drive, and lower bound of that sensitivity.
 _STEP, _ANSWERS = 1e-3, 1e-6
 
 
@@ -48,7 +48,7 @@ class Sliding:
     limit : int, optional
         Largest number of samples to keep.
     smoothing : int, optional
-        Samples of the Savitzky-Golay window, odd.  Default: the record's own
+        Length of the Savitzky-Golay window in samples, odd.  Default: the record's
         `smoothing_window`.
     smooth_drive : bool, optional
         Whether the drive is smoothed by the same window as the acceleration.
@@ -56,13 +56,13 @@ class Sliding:
     Attributes
     ----------
     t, x, v, a : ndarray, shape (n,)
-        Time, and zero-phase position, speed, acceleration.
+        Time, and zero-phase position, velocity, acceleration.
     u : ndarray, shape (n,)
-        Mean of the held input before and after each sample, which is what a
-        central difference sees.
+        Mean of the held input before and after each sample, which corresponds to
+        the acceleration from a central difference.
     direction : ndarray of int64, shape (n,)
     smoothing : int
-        Samples of the Savitzky-Golay window.
+        Length of the Savitzky-Golay window in samples.
     """
 
     def __init__(
@@ -96,16 +96,16 @@ class Sliding:
     def force_residual(
         self, axis: FrictionAxis, direction: NDArray[np.int64] | None = None
     ) -> FloatArray:
-        """Drive that the axis would need less the drive it had, shape (n,).
+        """Force that the axis would need in addition to its drive, shape (n,).
 
-        `direction`: of the friction, as measured by default.
+        `direction`: direction of motion for the friction; as measured by default.
         """
         direction = self.direction if direction is None else direction
         model = _accelerations(axis, self.t, self.x, self.v, self.u, direction)
         return np.asarray(axis.mass * (self.a - model))
 
     def answer_to_drive(self, axis: FrictionAxis) -> FloatArray:
-        """Force on an axis in these states over a small change of its drive, shape (n,)."""
+        """Sensitivity of the force on the mass to the drive in these states, shape (n,)."""
         step = _STEP * (float(np.std(self.u)) or 1.0)
         ends = [
             _accelerations(axis, self.t, self.x, self.v, self.u + side, self.direction)
@@ -115,12 +115,12 @@ class Sliding:
 
 
 class View(Sliding):
-    """Sliding samples as a first guess reads them: with an axis and typical sizes.
+    """Sliding samples for first guesses, with an axis and typical sizes.
 
     Parameters
     ----------
     axis : FrictionAxis
-        The axis that leaves the residual.
+        The axis of the residual.
     record : Record
         The record.
     believed : dict of str to float, optional
@@ -129,7 +129,7 @@ class View(Sliding):
     Attributes
     ----------
     residual : ndarray, shape (n,)
-        Force that the axis would need beside its drive.
+        Force that the axis would need in addition to its drive.
     level : float
         Typical Coulomb level.
     middle, span : float
@@ -176,7 +176,7 @@ class View(Sliding):
 
     @cached_property
     def carried(self) -> FloatArray:
-        """Load of the transmission: the drive less the force effects, shape (n,)."""
+        """Load of the transmission: drive minus force effects, shape (n,)."""
         forces = tuple(e for e in self.axis.effects if e.action == "force")
         bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=forces)
         none = np.zeros(self.t.size)
@@ -194,11 +194,11 @@ class View(Sliding):
         -------
         coefficients : ndarray, shape (ncolumns,)
         base : dict of str to float
-            Base parameters beside them, within reason.
+            Base parameters from the same regression, within plausible bounds.
         """
         matrix, size = self._scaled([*columns, *self._base_columns()])
         weight = np.ones(self.residual.size)
-        # A trace of ridge keeps base corrections small where nothing tells them apart.
+        # A small ridge keeps base corrections small where the data do not separate them.
         ridge = 1e-4 * weight.size * np.eye(matrix.shape[1])
         ridge[: len(columns), : len(columns)] *= 1e-3
         c = np.zeros(matrix.shape[1])
@@ -214,7 +214,7 @@ class View(Sliding):
         return c[: len(columns)], self._base(c[len(columns) :])
 
     def beside(self, force: FloatArray) -> Values:
-        """Base parameters if a force of known size acts, shape (n,)."""
+        """Base parameters if a known force, shape (n,), acts."""
         matrix, size = self._scaled(self._base_columns())
         ridge = 1e-4 * force.size * np.eye(matrix.shape[1])
         return self._base(
@@ -222,7 +222,7 @@ class View(Sliding):
         )
 
     def periods(self, along: FloatArray) -> list[tuple[float, FloatArray, Values]]:
-        """Strongest sines of the residual along x or t.
+        """Strongest sinusoids of the residual along x or t.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class View(Sliding):
         reach = float(np.ptp(along))
         if reach <= 0.0:
             return []
-        # Base columns are taken out of the residual and of the sines alike.
+        # Project the base columns out of the residual; `_refine` does so for the sinusoids.
         base = np.column_stack([self.a, self.v, np.sign(self.v)])
         q, _ = np.linalg.qr(base)
         target = np.clip(self.residual, -2.0 * self.level, 2.0 * self.level)
@@ -250,7 +250,7 @@ class View(Sliding):
         for i in range(grid.size):
             power[i] = abs(turned.sum())
             turned *= turn
-        # Of two as high side by side the first is the peak.
+        # Of two equally high neighbours the first is the peak.
         peaks = np.flatnonzero(above(power[1:-1], power[:-2]) & ~above(power[2:], power[1:-1])) + 1
         found = []
         for i in peaks[ranked(-power[peaks])[:_STRONGEST]]:
@@ -260,7 +260,7 @@ class View(Sliding):
         return found
 
     def _base_columns(self) -> list[FloatArray]:
-        """Forces with which base parameters of 1 resist."""
+        """Resisting forces for base parameters of 1."""
         friction = self.axis.coulomb(np.asarray(self.x), 1) / self.level * self.direction
         return [self.a, self.v, friction]
 
@@ -273,11 +273,12 @@ class View(Sliding):
         return matrix / size, size
 
     def _base(self, change: FloatArray) -> Values:
-        """Base parameters that a regression found, within reason."""
+        """Base parameters from a regression, within plausible bounds."""
         axis = self.axis
         level = 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
         fastest = 3.0 * level / max(float(np.sqrt(np.mean(self.v**2))), 1e-300)
-        # residual = -(column) for what resists: m a + f v + Fc s is taken from the drive.
+        # Resistances enter the residual with a minus sign: m a + f v + Fc s is subtracted
+        # from the drive.
         return {
             "mass": float(np.clip(axis.mass + change[0], 0.3 * axis.mass, 3.0 * axis.mass)),
             "viscous": float(
@@ -290,7 +291,7 @@ class View(Sliding):
 
 
 def _refine(along: FloatArray, target: FloatArray, q: FloatArray, f: float, width: float) -> float:
-    """Frequency next to a guess that leaves the least of the target."""
+    """Frequency near a guess whose sinusoid explains most of the target."""
 
     def left(g: float) -> float:
         phase = 2.0 * np.pi * g * along
@@ -307,7 +308,7 @@ def _refine(along: FloatArray, target: FloatArray, q: FloatArray, f: float, widt
 
 
 def _quiet(record: Record, allowed: float) -> int:
-    """Shortest smoothing whose acceleration noise is allowed."""
+    """Shortest smoothing window whose acceleration noise is allowed [samples]."""
     longest = min(_LONGEST, ((len(record) - 1) // 4) | 1)
     for size in range(7, longest, 2):
         gain = float(np.linalg.norm(savgol_coeffs(size, 3, deriv=2, delta=record.dt)))
@@ -317,7 +318,7 @@ def _quiet(record: Record, allowed: float) -> int:
 
 
 def _kernel(size: int, dt: float) -> FloatArray:
-    """Smoothing of the acceleration by a second derivative of a Savitzky-Golay filter."""
+    """Kernel by which a Savitzky-Golay second derivative smooths the acceleration."""
     second = savgol_coeffs(size, 3, deriv=2, delta=dt)
     kernel = np.zeros(size)
     kernel[1:-1] = np.cumsum(np.cumsum(second))[:-2] * dt**2
@@ -342,17 +343,17 @@ def _accelerations(
 def forces(
     axis: FrictionAxis, x: FloatArray, v: FloatArray, u: FloatArray, direction: NDArray[np.int64]
 ) -> FloatArray:
-    """Force with which an axis' sliding mode differs from the drive, shape (n,)."""
+    """Force on the sliding mass minus the drive, shape (n,)."""
     return np.asarray(axis.mass * _accelerations(axis, np.zeros(x.size), x, v, u, direction) - u)
 
 
 def at_the_mass(
     axis: FrictionAxis, record: Record, hold: str = "zero"
 ) -> tuple[FrictionAxis, Record]:
-    """Axis and record behind the drive and before the encoder.
+    """Axis and record with the effects of drive and encoder moved into the record.
 
-    Gain, dead zone, saturation, delay and lag of the drive are in the record's input, an
-    error of the encoder is out of its positions, and all of them are out of the axis.
+    Gain, dead zone, saturation, delay and lag of the drive are applied to the input,
+    encoder errors are removed from the positions, and the axis is without these effects.
 
     Examples
     --------
@@ -387,7 +388,7 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
     problem : Problem
         The problem, for its parameters and bounds.
     z : ndarray, shape (nparameters,)
-        Where to start from; what the sliding samples do not show stays there.
+        Starting point; coordinates that the sliding samples do not determine stay there.
     records : sequence of Record
         The records.
 

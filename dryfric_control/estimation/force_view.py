@@ -1,11 +1,11 @@
-"""Fit of an axis to the drive of sliding samples: where the motion is imposed.
+"""Fit of an axis to the drive of sliding samples, for imposed motion.
 
-A tight position loop, or a bench that moves the axis, leaves nothing of the force in the
-motion: a straight line foresees the readings better than any model does.  The drive then
-*is* the force that the motion asks for (theory: friction as the input of a slow walk), and
-what a model gets wrong of it is the innovation.  It is taken as white although it is
-correlated: a force that may walk would take every slow cause for its own.  What it
-overstates, blocks of the record put right, in standard errors and on unseen data.
+If a tight position loop or a bench imposes the motion, it contains no information about
+the forces: a straight line predicts the readings better than any model.  The drive then
+*is* the force that the motion requires (theory: friction as the input of a slow walk), and
+its deviation from the model is the innovation.  This is treated as white although it is
+correlated, as a random-walk force would absorb every slow cause.  The evidence that this
+overstates is corrected by the blocks of the record, in standard errors and on held-out data.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
-# Length of the blocks over which scores are summed, longer than what is left is likely to
-# be correlated [s].
+# Length of the blocks over which scores are summed, longer than the likely correlation time
+# of the innovations [s].
 _BLOCK = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class ForceRun(Run):
-    """One record as the force view reads it.
+    """One record, prepared for the force view.
 
     Attributes
     ----------
     sliding : Sliding
         Its sliding samples, with their smoothed motion.
     index : ndarray of int64, shape (nsliding,)
-        Where they are in the record.
+        Their indices in the record.
     """
 
     sliding: Sliding
     index: NDArray[np.int64]
 
     def force_residual(self, axis: FrictionAxis) -> FloatArray:
-        """Drive that the axis would need less the drive it had, shape (nsliding,).
+        """Force that the axis would need in addition to its drive, shape (nsliding,).
 
-        An elastic contact carries the part of the friction to which the motion has
-        strained it, since the last turn.
+        An elastic contact carries the fraction of the friction to which the motion since
+        the last reversal has strained it.
         """
         one, contact = self.sliding, max((e.inner(axis).contact for e in axis.effects), default=0.0)
         if contact == 0.0:
@@ -63,11 +63,11 @@ class ForceRun(Run):
 
 
 def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
-    """A record ready for the force view: its sliding samples are active."""
+    """A record prepared for the force view: its sliding samples are active."""
     run, sliding = prepare(record, block=_BLOCK), Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
     if hold == "first":
-        sliding.u = record.u[index]  # the drive of that moment, not of a sample around it
+        sliding.u = record.u[index]  # the drive at that instant, not its mean around it
     active = np.zeros(len(record), bool)
     active[index] = True
     active[: FIRST + 1] = False
@@ -76,11 +76,11 @@ def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
 
 
 class ForceView(Likelihood):
-    """Parameters of an axis, and size of the force that it leaves.
+    """Likelihood of an axis from its force residual.
 
-    The same as `Likelihood` but for what a sample tells: its innovation is the drive that
-    the model would need for the measured motion less the drive it had: a model that
-    answers less to its drive would need more of it.  Readings have no noise of their own.
+    Like `Likelihood`, but the innovation of a sample is the drive that the model would
+    need for the measured motion minus the measured drive: a model with a low sensitivity
+    to its drive needs more of it.  Readings have no noise of their own.
     """
 
     runs: tuple[ForceRun, ...]

@@ -1,9 +1,9 @@
 """Fit of an axis to records by the likelihood of a hybrid filter.
 
-Two noises are estimated beside the parameters: a random force, white, of
-intensity q [N^2 s], and readings that are off with variance R.  A model that
-leaves something out must declare a large q and pays for it at every sample;
-so does one that mutes the drive.
+Two noises are estimated together with the parameters: a white random force of
+intensity q [N^2 s], and noise of the readings with variance R.  An incomplete model
+needs a large q, which lowers its likelihood at every sample; so does a model whose
+drive has little effect.
 """
 
 from __future__ import annotations
@@ -46,63 +46,64 @@ IndexArray = NDArray[np.intp]
 
 #: Base parameters, which have a prior unless they are known.
 BASE = ("mass", "viscous", "coulomb")
-#: Standard deviation of a base parameter's logarithm without further knowledge:
-#: a factor of 2 is two of them.  A mass further off than this factor is another machine's.
+#: Prior standard deviation of a base parameter's logarithm: a factor of 2 is two standard
+#: deviations.  MOST is the largest factor by which a mass may be off.
 BOLD, MOST = 0.5 * math.log(2.0), 4.0
-# Part of a nominal value at which its logarithm gives way to a straight line, for
-# what may be zero.
+# Fraction of a nominal value below which the prior changes from logarithmic to linear, as
+# values may be zero.
 _OFFSET = 0.1
-# Cost of a base parameter that is off while causes are sought, over log(1 + (change /
-# spread)^2): a few per cent are nothing to wonder about, three parameters off at once
-# cost more than a cause that does the same.
+# Cost of a wrong base parameter in the search for causes: _WONDER log(1 + (relative change /
+# _SPREAD)^2). A few per cent cost little; three wrong parameters cost more than an equivalent
+# cause.
 _WONDER, _SPREAD = 2.0, 0.02
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
-#: Student's t with 4 degrees of freedom, fitted to normal innovations, finds this part of
-#: their variance.
+#: Ratio of the variance found by Student's t with 4 degrees of freedom to the true one, for
+#: normal innovations.
 NORMAL = 0.6516
-# Step of the slopes: first, in standard errors, and its limits.
+# Difference step for slopes: initial value, later value in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
-# Radians that a contact turns in one sample, and a transmission with its damping, beyond
-# which they are rigid: more than the samples show, and steps by the dozen.
+# Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
+# beyond which they are too stiff: the samples do not show it, and it takes dozens of steps.
 _STIFF_CONTACT, _STIFF = 3.0, 4.0
-# Part of an increment within which no force changes that a reading shows: it would take steps
-# without end.
+# Shortest length over which a force may change, in encoder increments: below, readings do not
+# show it, and it takes endless steps.
 _FINEST = 0.1
-# Longest step of a search coordinate of order 1, of one that is hardly known in standard
-# errors, and of a noise's logarithm.
+# Largest step of a search coordinate of order 1; the same in standard errors, for one that is
+# poorly determined; and of the logarithm of a noise variance.
 _REACH, _REACH_ERRORS, NOISE_REACH = 0.7, 2.0, 3.0
-# Least part of the information about a noise that the cost may bend by.
+# Lower bound of the ratio of the cost's curvature to the information, for a noise.
 _NOISE_BENT = 0.15
-# Step of a noise's logarithm for its slopes.
+# Difference step of the logarithm of a noise variance.
 _NOISE_STEP = 0.05
-# Part of what the random force does to the velocity by which a step may be off.
+# Allowed integration error of the velocity, over the effect of the random force in one sample.
 _HIDDEN = 0.05
-# Part of the record's share of motion below which evenly spread stretches hardly move.
+# Evenly spread stretches are moved if their fraction of motion is below this part of the
+# record's.
 _STILL = 0.5
-# Bounds of the random force's standard deviation, over the drive's.
+# Bounds of the standard deviation of the random force, over the RMS drive.
 _FORCE = (1e-5, 10.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One record as the filter reads it.
+    """One record, prepared for the filter.
 
     Attributes
     ----------
     record : Record
     u : ndarray, shape (n,)
-        Its input, zeros for a model that has none.
+        Its input; zeros for a model without drive.
     good : ndarray of bool, shape (n,)
         Readings that may be used.
     active : ndarray of bool, shape (n,)
-        Samples whose innovations count.
+        Samples whose innovations are used.
     edges : ndarray of int64, shape (nblocks + 1,)
         Blocks over which scores are summed.
     pieces : tuple of tuple of int
-        First sample and end of each stretch that the filter runs over.
+        First sample and end of each stretch over which the filter runs.
     floor : float
-        Least variance of a reading.
+        Lower bound of the variance of a reading.
     drive : float
         RMS of the input, the scale of the random force.
     """
@@ -118,7 +119,7 @@ class Run:
 
 
 def prepare(record: Record, active: BoolArray | None = None, block: float = _BLOCK) -> Run:
-    """A record ready for the filter, all its samples active by default; `block` in s."""
+    """A record prepared for the filter; all samples active by default, `block` in s."""
     n = len(record)
     size = max(1, round(block / record.dt))
     edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
@@ -130,9 +131,10 @@ def prepare(record: Record, active: BoolArray | None = None, block: float = _BLO
 
 
 def some_of(run: Run, most: int, count: int = 4) -> Run:
-    """Stretches of a run with some samples in all, evenly spread over it.
+    """Subset of a run: `count` stretches with `most` samples in all, evenly spread.
 
-    Over its motion where they would hardly move: rest says little.
+    They are spread over its motion instead if they would be mostly at rest, which is
+    hardly informative.
     """
     n = len(run.record)
     if n <= 1.25 * most:
@@ -143,7 +145,7 @@ def some_of(run: Run, most: int, count: int = 4) -> Run:
     if np.mean([moving[a : a + size].mean() for a in starts]) < _STILL * moving.mean():
         moved = np.cumsum(moving)
         middle = np.searchsorted(moved, moved[-1] * (np.arange(count) + 0.5) / count)
-        first = size * np.arange(count)  # none before the end of the one before it
+        first = size * np.arange(count)  # no overlap with the previous stretch
         starts = np.maximum.accumulate(middle - size // 2 - first) + first
         starts = np.clip(starts, first, n - size * count + first)
     active = np.zeros(n, bool)
@@ -155,7 +157,7 @@ def some_of(run: Run, most: int, count: int = 4) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The filter's answer at one point of the search.
+    """Result of the filter at one point of the search.
 
     Attributes
     ----------
@@ -163,8 +165,9 @@ class Point:
         Negative log-likelihood and prior.
     out : list of ndarray, shape (2, n)
         Innovations and their variances, one entry a record.
-    states : list of ndarray, shape (3, n)
-        Filtered position, velocity and mode.
+    states : list of ndarray, shape (4, n)
+        Filtered position, velocity and mode, and the correction of the velocity by
+        each reading.
     """
 
     cost: float
@@ -173,31 +176,31 @@ class Point:
 
 
 class Likelihood:
-    """Parameters and noises of an axis in one or more records.
+    """Likelihood of the parameters and noises of an axis in one or more records.
 
     Parameters
     ----------
     axis : FrictionAxis
-        Axis that holds what is not free, and with it the first guess.
+        Axis with the values of all fixed parameters, and start values of the free ones.
     free : sequence of str
         Names, see `choose`.
     runs : sequence of Run
         The records.
     believed : FrictionAxis, optional
-        Axis about which the prior of base parameters lies; `axis` by default.
+        Nominal axis, the centre of the prior of base parameters; `axis` by default.
     tolerance : mapping of str to float, optional
         Relative standard deviation of a prior.
     wonder : bool, optional
-        Whether base parameters that are off cost as assumptions do.
+        Whether changes of base parameters cost as assumptions do.
     own : sequence of str, optional
-        Free parameters of which every record has its own value.
+        Free parameters with a separate value for every record.
     each : mapping of tuple to float, optional
-        First guesses of such a value, by name and number of the record.
+        Start values of these, by name and number of the record.
     hold : {"zero", "first"}, optional
     scales : Scales, optional
         Typical sizes; of the records by default.
     shift : float, optional
-        First guess of the time by which the recorded inputs act later [s].
+        Start value of the time by which the inputs act after their time stamps [s].
     """
 
     def __init__(
@@ -234,8 +237,8 @@ class Likelihood:
                 self.place.append(i)
         names = [p.name for p in self.parameters]
         self.names = names
-        # Of every parameter with a prior: its nominal value, the deviation of its
-        # logarithm, and whether a change is something to wonder about.
+        # For every parameter with a prior: nominal value, standard deviation of the logarithm,
+        # and whether a change costs as an assumption does.
         self.beliefs: dict[int, tuple[float, float, bool]] = {}
         for j, p in enumerate(self.parameters):
             value = abs(float(values_of(believed, [p.name])[0])) if p.name in BASE else 0.0
@@ -258,7 +261,7 @@ class Likelihood:
                 self.low[j], self.high[j] = (p.search(value * f) for f in (1.0 / most, most))
         self._bound_noises()
         self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
-        # How the cost bends with each coordinate, from its last slopes.
+        # Curvature of the cost along each coordinate, from its last slopes.
         self.bends = np.full(self.size, np.nan)
         self.passes = 0
 
@@ -271,13 +274,13 @@ class Likelihood:
             self.high[b] = 2.0 * math.log(max(run.record.range, 1e-12))
 
     def on(self, runs: Sequence[Run]) -> Likelihood:
-        """The same of other samples of the same records."""
+        """The same problem on other samples of the same records."""
         other = copy.copy(self)
         other.runs, other.steps, other.bends = tuple(runs), self.steps.copy(), self.bends.copy()
         return other
 
     def start(self, force: float = 0.1) -> FloatArray:
-        """Search coordinates of the axis itself, the random force a part of the drive."""
+        """Search coordinates of the axis; `force`: random force over the RMS drive."""
         here = {n: float(values_of(self.axis, [n])[0]) for n in self.names if n != SHIFT}
         here[SHIFT] = self.shift
         z = [
@@ -300,12 +303,12 @@ class Likelihood:
         """Axis of record i at search coordinates."""
         values = self._values(z, i)
         values.pop(SHIFT, None)
-        if self._made[0] != values:  # records that share all values share the axis
+        if self._made[0] != values:  # reuse the axis for records with equal values
             self._made = values, with_values(self.axis, list(values), list(values.values()))
         return self._made[1]
 
     def noises(self, z: FloatArray, i: int = 0) -> tuple[float, float]:
-        """Variance of the random force held over a sample, and of a reading."""
+        """Variances of the random force, held over a sample, and of a reading."""
         n = len(self.names)
         return math.exp(z[n + 2 * i]), math.exp(z[n + 2 * i + 1])
 
@@ -317,7 +320,7 @@ class Likelihood:
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
         numbers = arrays.numbers.copy()
-        # Of two masses the numbers are there twice, the load's after those of the whole.
+        # With two masses the numbers are stored twice, those of the load second.
         load = arrays.integers[N_NUMBERS] if numbers[STIFFNESS] > 0.0 else 0
         inverse = numbers[INVERSE_MOTOR] + numbers[load + INVERSE_MASS]
         turn = math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
@@ -328,10 +331,10 @@ class Likelihood:
         if finest < _FINEST * record.resolution.step:
             raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
-        # Steps need not be finer than what the random force hides.
+        # Integration errors far below the effect of the random force do not matter.
         hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
-        u = shifted(run.u, self._values(z, i).get(SHIFT, 0.0) / record.dt)
+        u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
         for start, end in run.pieces:
             here = slice(start, end)
@@ -356,7 +359,7 @@ class Likelihood:
         )
 
     def tried(self, z: FloatArray) -> Point:
-        """The same, of infinite cost where there is no such axis."""
+        """As `at`, with infinite cost if there is no such axis."""
         try:
             return self.at(z)
         except ValueError:
@@ -370,11 +373,11 @@ class Likelihood:
         return costs
 
     def prior(self, z: FloatArray) -> float:
-        """Cost of departures from what is believed."""
+        """Prior cost of deviations from the nominal values."""
         return self.prior_terms(z)[0]
 
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """The same with its gradient and curvature, each shape (ncoordinates,)."""
+        """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
         total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
@@ -395,7 +398,7 @@ class Likelihood:
         return total, g, h
 
     def _touches(self, j: int) -> list[int]:
-        """Records that coordinate j acts on."""
+        """Records that depend on coordinate j."""
         n = len(self.names)
         if j >= n:
             return [(j - n) // 2]
@@ -404,7 +407,8 @@ class Likelihood:
     def terms(self, z: FloatArray, point: Point, sides: int = 2) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of each block, without the prior.
 
-        `sides`: 2 for slopes of parameters by differences to both sides, 1 for half the work.
+        `sides`: 2 for central differences of the parameters, 1 for one-sided ones at half
+        the cost.
 
         Returns
         -------
@@ -435,11 +439,11 @@ class Likelihood:
     def slope(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray, sides: int = 2
     ) -> FloatArray:
-        """Slopes of record i's innovations with coordinate j, and of its blocks' costs.
+        """Gradient of record i's block costs with coordinate j; fills `slope`.
 
-        The gradient is a difference of costs, which a switch missed by a sample
-        changes by little; its linear estimate it would change by much.  Of a difference to
-        one side the information tells by how much it is too large.
+        The gradient is a difference of costs: a switch that moves by a sample changes it
+        little, but would change a linear estimate from the innovations' slopes much.  The
+        error of a one-sided difference is corrected by the information.
         """
         run, here = self.runs[i], point.out[i]
         ends, widths = [here] * 2, [0.0, 0.0]
@@ -474,8 +478,11 @@ class Likelihood:
         return rise
 
     def bent(self, h: FloatArray) -> FloatArray:
-        """Information with the noises' part as the cost bends: it is less than their sum of
-        squares where readings fall short of normal noise, quantised ones above all."""
+        """Information, for noises scaled to the curvature of the cost.
+
+        The curvature is below the sum of squares if readings scatter less than normal
+        noise does, in particular quantised ones.
+        """
         n = len(self.names)
         part = np.ones(self.size)
         bends, whole = self.bends[n:], np.diag(h)[n:]
@@ -484,7 +491,7 @@ class Likelihood:
         return h * np.sqrt(np.outer(part, part))
 
     def reach(self, free: IndexArray, size: FloatArray) -> FloatArray:
-        """Longest step of some coordinates, in standard errors 1/size of each by itself."""
+        """Largest step of coordinates, in their conditional standard errors 1/size."""
         parameter = free < len(self.names)
         return np.maximum(
             np.where(parameter, _REACH, NOISE_REACH) * size,
@@ -492,7 +499,7 @@ class Likelihood:
         )
 
     def refine(self, h: FloatArray, wider: float = 1.0) -> None:
-        """Steps of the slopes, from how well the coordinates are known."""
+        """Set the difference steps from the standard errors of the coordinates."""
         n = len(self.names)
         known = 1.0 / np.sqrt(np.maximum(np.diag(h)[:n], 1e-300))
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)

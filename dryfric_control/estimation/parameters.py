@@ -1,4 +1,4 @@
-"""Names of what can be fitted, and the axis that belongs to given values."""
+"""Names of the parameters that can be fitted, and the axis for given values."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _BASE = {
     "stick_speed": "m/s",
     "stick_rate": "1/s",
 }
-#: Time by which the recorded input acts late: of the record, not of the axis.
+#: Time by which the input acts after its time stamps: property of the record, not of the axis.
 SHIFT = "input_shift"
 # Always positive and of unknown magnitude: searched on a logarithmic scale.
 _LOGARITHMIC = ("mass", "stick_speed", "stick_rate")
-# Break-away under a held input moves from sample to sample.
+# These only shift the time of breakaway, in whole samples under a held input.
 _BREAKS_AWAY = ("stick_speed",)
-# How far from the starting value a search on a logarithmic scale may go.
+# Range of a search on a logarithmic scale around the start value, in decades.
 _DECADES = 3.0
-# A shift is a matter of conventions, at most some samples; more is a delay.
+# Largest shift of the input [samples]: it stems from sampling conventions; more is a delay.
 _LATEST = 5.0
-# What may be known, or known to within a tolerance.
+# Parameters that the user may declare known, exactly or to a tolerance.
 _BASES = ("mass", "viscous", "coulomb")
 _SPELLINGS = {
     "stribeck_excess": "stribeck.excess",
@@ -49,7 +49,7 @@ _SPELLINGS = {
 def checked_knowledge(
     known: Sequence[str], tolerance: Mapping[str, float] | None
 ) -> tuple[tuple[str, ...], dict[str, float]]:
-    """What the user knows, by the names of parameters; ValueError for anything else."""
+    """Knowledge of the user by parameter names; ValueError for invalid arguments."""
     if isinstance(known, str):
         known = (known,)
     if not isinstance(known, Sequence):
@@ -82,21 +82,21 @@ class Parameter:
     ----------
     name : str
         "mass", "coulomb_plus", "coulomb_plus[1]", "spring.stiffness", or
-        "cogging_2.period" of a second effect of a kind.
+        "cogging_2.period" for the second effect of a kind.
     unit : str
-        Unit, for print.
+        Unit, for output.
     low, high : float
         Bounds.
     logarithmic : bool
         Whether the search runs on a logarithmic scale.
     scale : float
-        Change of the parameter that matters in the record, in its unit.
+        Typical significant change of the parameter in the record, in its unit.
     kind : str
-        What it is, see `dfc.effects.parameter`.
+        Kind of quantity, see `dfc.effects.parameter`.
     breaks_away : bool
-        Whether it acts by break-away alone.
+        Whether it acts only at breakaway.
     neutral : float
-        Value at which it does nothing.
+        Value at which it has no effect.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Parameter:
         return float(min(max(search * self.scale, self.low), self.high))
 
     def slope(self, value: float) -> float:
-        """Change of the value with the search coordinate."""
+        """Derivative of the value with respect to the search coordinate."""
         return value if self.logarithmic else self.scale
 
 
@@ -134,7 +134,7 @@ class Scales:
     step: float
 
     def of(self, powers: tuple[int, int, int]) -> float:
-        """Typical size of a quantity with these powers."""
+        """Typical size of a quantity with these powers of force, length and time."""
         return self.force ** powers[0] * self.length ** powers[1] * self.time ** powers[2]
 
 
@@ -154,18 +154,18 @@ def choose(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as believed.
+        The nominal axis.
     free : sequence of str
-        Names.  "coulomb_map" stands for all coefficients of both directions, the
-        name of an effect for all its parameters that are free; "cogging_2" is the
-        second of a kind.
+        Names.  "coulomb_map" means all coefficients of both directions, the name of an
+        effect all its parameters that may be free; "cogging_2" is the second effect of
+        a kind.
     scales : Scales
-        Typical size of things in the records.
+        Typical sizes of quantities in the records.
 
     Returns
     -------
     axis : FrictionAxis
-        With effects added, without action, where a name asks for one.
+        With the effects that the names require, added with neutral values.
     parameters : tuple of Parameter
 
     Raises
@@ -212,7 +212,7 @@ def with_values(
     axis : FrictionAxis
         The axis.
     names : sequence of str
-        Names of parameters, as `choose` gives them.
+        Names of parameters, as returned by `choose`.
     values : sequence of float
         One value for each.
 
@@ -253,7 +253,7 @@ def _levels(
         coefficients = list(getattr(axis.coulomb, side))
         for name, now in (("coulomb", _mean_level(axis)), (f"coulomb_{side}", coefficients[0])):
             if name in given:
-                # A map keeps its shape; a level of zero has none to keep.
+                # A map keeps its shape, unless its level is zero.
                 ratio = given[name] / now if now > 0.0 else 0.0
                 coefficients = [ratio * c for c in coefficients]
                 if now <= 0.0:
@@ -265,7 +265,7 @@ def _levels(
 
 
 def _mean_level(axis: FrictionAxis) -> float:
-    """Mean of the two levels at x = 0, what "coulomb" stands for."""
+    """Mean of the two levels at x = 0, the value of "coulomb"."""
     return 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
 
 
@@ -344,7 +344,7 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         unit, logarithmic = effect.units(axis.units)[part], meta["logarithmic"]
         low, high = meta["bounds"]
         kind, breaks_away, neutral = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0
-        # Of what starts at zero the unit says how large it may be.
+        # For a parameter that starts at zero, the scale follows from its unit.
         unknown = 1.0 if kind == "angle" else scales.of(powers(meta["unit"]))
         scale = (None if logarithmic else meta["size"]) or abs(value)
         scale = scale or (scales.step if meta["unit"] == "s" else unknown)

@@ -1,4 +1,4 @@
-"""Whether a record can be one of the axis it is held against: units, signs, columns."""
+"""Plausibility of a record for an axis: units, signs, columns."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
 
-# Positions beyond the travel by this part of its length are no overshoot.
+# Excursion beyond the travel, as a fraction of its length, that cannot be an overshoot.
 _BEYOND = 0.25
-# Part of the least Coulomb level below which a drive cannot have moved the axis.
+# Ratio of the largest drive to the lowest Coulomb level below which it cannot move the axis.
 _WEAK = 0.5
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3) -> None:
-    """Warn of a record in other units, with a sign reversed or columns swapped.
+    """Warn about a record with wrong units, reversed sign or swapped columns.
 
     Parameters
     ----------
     axis : FrictionAxis
-        The axis as believed.
+        The nominal axis.
     record : Record
-        What was measured.
+        The measured record.
     stacklevel : int, optional
         Frames between the caller's caller and here.
 
     Warns
     -----
     RecordWarning
-        If positions lie far outside the travel, the drive takes energy out of
-        the machine, or is too weak for the friction that it is said to overcome.
+        If positions lie far outside the travel, or if the drive extracts energy from
+        the machine or is too weak to overcome the friction of the axis.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Least squares over windowed free runs, with the start states projected out."""
+"""Least squares over windowed free runs, with the start states eliminated."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from dryfric_control.ties import SQUARES, above
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# Relative change of a base parameter that is nothing to wonder about, and the cost of
-# a larger one in units of chi^2 (Cauchy's prior: one large change is likelier than
-# several middling ones).  Set by `benchmarks/diagnosis.py`, condition off.
+# Relative change of a base parameter up to which the cost stays small, and the cost factor
+# of a larger one in units of chi^2 (Cauchy prior: one large change is likelier than several
+# medium ones).  Set by `benchmarks/diagnosis.py`, condition off.
 BASE_SPREAD, BASE_COST = 0.02, 3.0
-# Width of slopes in search coordinates of order 1 that is never exceeded; more would
-# be a chord over what a fit resolves (`benchmarks/identification.py coverage`).
+# Largest difference step for slopes, in search coordinates of order 1: a wider one would
+# exceed the resolution of a fit (`benchmarks/identification.py coverage`).
 _WIDEST = 2e-3
-# Slopes to both sides whose sizes differ by this hold a jump on one side
+# Ratio of the one-sided slopes' sizes beyond which the larger one contains a jump
 # (`benchmarks/identification.py stribeck`).
 _JUMP = 3.0
-# The scale of the errors is what this part of the moving windows stays below
+# The scale of the errors is this quantile of the moving windows' RMS errors
 # (`benchmarks/diagnosis.py`, `benchmarks/identification.py coverage`).
 _TYPICAL = 0.8
-# A fit's scale is lowered in so many stages at most, each from where the one before has
-# ended, until it changes by less than a quarter and the loss falls by less than this
-# (`benchmarks/identification.py stribeck`).
+# Largest number of stages in which a fit's scale is lowered, each from the end of the previous
+# one; no further stage if the scale ratio lies in this range and the loss falls by less than
+# _WORTH (`benchmarks/identification.py stribeck`).
 _STAGES, _SAME_SCALE, _WORTH = 6, (0.8, 1.25), 1.0
-# A candidate's scale falls by this factor (`benchmarks/diagnosis.py`, run times).
+# Factor by which a candidate's scale falls (`benchmarks/diagnosis.py`, run times).
 _NARROWER = 0.15
-# Errors of a start beyond which a correction of it is no correction.
+# Largest correction of a start state, in its standard deviations.
 _FARTHEST = 100.0
-# Random search of rugged coordinates of order 1: its spread, the factors by which it
-# grows and shrinks, its end, and its first points, which show where in the record it
-# matters (`benchmarks/diagnosis.py dwell_time stribeck`).
+# Random search in rugged coordinates of order 1: initial spread, factors by which it grows
+# and shrinks, smallest spread, and number of first points, which show the windows that are
+# affected (`benchmarks/diagnosis.py dwell_time stribeck`).
 _RADIUS, _GROWS, _SHRINKS, _SMALLEST, _LEARNT = 0.3, 1.5, 0.94, 1e-3, 10
-# Start states of a fit, all windows together: most steps, the fall of a window's cost
-# that is worth another, slopes over this part of the start's error, parts of a step.
-# Starts are looked for at these speeds, in standard deviations, and over these parts of
-# the window; during a descent only where the cost exceeds that of noise by so many
-# sqrt(samples), some three of its standard deviations (`benchmarks/identification.py
-# stribeck`).
+# Start states of a fit, for all windows at once: largest number of steps, fall of a window's
+# cost that justifies another, difference step over the start's standard deviation, fractions
+# of a step that are tried.  The search begins at the velocities _SIDES, in standard deviations,
+# and extends over the fractions _HORIZONS of the window; during a descent only windows are
+# searched again whose cost exceeds that of noise by _LOST sqrt(samples), about three of its
+# standard deviations (`benchmarks/identification.py stribeck`).
 _START_STEPS, _START_FALL, _START_SLOPE, _START_PARTS = 10, 0.02, 0.01, (1.0, 0.25)
 _SIDES = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 _HORIZONS = (0.25, 0.5, 1.0)
@@ -62,30 +62,31 @@ class Options(NamedTuple):
     Attributes
     ----------
     iterations : int
-        Most steps.
+        Largest number of steps.
     refused : int
-        Steps refused in a row that end it.
+        Number of successive rejected steps that ends the descent.
     damping : tuple of float
-        Least and largest damping; the first is 1e-3.
+        Smallest and largest damping; the initial one is 1e-3.
     reach : float
-        Longest step of a coordinate, or the coordinate's own size if that is larger.
+        Largest step of a coordinate, or the coordinate's magnitude if that is larger.
     scaled : bool
         Whether the normal matrix is scaled to a unit diagonal.
     close : tuple of float
-        Step that ends it, in search coordinates of order 1 and, once refused, in
-        standard errors.
+        Step size that ends the descent, in search coordinates of order 1 and, after a
+        rejected step, in standard errors.
     flat : tuple of float
-        Fall of the loss that ends it, in units of chi^2 and relative.
+        Fall of the loss that ends the descent, in units of chi^2 and relative.
     width : float
-        Standard errors over which slopes are taken.
+        Difference step for slopes, in standard errors.
     least : tuple of float
-        Least width, of smooth coordinates and of those that act by break-away.
+        Smallest difference step, of smooth coordinates and of those that act only at
+        breakaway.
     sides : int
-        1: slopes to one side.  2: to both; where they disagree, the smaller.
-        3: chords over both, which lead out of the valleys that break-aways make.
+        1: one-sided differences.  2: both sides; where they disagree, the smaller.
+        3: central differences, which lead out of the local minima caused by breakaways.
     rounds : int or None
-        Rounds of the search of start states, window by window, from where the
-        slopes say.  None: all windows together, from starts looked for anew.
+        Rounds of the search for start states, window by window, from the prediction of
+        the slopes.  None: all windows at once, with a new search for start states.
     """
 
     iterations: int
@@ -101,15 +102,15 @@ class Options(NamedTuple):
     rounds: int | None
 
 
-#: Schedule of `fit` and `identify_*`, to the end: with 1e4 samples a relative fall of
+#: Schedule of `fit` and `identify_*`, to convergence: with 1e4 samples a relative fall of
 #: 1e-6 is a tenth of a standard error (`benchmarks/identification.py coverage`).
 FIT = Options(
     iterations=25, refused=100, damping=(1e-9, 1e9), reach=np.inf, scaled=False,
     close=(1e-8, 0.0), flat=(0.0, 1e-6), width=5.0, least=(5e-5, 5e-4), sides=2, rounds=None,
 )  # fmt: skip
-#: The same far from the end, where break-aways make many valleys.
+#: The same far from the optimum, where breakaways cause many local minima.
 FAR = FIT._replace(least=(5e-5, _WIDEST), sides=3)
-#: Schedule of the candidates of a diagnosis, quick (`benchmarks/diagnosis.py`).
+#: Quick schedule for the candidates of a diagnosis (`benchmarks/diagnosis.py`).
 CANDIDATE = Options(
     iterations=4, refused=4, damping=(1e-6, np.inf), reach=0.5, scaled=True,
     close=(0.0, 1e-2), flat=(0.1, 1e-4), width=3.0, least=(2e-5, _WIDEST), sides=1, rounds=0,
@@ -117,7 +118,7 @@ CANDIDATE = Options(
 
 
 class Model(NamedTuple):
-    """What is run: an axis, and how much later than recorded the input acts."""
+    """An axis, and the time by which the input acts later than recorded [s]."""
 
     axis: FrictionAxis
     shift: float
@@ -129,7 +130,7 @@ class Problem:
     Parameters
     ----------
     axis : FrictionAxis
-        Axis that holds what is not free.
+        Axis with the values of all fixed parameters.
     parameters : sequence of Parameter
         Free parameters.
     windows : sequence of Windows
@@ -147,11 +148,11 @@ class Problem:
     scales : list of float
         Standard deviation of the errors in each record, at least the noise.
     active : list of ndarray of bool
-        Windows of each record that count; all, until they are set.
+        Windows of each record that are used; initially all.
     steps : ndarray, shape (nparameters,)
-        Changes of the coordinates over which slopes are taken.
+        Difference steps of the coordinates for slopes.
     until : float
-        Reading of `time.monotonic` at which a descent stops where it is.
+        Reading of `time.monotonic` at which a descent stops.
     """
 
     def __init__(
@@ -194,7 +195,7 @@ class Problem:
 
     @property
     def rugged(self) -> NDArray[np.int64]:
-        """Coordinates that act by break-away alone: the loss has many valleys."""
+        """Coordinates that act only at breakaway: the loss has many local minima."""
         return np.flatnonzero(self.breaks_away)
 
     def search(self, values: Mapping[str, float]) -> FloatArray:
@@ -255,7 +256,7 @@ class Problem:
         z : ndarray, shape (nparameters,)
         options : Options, optional
         near : sequence of ndarray, shape (3, nwindows), optional
-            Start states from which theirs are searched.
+            Start states from which the search begins.
         """
         model, found = self.model_at(z), []
         for i, (w, active, scale) in enumerate(
@@ -282,7 +283,7 @@ class Problem:
         return float(np.quantile(rms, _TYPICAL)) if rms.size else 0.0
 
     def narrow(self, z: FloatArray) -> bool:
-        """Lower the scale to the present error; whether that changed much."""
+        """Set the scales to the present errors; whether one changed much."""
         changed = False
         for i, one in enumerate(self.evaluate(z)):
             scale = max(self.scale_of(i, one), self.windows[i].floor)
@@ -294,7 +295,7 @@ class Problem:
     def terms(
         self, z: FloatArray, at: Sequence[Evaluation], options: Options = FIT
     ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-        """Weighted gradient and normal matrix of every window, in a row.
+        """Weighted gradient and normal matrix of every window, all records in sequence.
 
         Parameters
         ----------
@@ -307,9 +308,9 @@ class Problem:
         -------
         gradients : ndarray, shape (nwindows, nparameters)
         normals : ndarray, shape (nwindows, nparameters, nparameters)
-            Without the prior; zero for windows that do not count.
+            Without the prior; zero for windows that are not used.
         back : list of ndarray, shape (nwindows, 2, nparameters + 1)
-            How the start states follow, see `normal_terms`.
+            Dependence of the start states on the parameters, see `normal_terms`.
         """
         ends = [self._ends(z, j, options) for j in range(z.size)]
         gradients, normals, back = [], [], []
@@ -338,15 +339,15 @@ class Problem:
         return np.concatenate(gradients), np.concatenate(normals), back
 
     def refine(self, normal: FloatArray, options: Options = FIT) -> None:
-        """Fit the widths of the slopes to how well the coordinates are known."""
+        """Set the difference steps from the standard errors of the coordinates."""
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         least = np.where(self.breaks_away, options.least[1], options.least[0])
         self.steps = np.clip(options.width / size, least, _WIDEST)
 
     def _ends(self, z: FloatArray, j: int, options: Options) -> list[tuple[Model, float]]:
-        """Models a little beside in one coordinate, and how far; on one side or both."""
+        """Models with one coordinate changed to one or both sides, and the changes."""
         if options.sides == 1:
-            # Away from the nearer bound, or from where there is no axis.
+            # Step away from a bound, and from values for which there is no axis.
             side = -1.0 if z[j] + self.steps[j] > self.high[j] else 1.0
             for step in (side * self.steps[j], -side * self.steps[j]):
                 there = z.copy()
@@ -369,7 +370,7 @@ class Problem:
     def follow(
         self, at: Sequence[Evaluation], back: Sequence[FloatArray], step: FloatArray
     ) -> list[FloatArray]:
-        """Start states after a step of the parameters, as far as the slopes say."""
+        """Start states after a step of the parameters, to first order."""
         found = []
         for w, one, b in zip(self.windows, at, back, strict=True):
             starts = one.starts.copy()
@@ -388,20 +389,20 @@ def search_bounds(parameters: Sequence[Parameter]) -> tuple[FloatArray, FloatArr
 
 
 def spreads_off(value: float, believed: float) -> float:
-    """How many usual spreads a base parameter is off; beyond 1e100 nothing more is said."""
+    """Deviation of a base parameter in units of BASE_SPREAD, at most 1e100."""
     return min((value / believed - 1.0) / BASE_SPREAD, 1e100)
 
 
 def base_cost(change: float) -> float:
-    """Cost of a base parameter that is so many spreads off."""
+    """Cost of a base parameter that is off by `change` spreads."""
     return BASE_COST * float(np.log1p(change**2))
 
 
 def _slope(w: Windows, sides: Sequence[FloatArray]) -> FloatArray:
     """Slopes of the errors from differences to both sides.
 
-    Where they disagree, a break-away has moved by a sample on one side: the
-    other one, smaller, is the slope (the minmod limiter of hyperbolic schemes).
+    Where they disagree, a breakaway has moved by a sample on one side: the slope is
+    the other, smaller one (minmod limiter of hyperbolic schemes).
     """
     if len(sides) < 2:
         return sides[0] if sides else np.zeros(int(w.edges[-1]))
@@ -414,7 +415,7 @@ def _slope(w: Windows, sides: Sequence[FloatArray]) -> FloatArray:
 
 
 class Descent(NamedTuple):
-    """Where a descent has ended: coordinates, errors there, loss."""
+    """End of a descent: coordinates, errors there, loss."""
 
     z: FloatArray
     at: list[Evaluation]
@@ -430,7 +431,7 @@ def levenberg(
     ----------
     problem : Problem
     z : ndarray, shape (nparameters,)
-        Where to start, within the bounds.
+        Start, within the bounds.
     options : Options
         The schedule.
     at : list of Evaluation, optional
@@ -449,9 +450,9 @@ def levenberg(
         _, prior_g, prior_h = problem.prior(z)
         g, h = gradients.sum(axis=0) + prior_g, normals.sum(axis=0) + np.diag(prior_h)
         if not (np.all(np.isfinite(g)) and np.all(np.isfinite(h))):
-            break  # a law that is not a number somewhere
+            break  # a friction law returns NaN somewhere
         problem.refine(h, options)
-        # A coordinate at its bound that would leave it stays there.
+        # A coordinate stays at its bound if the step would cross it.
         held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
         free = np.flatnonzero(~held & (np.diag(h) > 0.0))
         if free.size == 0:
@@ -466,7 +467,7 @@ def levenberg(
             damped = inner + damping * np.diag(diagonal)
             new = z.copy()
             new[free] -= np.linalg.lstsq(damped, g[free] / unit, rcond=1e-12)[0] / unit
-            # No farther than a coordinate's own size: slopes hold nearby only.
+            # Limit the step to the coordinate's magnitude: slopes are valid only nearby.
             new = np.clip(np.clip(new, z - reach, z + reach), problem.low, problem.high)
             near = [one.starts for one in at]
             if options.rounds is not None:
@@ -494,11 +495,11 @@ def levenberg(
 
 
 def minimise(problem: Problem, z: FloatArray, least: float = 0.0) -> FloatArray:
-    """Fit from one start, the loss narrowed in stages.
+    """Fit from one start, with the scale of the loss lowered in stages.
 
-    Each stage takes its scale from where the one before ended, so the loss
-    narrows from the error at the start down to what the data allow.  A fall of the
-    loss by less than `least`, in units of chi^2, ends a stage.
+    Each stage takes its scale from the end of the previous one, so that it falls from
+    the error at the start to the level that the data allow.  A fall of the loss by
+    less than `least`, in units of chi^2, ends a stage.
 
     Returns
     -------
@@ -562,7 +563,7 @@ def scatter(
     tries: int,
     seed: int = 0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Random search on one record around a point in its rugged coordinates, ever closer.
+    """Random search on one record in the rugged coordinates, with shrinking radius.
 
     Returns
     -------
@@ -574,7 +575,7 @@ def scatter(
     best = w.evaluate(problem.axis_at(z), active, None, starts, 1)
     loss = w.loss(best.costs, active)
     radius = _RADIUS
-    # Windows in which nothing of this changes anything need not run again.
+    # Windows that these coordinates do not affect need not run again.
     some, touched = active, np.zeros_like(active)
     for turn in range(tries):
         there = z.copy()
@@ -596,14 +597,14 @@ def scatter(
 
 
 class _Together(NamedTuple):
-    """Most likely start states of one record's windows, all searched together."""
+    """Most likely start states of one record's windows, all searched at once."""
 
     windows: Windows
     model: Model
     scale: float
 
     def search(self, near: FloatArray | None) -> Evaluation:
-        """Start states near given ones, and looked for anew where those are lost."""
+        """Start states near given ones; a new search in windows where these are bad."""
         w = self.windows
         whole, lost = np.ones(int(w.edges[-1])), np.ones(len(w), bool)
         starts = no_corrections(len(w))
@@ -623,12 +624,12 @@ class _Together(NamedTuple):
         return found
 
     def _anew(self, active: BoolArray) -> Evaluation:
-        """Start states looked for at several speeds, over longer and longer runs.
+        """New search for start states, from several velocities and over growing horizons.
 
-        A run that starts inside the Stribeck peak magnifies its first error by
-        orders of magnitude, one that starts at rest may miss a creeping motion
-        for good: over a whole window a descent from the smoothed state ends in
-        a minimum next to it, with an error far above the noise.
+        A run that starts inside the Stribeck peak magnifies its initial error by
+        orders of magnitude; one that starts at rest may miss a creeping motion
+        entirely.  Over a whole window a descent from the smoothed state would end in
+        a nearby local minimum, with an error far above the noise.
         """
         w = self.windows
         starts, least = no_corrections(len(w)), np.full(len(w), np.inf)
@@ -648,7 +649,7 @@ class _Together(NamedTuple):
     def _at(
         self, starts: FloatArray, seen: FloatArray | None = None, active: BoolArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Errors of the samples seen, and costs of the windows, from given starts."""
+        """Errors weighted by `seen`, and costs of the windows, from given starts."""
         w = self.windows
         errors = w.run(*self.model, starts[0], starts[1], active) - w.record.x
         if seen is not None:
@@ -671,7 +672,7 @@ class _Together(NamedTuple):
                 change = self._at(moved, seen, active)[0] - errors
                 by[chosen] = (change / w.spread(_START_SLOPE * size))[chosen]
             steps = normal_terms(w.arrays(), active, at, none, self.scale)[2][:, :, 0].T
-            # Near a break-away a slope may mislead: shorten the step, or stay.
+            # Near a breakaway a slope may be wrong: shorten the step, or make none.
             searching = active.copy()
             active[:] = False
             for part in _START_PARTS:

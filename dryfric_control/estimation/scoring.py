@@ -1,4 +1,4 @@
-"""The search for the most likely parameters: Fisher scoring, damped, the noises first."""
+"""Search for the most likely parameters by damped Fisher scoring, noises first."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from dryfric_control.estimation.solution import Solution
 
 FloatArray = NDArray[np.float64]
 
-# Fall of the cost that a step must promise to be worth trying, and the turns that may
-# bring less; the promise beyond which a search that ends has not converged: where no step
-# keeps it, as the cost is rough, and where it ran out of turns.
+# Predicted fall of the cost below which the search ends, and number of iterations that may
+# bring less; predicted fall above which it has not converged: if no step achieves it because
+# the cost is rough, and if the iterations are used up.
 _PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
-# Promised fall from which on slopes are taken to both sides.
+# Predicted fall below which slopes are central differences.
 _NEAR = 3.0
 _ITERATIONS = 40
-# Slopes over this much more of a rough cost.
+# Factor of the difference steps where the cost is rough.
 _WIDER = 4.0
-# Turns in which the noises alone are sought first, the change of their logarithms that
-# ends it, and the step of their slopes.
+# Iterations of the initial search for the noises alone, the change of their logarithms that
+# ends it, and the difference step.
 _NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
-# Part of the foreseen fall from which a step is trusted more, and below which less; how
-# the damping follows.
+# Ratio of actual to predicted fall above which damping is reduced, below which it is raised,
+# and the least damping from which it is raised.
 _TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
-# Parts of the random force that are tried where a search ends.
+# Fractions of the random force that are tried where a search ends.
 _QUIETER = (0.5, 0.2, 0.07)
 
 
 def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """The better of a point and those with less random force: its cost may have two minima.
+    """The best of a point and those with less random force, as the cost may have two minima.
 
-    Where much of it is assumed the filter follows readings that a model, were it
-    trusted, would foresee.
+    With a large random force the filter follows the readings, even where the model
+    alone would predict them.
     """
     n = len(problem.names)
     for part in _QUIETER:
@@ -51,9 +51,10 @@ def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArr
 
 
 def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """The noises that go with parameters as they are: Newton's method on their own slopes.
+    """Noises for fixed parameters, by Newton's method for each.
 
-    From much too large a random force the readings say little of the parameters.
+    Found first, as with a much too large random force the readings say little about the
+    parameters.
     """
     n = len(problem.names)
     for _ in range(_NOISE_TURNS):
@@ -86,10 +87,10 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
 
 
 def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
-    """Newton step in coordinates of unit information, no coordinate beyond its reach.
+    """Newton step in coordinates of unit information, each limited to its reach.
 
-    One that would go farther stays at its reach and the others follow it: that it is
-    hardly known must not hold up the rest.
+    A coordinate that would go farther is fixed at its reach and the others are solved for
+    again, so that a poorly determined one does not shorten the whole step.
     """
     step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
     while not fixed.all():
@@ -108,9 +109,9 @@ def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArr
 def maximise(
     problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
 ) -> Solution:
-    """Most likely parameters from one start: Fisher scoring, damped.
+    """Most likely parameters from one starting point, by damped Fisher scoring.
 
-    `until`: reading of `time.monotonic` at which it stops where it is.
+    `until`: reading of `time.monotonic` at which the search stops.
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.at(z)
@@ -166,7 +167,7 @@ def maximise(
                 break
             damping *= 10.0 if damping > 1e-3 else 100.0
         if not moved:
-            # Where the cost is rough, slopes over more of it may still descend.
+            # Where the cost is rough, slopes over wider steps may still find a descent.
             if wider > 1.0:
                 stalled = True
                 break

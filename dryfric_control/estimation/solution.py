@@ -1,4 +1,4 @@
-"""Where the search for the most likely parameters has ended, and how sure they are."""
+"""Result of the search for the most likely parameters, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from dryfric_control.model.axis import FrictionAxis
 
 FloatArray = NDArray[np.float64]
 
-# Eigenvalue of information, of unit diagonal, that slopes by differences do not tell from 0.
+# Eigenvalue of the information, scaled to unit diagonal, below which differences cannot
+# distinguish it from 0.
 _OPEN = 1e-9
-# Root of information below which there is none.
+# Square root of the information below which it counts as zero.
 _NOTHING = 1e-100
-# Parts of a Newton step that are tried until one lowers a cost.
+# Fractions of a Newton step that are tried until one lowers the cost.
 _PARTS = (1.0, 0.3, 0.1)
 
 
 def _inverse(h: FloatArray) -> FloatArray:
-    """Inverse of an information matrix; what it leaves open has a large variance, not none."""
+    """Inverse of an information matrix; undetermined directions get a large variance."""
     size = np.sqrt(np.maximum(np.diag(h), 0.0))
     size[size < _NOTHING] = 1.0
     values, vectors = np.linalg.eigh(h / np.outer(size, size))
@@ -34,7 +35,7 @@ def _inverse(h: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a search has ended.
+    """Result of a search.
 
     Attributes
     ----------
@@ -44,9 +45,10 @@ class Solution:
     gradients, information : ndarray
         `Likelihood.terms` at z.
     converged : bool
-        Whether no step promises more than a unit of log-likelihood, or none keeps what it does.
+        Whether the predicted fall of the cost is small: below 1, or below 10 if the cost
+        is so rough that no step achieves its prediction.
     promised : float
-        Fall of the cost that a full Newton step promises.
+        Predicted fall of the cost by a full Newton step.
     at_bound : tuple of str
         Parameters that ended at a bound.
     """
@@ -63,7 +65,7 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """Negative log-likelihood and prior."""
+        """Negative log-likelihood plus prior."""
         return self.point.cost
 
     @property
@@ -72,7 +74,7 @@ class Solution:
         return self.problem.axis_at(self.z)
 
     def values(self) -> dict[str, float]:
-        """Values by name; with the record's number where each has its own."""
+        """Values by name; names of record-specific ones end with the record's number."""
         p = self.problem
         return {
             name if where < 0 else f"{name}@{where}": par.value(c)
@@ -80,12 +82,12 @@ class Solution:
         }
 
     def curvature(self) -> float:
-        """Curvature of the cost over the information that weights the innovations.
+        """Ratio of the cost's curvature to the information of the weighted innovations.
 
         The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation, so that the
-        cost bends less than the sum of weighted squares does: 5/7 for Student's t,
-        two thirds for normal innovations.  While sliding: at rest they are those of
-        the encoder and say nothing of the parameters.
+        curvature is below that of the sum of weighted squares: 5/7 of it for Student's t,
+        two thirds for normal innovations.  Only sliding samples are used: at rest the
+        innovations are encoder noise and uninformative about the parameters.
         """
         bent = total = 0.0
         rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
@@ -105,7 +107,7 @@ class Solution:
         g = self.gradients
         blocks = max(len(g) - 1, 1)
         meat = g.T @ g * (len(g) / blocks)
-        # The information itself where blocks say less: few blocks may agree by chance.
+        # Not below the inverse information: few blocks may agree by chance.
         sandwich = inverse @ meat @ inverse
         scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
         own = np.sqrt(np.maximum(np.diag(sandwich), 0.0))
@@ -115,10 +117,11 @@ class Solution:
         return found
 
     def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
-        """Cost of each block of some runs under parameters to which it did not contribute.
+        """Held-out cost of each block: under parameters fitted without its half.
 
-        Blocks go in turn to one of two halves; the parameters of the other half follow
-        by one Newton step.  `runs`: the fitted ones by default, or more of the same records.
+        Blocks are assigned alternately, two at a time, to two halves; the parameters of the
+        other half follow by one Newton step.  `runs`: the fitted ones by default, or more
+        samples of the same records.
         """
         problem, gradients, information = self.problem, self.gradients, self.information
         point = self.point
@@ -144,8 +147,8 @@ class Solution:
             pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
             free = inside.copy()
             while np.any(free):
-                # What is at a bound, or comes to one, stays there: clipped afterwards it would
-                # leave its partners astray.
+                # Fix coordinates that are at a bound or reach one, and solve for the others
+                # again: clipping afterwards would leave correlated ones at wrong values.
                 left = pull[free] - rest[np.ix_(free, ~free)] @ step[~free]
                 step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], left, rcond=1e-12)[0]
                 there = np.clip(self.z + step, problem.low, problem.high)
@@ -155,7 +158,7 @@ class Solution:
                 step[beyond] = (there - self.z)[beyond]
                 free &= ~beyond
             step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
-            # Where the cost is rough a step may miss: then a part of it, as its own half says.
+            # A rough cost may rise: then take a shorter step, judged by the fitted half.
             most = before[~mine].sum() + problem.prior(self.z)
             for part in _PARTS:
                 there = np.clip(self.z + part * step, problem.low, problem.high)
@@ -179,9 +182,9 @@ class Solution:
         }
 
     def random_force(self, i: int = 0) -> float:
-        """Random force in record i, standard deviation within one sample [N]."""
+        """Standard deviation of the random force in record i, held over a sample [N]."""
         return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
 
     def reading_noise(self, i: int = 0) -> float:
-        """Noise of a reading in record i, standard deviation."""
+        """Standard deviation of a reading's noise in record i."""
         return math.sqrt(self.problem.noises(self.z, i)[1] / NORMAL)

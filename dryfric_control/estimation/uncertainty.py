@@ -1,4 +1,4 @@
-"""How sure a fit is: block jackknife, block bootstrap, what is not determined."""
+"""Uncertainty of a fit: block jackknife, block bootstrap, undetermined directions."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
-# Neighbouring windows share what the model lacks; a second apart, far less.
+# Length of a block [s]: model errors of neighbouring windows are correlated, a second apart
+# far less.
 _BLOCK = 1.0
-# Fewer blocks than this say little about a variance.
+# Least number of blocks for the estimate of a variance.
 _FEWEST = 20
-# Part of the strongest direction below which a direction counts as unseen:
-# above the rounding of slopes taken by differences, below any real record.
+# Eigenvalue over the largest one below which a direction counts as undetermined: above the
+# round-off of difference slopes, below any real record.
 _UNSEEN = 1e-6
-# A block that alone shows a direction cannot be left out of it entirely.
+# A block is left out almost entirely: it may be the only one that determines a direction.
 _LEFT_OUT = 1.0 - 1e-6
 
 
@@ -72,7 +73,7 @@ def unseen(normal: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (ndirections, nparameters)
-        Unit vectors in search coordinates; empty if all is seen.
+        Unit vectors in search coordinates; empty if all are determined.
     """
     size = np.sqrt(np.diag(normal))
     largest = size.max() if size.max() > 0.0 else 1.0
@@ -110,15 +111,15 @@ def jackknife(
     normals : ndarray, shape (nwindows, nparameters, nparameters)
     labels : ndarray of int64, shape (nwindows,)
     prior : ndarray, shape (nparameters,)
-        Precision of what is known beforehand, in search coordinates: it keeps
-        a parameter of unknown magnitude within its decade, and with it what
-        depends on it.
+        Precision of the prior, in search coordinates: it keeps a parameter of
+        unknown magnitude within its decade, and thereby the parameters that are
+        correlated with it.
 
     Returns
     -------
     covariance : ndarray, shape (nparameters, nparameters)
     away : ndarray, shape (ndirections, nparameters)
-        Directions that the record does not show; left out of the covariance.
+        Directions that the record does not determine; left out of the covariance.
     """
     g, h = by_block(gradients, labels), by_block(normals, labels)
     total = h.sum(axis=0)
@@ -147,9 +148,9 @@ def bootstrap(
     gradients, normals, labels, prior
         As for `jackknife`.
     repeats : int
-        Number of drawings.
+        Number of resamplings.
     seed : int
-        Seed of the drawings.
+        Seed of the random numbers.
 
     Returns
     -------
@@ -160,7 +161,7 @@ def bootstrap(
     away = unseen(h.sum(axis=0))
     rng = np.random.default_rng(seed)
     counts = rng.multinomial(g.shape[0], np.full(g.shape[0], 1.0 / g.shape[0]), size=repeats)
-    # A drawing may miss the one block that shows a direction.
+    # A resampling may miss the only block that determines a direction.
     weights = counts + 1e-6
     inverse = _inverse(np.einsum("rb,bij->rij", weights, h) + np.diag(prior), away)
     return np.asarray(-np.einsum("rij,rj->ri", inverse, weights @ g))
@@ -183,16 +184,16 @@ def degrees_of_freedom(
 
     Notes
     -----
-    A parameter that few blocks tell has a variance that is known as badly as
-    from that many samples.  Where the gradients of the blocks vary as their
-    normal matrices H_b say, block b left out moves a parameter by d_b with
-    covariance
+    If only a few blocks determine a parameter, its variance is as uncertain as one
+    estimated from that many samples.  If the gradients of the blocks have their
+    normal matrices H_b as covariances, leaving out block b changes a parameter by
+    d_b with covariance
 
         W_bc = r_b (H_b delta_bc - H_b inv(H) H_c) r_c',  r_b = row of inv(H - H_b),
 
-    and Satterthwaite gives tr(W)^2/tr(W^2) for the sum of d_b^2: a block that
-    nearly alone fixes a parameter is fitted, so that its own residual says
-    little of its error (R. Bell, D. McCaffrey, Survey Methodology 28, 2002).
+    and Satterthwaite's formula gives tr(W)^2/tr(W^2) for the sum of d_b^2: a block that
+    determines a parameter nearly alone is fitted closely, so that its residual says
+    little about the error (R. Bell, D. McCaffrey, Survey Methodology 28, 2002).
     """
     h = by_block(normals, labels)
     total = h.sum(axis=0)
@@ -211,15 +212,15 @@ def degrees_of_freedom(
 
 
 def half_width(level: float, freedom: ArrayLike) -> FloatArray:
-    """Standard errors to either side of an interval (Student's t)."""
+    """Half-width of a confidence interval in standard errors (Student's t)."""
     return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)
 
 
 def expanded(steps: FloatArray, level: float, freedom: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends of bootstrap intervals, percentiles expanded for few blocks.
+    """Bounds of bootstrap intervals, with percentiles expanded for few blocks.
 
-    A plain percentile is to a normal quantile what is wanted here to Student's
-    t (T. Hesterberg, The American Statistician 69, 2015).
+    A plain percentile interval corresponds to normal quantiles; the expanded one
+    corresponds to Student's t (T. Hesterberg, The American Statistician 69, 2015).
 
     Parameters
     ----------

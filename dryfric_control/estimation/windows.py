@@ -27,28 +27,29 @@ from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-#: Median score of the moving windows up to which free runs reach the readings' noise, 0.22.
+#: Median score of the moving windows up to which free runs count as reaching the noise of the
+#: readings, whose own score is 0.22.
 REACHED = 0.35
-#: A window pulls in full up to this multiple of the scale of its errors: the few with a
-#: mistimed break-away count less, but no whole direction is given up
+#: A window has full weight up to this multiple of the scale of its errors: the few with a
+#: mistimed breakaway have less, but no direction of motion loses all weight
 #: (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
 ROBUST = 2.0
-# A window moves if its readings range over this many standard deviations of their
+# A window moves if the range of its readings exceeds this many standard deviations of their
 # noise (`benchmarks/diagnosis.py`, condition short).
 _MOVING = 4.0
-# Rounds of new slopes in the search of a start, and other speeds from which a window far
-# above the scale is searched again, over their error (`benchmarks/diagnosis.py
-# dwell_time stribeck`).
+# Rounds of new slopes in the search for a start state, and offsets of the start velocity, in
+# standard deviations, from which a window far above the scale is searched again
+# (`benchmarks/diagnosis.py dwell_time stribeck`).
 _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
-# Windows that a quick look at a candidate runs (`benchmarks/diagnosis.py`, run times).
+# Number of windows in the first short fits of a candidate (`benchmarks/diagnosis.py`, run times).
 _FEW = 14
 
 
 def shifted(u: FloatArray, samples: float) -> FloatArray:
-    """Held input that acts some samples later, as means over each sample.
+    """Held input delayed by some samples, as means over each sample.
 
-    The mean keeps the impulse, which is all that position and speed at the
-    next sample see of it but for a part of order dt^2.
+    The mean keeps the impulse, which determines position and velocity at the next
+    sample up to terms of order dt^2.
     """
     if samples == 0.0:
         return u
@@ -74,8 +75,8 @@ class Windows:
     x0, v0 : ndarray, shape (nwindows,)
         Smoothed state at each start.
     x0_error, v0_error : ndarray, shape (nwindows,)
-        Standard deviation of that state: encoder noise through the
-        smoothing, and what the smoothing itself may have smeared.
+        Standard deviation of that state: encoder noise after smoothing, and
+        possible bias from the smoothing itself.
     rest : ndarray, shape (nwindows,)
         Time at rest before each start [s].
     hold : str
@@ -115,7 +116,7 @@ class Windows:
         return above(reach, _MOVING * self.floor, NEAR * self.record.range)
 
     def arrays(self, shift: float = 0.0) -> Windowed:
-        """The same as arrays for compiled functions, the input acting later by a shift."""
+        """The windows as arrays for compiled functions, the input delayed by `shift` [s]."""
         record = self.record
         return Windowed(
             shifted(record.u, shift / record.dt), record.x, float(record.t[0]), record.dt,
@@ -136,16 +137,16 @@ class Windows:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis to run.  Its inner states, which no record shows, go on from
+            The axis to run.  Its inner states, which are not measured, continue from
             window to window.
         shift : float, optional
             Time by which the input acts later than recorded, negative if
-            sooner [s].  Unlike a delay it belongs to the record.
+            earlier [s].  Unlike a delay it is a property of the record.
         dx, dv : float or ndarray, shape (nwindows,)
             Added to the state at the starts.
         active : ndarray of bool, shape (nwindows,), optional
-            Windows to run; the others get no value.  Default: all, as where
-            the axis has inner states.
+            Windows to run; the others get no value.  Default: all.  With inner
+            states, all windows are run.
 
         Returns
         -------
@@ -186,12 +187,12 @@ class Windows:
         scale : float, optional
             Standard deviation of the errors.  Default: `floor`.
         starts : ndarray, shape (3, nwindows), optional
-            Where the search of the starts begins, as in `Evaluation`.
+            Start of the search for the start states, as in `Evaluation`.
         rounds : int, optional
-            Rounds of the search; below 0 the runs are from `starts` as they are.
+            Rounds of the search; below 0 the runs begin at `starts` without a search.
         thorough : bool, optional
             Whether windows that end far above the scale are searched again, from
-            other speeds.
+            other velocities.
         shift : float, optional
             Time by which the input acts later than recorded [s].
         """
@@ -213,26 +214,26 @@ class Windows:
         return np.asarray(np.log1p(costs / (self.samples * ROBUST**2)))
 
     def reached(self, scores: FloatArray, seen: BoolArray | bool = True) -> bool:
-        """Whether free runs err by no more than the readings' noise, by the median.
+        """Whether the median error of free runs is that of the readings' noise.
 
-        Then no random force is at work, and free runs are the sharpest judge.
+        If so, no random force acts, and free runs are the sharpest criterion.
 
         Parameters
         ----------
         scores : ndarray, shape (nwindows,)
             `scores` at the noise of the readings.
         seen : ndarray of bool, shape (nwindows,), optional
-            Windows that count, of those that move.
+            Windows to use, of those that move.
         """
         seen = seen & self.moving
         return bool(np.any(seen) and np.median(scores[seen]) < REACHED)
 
     def weights(self, costs: FloatArray) -> FloatArray:
-        """Pull of every window on the parameters, the slope of its part of the loss."""
+        """Weight of every window, the derivative of its loss with respect to its cost."""
         return np.asarray(1.0 / (1.0 + costs / (self.samples * ROBUST**2)))
 
     def sieve(self, active: BoolArray, scores: FloatArray, most: int = _FEW) -> BoolArray:
-        """Some of the windows: the worst, where what is rare shows, and others evenly."""
+        """A subset: the worst windows, which show rare effects, and others evenly spread."""
         picked = np.zeros(active.size, bool)
         known = np.flatnonzero(active)
         picked[known[ranked(-scores[known], SQUARES)[: most // 2]]] = True
@@ -252,7 +253,7 @@ class Windows:
 
 
 def no_corrections(count: int) -> FloatArray:
-    """Start states as they are, shape (3, nwindows), see `Evaluation`."""
+    """Start states without corrections, shape (3, nwindows), see `Evaluation`."""
     starts = np.zeros((3, count))
     starts[2] = np.nan
     return starts
@@ -267,7 +268,7 @@ def positions(
     """Positions of free runs over the active windows, shape (n,).
 
     Without `starts` all windows of an axis with inner states are run; with them
-    (see `Evaluation`), the active ones and those that hand on to them.
+    (see `Evaluation`), the active ones and those that pass inner states on to them.
     """
     arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
     if active is None or (starts is None and arrays.integers[STRUCTURE]):
@@ -286,7 +287,7 @@ def uniform(axis: FrictionAxis) -> bool:
 
 
 def linked(axis: FrictionAxis) -> bool:
-    """Whether windows hand on an internal memory; a drive's is known from its command."""
+    """Whether windows pass on inner states; those of the drive follow from its command."""
     return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
 
@@ -306,12 +307,12 @@ def cut(
     window : float, optional
         Length of a window [s].
     hold : {"zero", "first"}, optional
-        Whether the recorded input is held or runs linearly between samples.
+        Whether the recorded input is held or interpolated linearly between samples.
     smoothing : int, optional
-        Samples of the Savitzky-Golay window, odd.  Default: the record's own
+        Length of the Savitzky-Golay window in samples, odd.  Default: the record's
         `smoothing_window`.
     edges : ndarray of int64, shape (nwindows + 1,), optional
-        First sample of each window and the end, in place of equal windows;
+        First sample of each window and the end, instead of equal windows;
         the first must be 0 and the last the record's length.
 
     Returns
@@ -356,16 +357,16 @@ def cut(
     errors = []
     for order, values in ((0, smooth.x), (1, smooth.v)):
         spread = noise * float(np.linalg.norm(savgol_coeffs(size, 3, order, record.dt)))
-        # Where a shorter smoothing says something else, motion was smeared.
+        # The difference to a shorter smoothing estimates the bias of the smoothing.
         other = savgol_filter(record.x, shorter, 3, order, record.dt)
         errors.append(np.hypot(spread, (values - other)[starts]))
-    # A held input makes the acceleration jump at each sample, which a polynomial through
-    # the readings takes for a slope: the speed at the sample is off by up to that.
+    # Under a held input the acceleration jumps at each sample, which a polynomial through the
+    # readings approximates by a slope: bound of the resulting velocity error.
     jump = savgol_filter(record.x, size, 3, 3, record.dt) * record.dt**2 / 6.0
     errors[1] = np.hypot(errors[1], jump[starts])
     rest = rest_times(record)[starts]
-    # An axis that has not moved for so long has no speed but what escapes the
-    # readings; the slope of their noise would set it sliding.
+    # After a long rest the velocity is zero up to the resolution of the readings; the slope of
+    # their noise would make the axis slide.
     still = ~above(LONGEST, rest)
     return Windows(
         record,

@@ -82,6 +82,21 @@ def test_a_search_goes_on_with_inputs_that_act_early():
     assert abs(state.fit.values()[SHIFT]) < 0.1 * DT
 
 
+def test_beside_inputs_that_act_early_candidates_are_weighed_on_all_samples():
+    case = make_case("bias_force", 4, "exact")
+    measured = record(case)
+    late = measured.replace(u=np.concatenate((measured.u[:2], measured.u[:-2])))
+    search = Search(believed(case), [late])
+    search.clock, search.shift = (SHIFT,), -2e-3
+    now = search.fit(search.believed, (), iterations=6)
+    axis = search.believed.replace(effects=(dfc.effects.BiasForce(**case.truth["bias_force"]),))
+    assert search.part < 1.0
+    assert search._may_gain(now, Candidate("bias_force", (), axis, now.cost), 1e3)
+    assert not search._may_gain(now, Candidate("spring", (), now.axis, now.cost), 1e3)
+    # The time by which the inputs act early counts where it is not free, too.
+    assert search.reference(axis, shift=-2e-3).cost < search.reference(axis).cost - 1e3
+
+
 @pytest.mark.parametrize(
     ("gain", "whole", "expected"),
     [

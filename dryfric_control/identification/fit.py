@@ -39,7 +39,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.saved import load_object, save_object
-from dryfric_control.text import Result, length_text, percent, plain_data, rotary_words
+from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
 
@@ -468,17 +468,18 @@ def fit(
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     """RMS error of every free run over time, and the encoder quantum."""
+    least = min(float(run.rms_by_window.min()) for run in runs)
+    factor, unit = prefixed(float(np.median(runs[0].rms_by_window)), unit)
     for i, run in enumerate(runs):
         label = run.windows.record.name if len(runs) > 1 else "error of each free run"
         ax.semilogy(
-            run.windows.start_times, run.rms_by_window, "o-", ms=3, lw=0.8, color=f"C{i}",
+            run.windows.start_times, run.rms_by_window / factor, "o-", ms=3, lw=0.8, color=f"C{i}",
             label=label,
         )  # fmt: skip
-    ax.axhline(runs[0].quantum, color="k", lw=0.8, ls=":", label="encoder quantum")
-    least = min(float(run.rms_by_window.min()) for run in runs)
+    ax.axhline(runs[0].quantum / factor, color="k", lw=0.8, ls=":", label="encoder quantum")
     if least < _NOTHING * runs[0].quantum:
         # Windows at rest, which every model holds, must not squeeze the others together.
-        ax.set_ylim(bottom=_NOTHING * runs[0].quantum)
+        ax.set_ylim(bottom=_NOTHING * runs[0].quantum / factor)
     ax.set_xlabel("Time [s]")
     ax.set_ylabel(f"RMS error [{unit}]")
     legend_above(ax)

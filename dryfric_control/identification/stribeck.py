@@ -167,7 +167,7 @@ class StribeckIdentification(Result):
             )  # fmt: skip
             axes[0].plot(
                 places, s * self.axis.breakaway(places, s), ":", color="C3", lw=1,
-                label="breakaway level" if s == 1 else None,
+                label="breakaway friction force" if s == 1 else None,
             )  # fmt: skip
         axes[0].set_xlabel(f"position [{length}]")
         axes[1].set_xlabel("Time [s]")

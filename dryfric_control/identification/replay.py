@@ -132,7 +132,7 @@ def replay(
     *,
     shift: float = 0.0,
 ) -> Replay:
-    """Run an axis freely over short windows of a record.
+    """Simulate an axis freely over short windows of a record.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def replay(
     -----
     Each window starts from the smoothed record.  A replay of a whole record
     from one start would integrate every small force error twice, for the whole
-    time, and judge nothing but that.
+    time, and measure little else.
 
     Examples
     --------

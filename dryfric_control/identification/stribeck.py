@@ -278,15 +278,15 @@ def identify_stribeck(
     -----
     Free runs as in `fit`, but each window starts in the middle of a stick
     phase and ends in the next: it holds one breakaway, which shows the
-    excess, and one slip, which shows over what speed the excess dies.
+    excess, and one slip, which shows over what velocity the excess decays.
 
-    Their cost has several valleys.  So the forces of sliding and of breakaway
+    Their cost has several minima.  So the forces of sliding and of breakaway
     are regressed first, over a grid of vs, and refined by free runs of slips
     alone; the fit starts from the peak whose ripple comes closest, and where it
     ends with a worse one, that peak is kept.
 
-    A stick velocity far below `vs` acts through v - Sigma alone and is
-    found badly; see ``fit.messages`` for what the record leaves open.
+    A stick velocity far below `vs` acts only through v - Sigma and is
+    poorly determined; see ``fit.messages`` for what the record does not determine.
 
     Examples
     --------

@@ -189,7 +189,7 @@ def simulate_observed_loop(
     what0: float = 0.0,
     switching: str = "reading",
 ) -> ObservedLoop:
-    """Run the closed loop with an observer watching it, compiled.
+    """Run the closed loop with an observer in parallel, compiled.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def simulate_observed_loop(
     controller : PositionController
         The controller; it uses the readings, not the estimate.
     design : ObserverDesign
-        The observer; it sees the drive u and the reading y.
+        The observer; its inputs are the drive u and the reading y.
     reference : array_like, shape (n,)
         Position reference at the samples [m].
     bandwidth : float or None, optional

@@ -28,7 +28,7 @@ _TAKEN = 0.2
 
 @dataclass(frozen=True, repr=False)
 class RecordCheck(Result):
-    """What a record holds and cannot show; made by `Record.check`.
+    """Contents and gaps of a record; made by `Record.check`.
 
     Attributes
     ----------

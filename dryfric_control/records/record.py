@@ -79,7 +79,7 @@ _WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
 
 
 class Derivatives(NamedTuple):
-    """Smoothed position, speed and acceleration, each shape (n,)."""
+    """Smoothed position, velocity and acceleration, each shape (n,)."""
 
     x: FloatArray
     v: FloatArray
@@ -401,7 +401,7 @@ class Record:
     def read(
         self, positions: npt.ArrayLike, rng: np.random.Generator, origin: float | None = None
     ) -> Record:
-        """Another path as the encoder of this record would have read it.
+        """Another path as this record's encoder would read it.
 
         Parameters
         ----------
@@ -1041,7 +1041,7 @@ class Record:
         return self.units.get("x", ""), self.units.get("u", "")
 
     def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
-        """Draw position and input over time; rest is a light band.
+        """Draw position and input over time; a grey band at rest.
 
         Parameters
         ----------

@@ -143,7 +143,7 @@ def vector(name: str, value: Any) -> FloatArray:
 def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
     """Velocity, acceleration and second position as vectors of a length."""
     if channels is not None and not isinstance(channels, Mapping):
-        raise ValueError(f'channels must be a mapping such as {{"v": speed}}, got {channels!r}')
+        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
     found = {}
     for name, values in (channels or {}).items():
         if name not in EXTRAS:

@@ -177,7 +177,7 @@ def acts_on_level(cause: Cause) -> bool:
 def gain_title(d: Findings) -> str:
     """What the gain is of."""
     if d.gain.unit == d.axis.units[1]:
-        return "force that the motion needs beside the drive"
+        return "force that the motion needs in addition to the drive"
     return "error of free runs on unseen data, each from its most likely start"
 
 

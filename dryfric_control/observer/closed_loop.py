@@ -101,7 +101,7 @@ class ObservedLoop(Result):
 
     @property
     def score(self) -> EstimateScore:
-        """Errors of position, speed, friction and mode."""
+        """Errors of position, velocity, friction and mode."""
         return score_estimate(self.axis, self.design.dt, self.plant.y, self.estimate.y)
 
     @property
@@ -144,7 +144,7 @@ class ObservedLoop(Result):
         title : str, optional
             Title.  Default: name of the axis and what is shown.
         what : {"all", "maps", "position", "speed", "friction", "mode"}, optional
-            "all": position, speed, friction and mode in one figure.  "maps": the
+            "all": position, velocity, friction and mode in one figure.  "maps": the
             friction of plant and observer over the travel (paper, Fig. 7).
             Others: one signal with its error (paper, Figs 8 to 11).
 

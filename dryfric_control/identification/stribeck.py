@@ -156,7 +156,7 @@ class StribeckIdentification(Result):
         axes[0].plot(record.x[some], record.u[some], ".", color=MEASURED, ms=2, label="measured")
         axes[1].plot(record.t[some], record.u[some], ".", color=MEASURED, ms=2)
         for i, one in enumerate(self.branches):
-            name = f"model in the same loop, restarted every {_STRETCH} slips" if i == 0 else None
+            name = f"model, restarted every {_STRETCH} slips" if i == 0 else None
             axes[0].plot(one.x[some], one.u[some], "k-", lw=0.8, label=name)
             axes[1].plot(one.t[some], one.u[some], "k-", lw=0.8)
         places = np.linspace(float(record.x.min()), float(record.x.max()), 200)

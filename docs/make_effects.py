@@ -207,13 +207,18 @@ SPECIAL = {
 }
 
 
+def residual_label(slug: str) -> str:
+    """Label of the force residual, of a torque on the rotary axis."""
+    return "torque residual [N\u00b7m]" if slug == "gravity" else "force residual [N]"
+
+
 def thumbnail(slug: str, seen: Seen) -> plt.Figure:
     """Force residual over velocity, and the view in which the effect shows best."""
     view = CASES[slug][1]
     figure, (left, right) = plt.subplots(1, 2, figsize=(5.0, 1.75), layout="constrained")
     rotary = slug == "gravity"
     draw(left, seen, View("velocity [rad/s]", lambda one: one.at.v) if rotary else VELOCITY)
-    left.set_ylabel("torque residual [N\u00b7m]" if rotary else "force residual [N]")
+    left.set_ylabel(residual_label(slug))
     if view is None:
         SPECIAL[slug](right)
     else:
@@ -226,15 +231,20 @@ def overview(all_seen: dict[str, Seen]) -> plt.Figure:
     """The best view of every effect, one beside the other."""
     rows = -(-len(CASES) // 5)
     figure, axes = plt.subplots(rows, 5, figsize=(10.0, 1.75 * rows), layout="constrained")
+    beside: tuple[str, float] | None = None
     for ax, (slug, (effect, view)) in zip(axes.ravel(), CASES.items(), strict=False):
+        scale = None if view is None else (residual_label(slug), view.height)
         if view is None:
             SPECIAL[slug](ax)
         else:
             # What velocity shows by itself is drawn over velocity.
             draw(ax, all_seen[slug], VELOCITY if slug in OVER_VELOCITY else view)
-            if ax.get_subplotspec().is_first_col():
-                ax.set_ylabel("force residual [N]")
-            ax.tick_params(labelleft=ax.get_subplotspec().is_first_col() or view.height != HEIGHT)
+            # Panels side by side share what they have alike.
+            if ax.get_subplotspec().is_first_col() or scale != beside:
+                ax.set_ylabel(residual_label(slug))
+            else:
+                ax.tick_params(labelleft=False)
+        beside = scale
         title = effect.title[0].upper() + effect.title[1:]
         ax.set_title(textwrap.fill(title, 24), fontsize=8.5)
     for ax in axes.ravel()[len(CASES) :]:

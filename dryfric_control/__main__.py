@@ -41,16 +41,16 @@ def parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="fit an axis to a record, replay it, draw the figures")
     demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
     demo.add_argument(
-        "--record", metavar="FILE", help="measured record (CSV or MAT); default: one is made"
+        "--record", metavar="FILE", help="measured record (CSV or MAT); default: a simulated one"
     )
     demo.set_defaults(run=_demo)
 
     diagnose = commands.add_parser(
         "diagnose",
-        help="find what a simulated axis gets wrong about a record, and why",
-        description="Writes report.html, report.png, diagnosis.json and extended.toml. What the "
-        "options say of counts, gear, motor and sampling (dt, rate, max_gap) may also stand in the "
-        "table [record] of the axis file; an option goes before it.",
+        help="find what the simulation of an axis gets wrong about a record, and why",
+        description="Writes report.html, report.png, diagnosis.json and extended.toml. Options on "
+        "counts, gear, motor and sampling (dt, rate, max_gap) may also be given in the "
+        "table [record] of the axis file; an option overrides it.",
     )
     diagnose.add_argument(
         "record",
@@ -78,12 +78,12 @@ def parser() -> argparse.ArgumentParser:
         "--gain",
         type=_gains,
         metavar="K or u=..,x=..",
-        help="factor on the input, such as N per V, or factors by channel",
+        help="factor of the input, such as N per V, or factors by channel",
     )
     for option, metavar, words in (
         ("--counts-per-turn", "N", "encoder counts per turn"),
         ("--gear-ratio", "N", "turns of the motor per turn of the load"),
-        ("--lead", "M", "way of a linear axis per turn of the load [m]"),
+        ("--lead", "M", "travel of a linear axis per turn of the load [m]"),
         ("--torque-constant", "K", "torque of the motor per current [N m/A]"),
         ("--rated-torque", "T", "torque of the motor at 100 %% [N m]"),
         ("--force-constant", "K", "force of a linear motor per current [N/A]"),
@@ -91,7 +91,7 @@ def parser() -> argparse.ArgumentParser:
     ):
         diagnose.add_argument(option, type=float, metavar=metavar, help=words)
     diagnose.add_argument(
-        "--load-encoder", action="store_true", default=None, help="the encoder sits on the load"
+        "--load-encoder", action="store_true", default=None, help="the encoder is on the load"
     )
     diagnose.add_argument(
         "--dt",
@@ -118,7 +118,10 @@ def parser() -> argparse.ArgumentParser:
         help="relative standard deviations of nominal values",
     )
     diagnose.add_argument(
-        "--time-limit", type=float, metavar="S", help="time for the best answer so far [s]"
+        "--time-limit",
+        type=float,
+        metavar="S",
+        help="time after which the best answer so far is returned [s]",
     )
     diagnose.add_argument(
         "--window", type=float, metavar="S", help="length of the free runs [s], 0.25 by default"
@@ -137,7 +140,7 @@ def parser() -> argparse.ArgumentParser:
         "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
     )
     export.add_argument(
-        "--precision", choices=("double", "single"), default="double", help="of the C"
+        "--precision", choices=("double", "single"), default="double", help="of the C code"
     )
     export.add_argument("--version", choices=("3.0", "2.0"), default="3.0", help="of the FMU")
     export.set_defaults(run=_export)

@@ -1,4 +1,4 @@
-"""The main job, end to end: fit, replay, the figures of the paper, a diagnosis."""
+"""The demo: fit, replay, the figures of the paper, a diagnosis."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ from dryfric_control.observer.figures import (
 )
 from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import replacing
+from dryfric_control.text import length_text, percent
 
 #: Part of the record that is fitted; the rest is held out.
 TRAINING = 0.6
@@ -121,7 +122,9 @@ def fit_and_replay(
 ) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
     """Fit the first part of a record, replay the rest: the fit, its figures in numbers, plots."""
     training, held_out = record.split(TRAINING)
-    fitted = fit(axis, training, free=_FREE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # its messages are in the summary
+        fitted = fit(axis, training, free=_FREE)
     before, after = replay(axis, held_out), replay(fitted.axis, held_out)
     level, bias = fitted.parameters["coulomb"], fitted.parameters["bias_force.force"]
     summary: dict[str, Any] = {
@@ -129,7 +132,7 @@ def fit_and_replay(
         "trained_until_s": float(training.t[-1]),
         "parameters": fitted.parameters,
         "standard_errors": fitted.standard_errors,
-        # One level and an offset are two levels: no record parts them.
+        # One level and an offset are two levels: no record separates them.
         "coulomb_plus": level - bias,
         "coulomb_minus": level + bias,
         "held_out_windows": {
@@ -206,7 +209,7 @@ def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
 
 
 def hidden_cause() -> Diagnosis:
-    """Diagnosis of a short record of an axis whose Stribeck peak nobody knows of."""
+    """Diagnosis of a short record of an axis with a Stribeck peak that the model lacks."""
     axis = FrictionAxis(mass=2.0, viscous=15.0, coulomb=CoulombMap.of(8.0), name="simulated stage")
     machine = axis.replace(stribeck=Stribeck(excess=0.4, speed=0.03))
     t = 1e-3 * np.arange(6000)
@@ -227,7 +230,7 @@ def run(
     out : path
         Folder for the results, made if it does not exist.
     record_path : path, optional
-        A measured record.  Default: a record is made.
+        A measured record.  Default: a simulated one.
     say : callable, optional
         Where the lines of the summary go.
 
@@ -254,25 +257,26 @@ def run(
     say(f"Fit of {record.name or 'the record'}, first {TRAINING:.0%}:")
     say(fitted.summary())
     say(
-        f"Coulomb level and offset are the same as two levels: {summary['coulomb_plus']:.4g} N "
+        f"Coulomb level and bias force together: {summary['coulomb_plus']:.4g} N "
         f"forwards, {summary['coulomb_minus']:.4g} N backwards"
     )
     windows = summary["held_out_windows"]
     say(
-        "Held out: free runs of 0.25 s, position RMS "
-        f"{windows['position_rms_before_m']:.3g} m before the fit, "
-        f"{windows['position_rms_after_m']:.3g} m after "
-        f"(median window {windows['position_median_after_m']:.3g} m)"
+        "Held-out data, free runs of 0.25 s: position error "
+        f"{length_text(windows['position_rms_before_m'], 'm')} RMS before the fit, "
+        f"{length_text(windows['position_rms_after_m'], 'm')} after "
+        f"(median window {length_text(windows['position_median_after_m'], 'm')})"
     )
     if "held_out_closed_loop" in summary:
         loop = summary["held_out_closed_loop"]
         say(
-            f"Held out: closed loop, position RMS {loop['position_rms']:.3g} m, force RMS "
-            f"{loop['force_rms']:.3g} N ({loop['relative_force']:.2%} of the force)"
+            f"Held-out data, closed loop: position error {length_text(loop['position_rms'], 'm')} "
+            f"RMS, force error {loop['force_rms']:.3g} N RMS ({percent(loop['relative_force'])} "
+            "of the drive force)"
         )
     say("Friction, state machine and closed loop, figures 1 to 3")
     figures |= model()
-    say("Slow ramp on a simulated bench, figures 4 to 6 of the paper (some ten seconds)")
+    say("Slow ramp on a simulated bench, figures 4 to 6 of the paper (about ten seconds)")
     summary["bench"], drawn = bench()
     figures |= drawn
     say("Switched PI observer in closed loop, figures 7 to 11 of the paper")
@@ -281,7 +285,7 @@ def run(
     for name, figure in figures.items():
         save(figure, folder / f"{name}.png")
 
-    say("Diagnosis of an axis that hides a Stribeck peak: report.html")
+    say("Diagnosis of a simulated axis with an unmodelled Stribeck peak: report.html")
     found = hidden_cause()
     say(found.summary())
     write_report(found, folder)

@@ -50,8 +50,8 @@ def clutch_actuator() -> FrictionAxis:
 
     Notes
     -----
-    It represents the device of the paper's section 3, whose values are not
-    printed; these are ours.  An encoder of 4000 increments a turn and an inertia
+    It represents the device of the paper's section 3, which gives no values;
+    these are ours.  An encoder of 4000 increments a turn and an inertia
     of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is two and a
     half turns.  Two springs through a bevel leave a torque level between 0.14
     and 0.22 N m that varies along the travel and differs between the
@@ -83,7 +83,7 @@ def clutch_actuator() -> FrictionAxis:
 
 
 def clutch_observer_axis() -> FrictionAxis:
-    """The clutch actuator as its observer takes it to be.
+    """The clutch actuator in the model of its observer.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def clutch_monte_carlo(
     duration: float = 12.0,
     **options: Any,
 ) -> MonteCarlo:
-    """That closed loop with plants off at random from the believed.
+    """The same closed loop with plants that differ at random.
 
     Parameters
     ----------

@@ -1564,7 +1564,7 @@ JUMP = np.where(np.arange(N) == 900, X + 0.9 * np.ptp(X), X)
 SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
     "time in ms": (lambda: dfc.Record(1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
     "time in us": (lambda: dfc.Record(1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
-    "input clipped": (lambda: dfc.Record(T, CLIPPED, X), "clipped.*what acted"),
+    "input clipped": (lambda: dfc.Record(T, CLIPPED, X), "clipped.*force that acted"),
     "glitch": (lambda: dfc.Record(T, U, JUMP), "masked: 1 jump"),
     "irregular time in ms": (
         lambda: dfc.Record.from_irregular(1e3 * T, U, X),

@@ -176,7 +176,7 @@ def test_check_and_result_are_printed_before_the_report_is_written(tmp_path, mon
     assert main(["diagnose", *files, "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert "verdict: explained" in said.out and "No space left" in said.err
-    assert said.out.startswith("run.csv: ") and " at rest, no sample lost" in said.out
+    assert said.out.startswith("run.csv: ") and " at rest, no samples lost" in said.out
 
 
 @pytest.mark.parametrize("command", ["demo", "diagnose", "export"])

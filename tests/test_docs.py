@@ -182,20 +182,31 @@ MARKDOWN = sorted(
     str(path.relative_to(ROOT))
     for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("*/*.md"))
 )
+NOTEBOOKS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+def prose(path):
+    """Text of a page, or of the Markdown cells of a notebook, without its blocks of code."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = (cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown")
+        text = "\n\n".join("".join(cell["source"]) for cell in cells)
+    return re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
 
 
 def anchors(path):
-    """Names by which headings and labels of a page are reached."""
-    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
-    headings = re.findall(r"^#+ (.+)$", text, re.M)
-    made = {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in headings}
-    return made | set(re.findall(r"^\((\w+)\)=$", text, re.M))
+    """Names by which headings of a page are reached; a title that comes again is numbered."""
+    made = []
+    for title in re.findall(r"^#+ (.+)$", prose(path), re.M):
+        name = re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-")
+        made.append(f"{name}-{made.count(name)}" if name in made else name)
+    return made
 
 
-@pytest.mark.parametrize("page", MARKDOWN)
+@pytest.mark.parametrize("page", [*MARKDOWN, *NOTEBOOKS])
 def test_links_and_images_of_a_page_resolve(page):
-    text = (ROOT / page).read_text(encoding="utf-8")
-    text = re.sub(r"^```.*?^```|`[^`\n]*`", "", text, flags=re.S | re.M)
+    text = re.sub(r"`[^`\n]*`", "", prose(ROOT / page))
+    assert not re.findall(r"<(?:img|a) |\]\[", text), "write links and images as [text](target)"
     for title, target in re.findall(r"\[([^\[\]]*)\]\(([^()\s]+)\)", text):
         assert title, f"{target} is linked without a text: a code host shows nothing"
         if re.match(r"https?://|mailto:", target):
@@ -267,17 +278,18 @@ def test_code_of_the_pages_runs(page, bench):
     assert runner.summarize(verbose=False).failed == 0
 
 
-@pytest.mark.parametrize("page", MARKDOWN)
+@pytest.mark.parametrize("page", [*MARKDOWN, *NOTEBOOKS])
 def test_a_page_reads_on_a_code_host_as_it_is(page):
     """What only the site understands would stand there as raw text."""
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = (ROOT / page).read_text(encoding="utf-8") if page in MARKDOWN else prose(ROOT / page)
     raw = r"^[`:]{3,}\s*\{.*|^:::.*|\{(?:eq|ref|doc|numref|math|py:\w+)\}`|^\(\w+\)=$|^\$\$ ?\(.*"
     assert not re.findall(raw, text, re.M)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda p: p.stem)
-def test_notebooks_are_stored_with_small_outputs_of_no_machine(path):
+@pytest.mark.parametrize("page", NOTEBOOKS)
+def test_notebooks_are_stored_with_small_outputs_of_no_machine(page):
     """``python docs/store_notebooks.py`` writes them."""
+    path = ROOT / page
     assert path.stat().st_size < 250_000
     cells = [cell for cell in json.loads(path.read_text("utf-8"))["cells"] if "outputs" in cell]
     assert all(cell["execution_count"] for cell in cells), "not run from top to bottom"

@@ -26,19 +26,19 @@ ACTS_ON = {
     "input": "replaces the drive force",
     "force": "a force on the mass",
     "friction": "adds to the friction level",
-    "reading": "adds to what the encoder reads",
-    "axis": "another base parameter",
+    "reading": "adds to the encoder reading",
+    "axis": "changes a base parameter",
     "delay": "delays the drive force",
     "lag": "filters the drive force",
-    "contact": "gives the contact a state of its own",
+    "contact": "makes the contact elastic",
     "transmission": "splits the mass into motor and load",
 }
 HEAD = """\
 # The effects
 
-What an axis may have beyond mass, viscous friction, Coulomb level and Stribeck peak. Each effect
-is one class, and this page is made from the classes: the same ones that `simulate` integrates,
-`fit` fits and `diagnose` tries. [Add an effect of your own](howto/add_effect.md).
+Effects that an axis may have in addition to mass, viscous friction, Coulomb level and Stribeck
+peak. Each effect is one class, and this page is generated from the classes that `simulate`
+integrates, `fit` fits and `diagnose` tries. [Add an effect of your own](howto/add_effect.md).
 
 ```python
 import dryfric_control as dfc
@@ -53,26 +53,26 @@ axis = dfc.FrictionAxis(
 
 In the equations $x$ is the position, $v$ the velocity, $u$ the drive force, $e$ the sum of the
 force effects, $w = u + e$ the force on the mass without friction, $F_c$ the Coulomb level (a
-magnitude, for each direction), $t$ the time; an arrow shows what replaces what, and words are
+magnitude, for each direction) and $t$ the time; an arrow shows what replaces what, and words are
 parameters. Units are those of an axis in metres and newtons; a rotary axis has radians and newton
 metres.
 
-Effects join in any combination. Of delay, lag, `presliding`, and of `backlash` or `compliance`,
-there is one at most; of the others there may be several. The second of a kind has the name
+Effects can be combined freely. An axis has at most one delay, one lag, one `presliding`, and one of
+`backlash` or `compliance`; of the others it may have several. The second of a kind has the name
 `cogging_2`, as in `fit(..., free=("cogging_2.amplitude",))`; `axis.named_effects()` lists them.
 
-## What one sees when an effect is missing
+## Signature of a missing effect
 
-Each panel shows a simulated record, held against an axis that is right in all but the effect: the
-force residual (drive force that the nominal axis would need less the drive force it had), forwards
-in blue and backwards in orange, over the quantity on which it depends most clearly. Below each
-effect stands the same beside the residual over velocity. `d.plot()` draws such panels of your own
-record. `python docs/make_effects.py` draws these.
+Each panel compares a simulated record with an axis that is correct except for the effect. It shows
+the force residual (drive force that the nominal axis would need to move in the same way, minus the
+actual drive force), forwards in blue and backwards in orange, over the quantity on which it depends
+most clearly. The section on each effect shows the same, next to the residual over velocity.
+`d.plot()` draws such panels for your own record. `python docs/make_effects.py` draws these.
 
 ![Force residual of each missing effect, over what shows it best](images/effects.png)
 
-Some look alike, such as `input_gain` and `load_dependence`: where they do, a diagnosis names the
-other as an [alternative](diagnosis.md).
+Some look alike, such as `input_gain` and `load_dependence`; a diagnosis then names one of them
+and the other as an [alternative](diagnosis.md).
 
 ## All effects
 
@@ -138,7 +138,7 @@ def section(cls: type[Effect]) -> Iterator[str]:
     yield ""
     yield cls.explanation
     yield ""
-    yield f"![Force residual of a model without this: {cls.title}](images/effects/{cls.slug}.png)"
+    yield f"![Force residual of a model without it: {cls.title}](images/effects/{cls.slug}.png)"
     yield ""
     yield f"**To expose it:** {cls.experiment}"
     yield ""

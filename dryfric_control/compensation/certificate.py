@@ -83,7 +83,7 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackingCertificate(Result):
-    """Tracking tube and rest of a compensated loop.
+    """Tracking tube and conditions of rest of a compensated loop.
 
     Attributes
     ----------
@@ -93,9 +93,9 @@ class TrackingCertificate(Result):
         for the `reference` of `Compensation.certify`; without one, for references so slow
         that inertia and viscous friction do not count, and a faster one has a wider tube.
     parts : dict of str to float
-        What makes up the tube [m].
+        Contributions to the tube [m].
     friction_left : float
-        Force that the compensation leaves, at most [N].
+        Largest force that the compensation leaves [N].
     nominal, worst : LoopGains
         Gains of the linear loop, nominal and at the worst axis within the mismatch.
     mismatch, learned : float
@@ -185,7 +185,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     Returns
     -------
     A : ndarray, shape (n, n)
-        State matrix; the first two states are position and speed.
+        State matrix; the first two states are position and velocity.
     B : ndarray, shape (n, 2)
         Columns of a force on the mass, held over a sample [N], and of an error of
         the reading [m].

@@ -63,7 +63,7 @@ class Compensation(Result):
     kp, ki, kd : float
         Gains [N/m], [N/(m s)], [N s/m].
     filter_time : float
-        Time constant of the low-pass on the speed [s].
+        Time constant of the low-pass on the velocity [s].
     lead : int
         Samples by which the feedforward looks ahead.
     limit : float
@@ -75,7 +75,7 @@ class Compensation(Result):
     disturbance_bandwidth : float
         Bandwidth of a baseline's disturbance observer [rad/s].
     mismatch : float
-        Part by which every parameter may be off, for the certificate.
+        Relative error of every parameter, for the certificate.
     observer : ObserverDesign or None
         The switched observer, where the law has one.
     certificate : Any
@@ -148,9 +148,9 @@ class Compensation(Result):
         Parameters
         ----------
         mismatch : float, optional
-            Part by which every parameter may be off.  Default: the design's.
+            Relative error of every parameter.  Default: the design's.
         learned : float, optional
-            Part of the mismatch of the levels that has been learned, 0 to 1.
+            Fraction of the mismatch of the levels that has been learned, 0 to 1.
         excess : float, optional
             Largest Stribeck excess of the axis.  Default: the nominal one and the
             mismatch.
@@ -417,7 +417,7 @@ def design_compensation(
     law : str, optional
         "learned" (default): Coulomb and Stribeck feedforward, learned; "fixed":
         the same, not learned.  Baselines: "pid"; "sign", a PID with the nominal
-        Coulomb level by the sign of the reference speed; "disturbance
+        Coulomb level by the sign of the reference velocity; "disturbance
         observer"; "adrc".
     gains : (float, float, float), optional
         kp, ki and kd in place of those that follow from the bandwidth.
@@ -431,8 +431,8 @@ def design_compensation(
     disturbance_bandwidth : float, optional
         Bandwidth of the disturbance observer of a baseline [rad/s].
     mismatch : float, optional
-        Part by which mass, viscous coefficient, Coulomb level, Stribeck excess
-        and speed may each be off, for the certificate.
+        Relative error of mass, viscous coefficient, Coulomb level, Stribeck excess
+        and Stribeck velocity, each, for the certificate.
 
     Returns
     -------
@@ -447,7 +447,7 @@ def design_compensation(
     Warns
     -----
     ObserverWarning
-        If the axis has a play or a compliance, which the observer leaves out.
+        If the axis has backlash or a compliance, which the observer leaves out.
 
     Notes
     -----
@@ -467,11 +467,11 @@ def design_compensation(
     widens the tolerance by half: corrections end, and a constant drive below
     breakaway does not hunt.
 
-    e_v mixes the speed read with that of the observer, whose model has no delay: it is
-    ahead of the axis, which damps the loop in spite of the delay.
+    e_v combines the measured velocity with that of the observer, whose model has no delay:
+    it leads the axis, which damps the loop in spite of the delay.
 
     Static input effects (gain, dead zone) are inverted.  Effects that need
-    states of their own (a play, a compliance) are not compensated.
+    states of their own (backlash, compliance) are not compensated.
 
     Examples
     --------

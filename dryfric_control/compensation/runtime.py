@@ -31,14 +31,14 @@ class CompensatedController:
     """Position controller with friction compensation, ready to run.
 
     Made by `Compensation.controller`; for `simulate_loop`, for
-    `control.interconnect` (`block`) and for a loop of one's own (`stepper`).
+    `control.interconnect` (`block`) and for your own loop (`stepper`).
 
     Attributes
     ----------
     dt : float
         Sampling time [s].
     lead : int
-        Samples by which the block and the stepper want the reference ahead.
+        Samples by which block and stepper need the reference ahead.
     law : Law
         Arrays of the compiled law.
 

@@ -24,7 +24,7 @@ from dryfric_control.text import plain_data
 
 
 def load_compensation(path: str | os.PathLike[str]) -> Compensation:
-    """Read a compensation back and check that it keeps its promises.
+    """Read a compensation back and check its certificate.
 
     Parameters
     ----------

@@ -333,8 +333,8 @@ def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
     moving = windows.moving
     if not np.any(moving & (part == FIT)) or not np.any(moving & (part == JUDGE)):
         raise ValueError(
-            f"{name}: the axis hardly moves in it, so that it shows no friction; take one with "
-            "slow and fast moves both ways"
+            f"{name}: the axis hardly moves, so friction cannot be determined; use a record with "
+            "slow and fast moves in both directions"
         )
 
 

@@ -355,26 +355,26 @@ class Excitation:
 #: Experiments without a change of the bench first.
 EXCITATIONS = (
     Excitation("triangle", "slow triangle over the travel",
-               "Move slowly and evenly over the whole travel, to and fro.", _triangle),
+               "Move slowly and evenly over the whole travel, back and forth.", _triangle),
     Excitation("crawl", "crawl",
-               "Crawl to and fro over a short way at a fiftieth of the top speed.", _crawl),
+               "Crawl back and forth over a short distance at a fiftieth of the top speed.", _crawl),
     Excitation("reversals", "quick moves and reversals",
-               "Move quickly from point to point with many reversals, long and short ways.",
+               "Move quickly from point to point with many reversals, long and short.",
                _reversals),
     Excitation("steps", "steps of the reference",
                "Step the reference over short and long ways; let the drive reach its limit.",
                _steps),
     Excitation("speeds", "constant speeds over a decade",
-               "Run to and fro at four constant speeds from a twelfth to near the top speed.",
+               "Run back and forth at four constant speeds from a twelfth to near the top speed.",
                _speeds),
     Excitation("braking", "braking from speed",
-               "Bring the axis to speed gently, then brake hard with the drive; both ways.",
+               "Bring the axis to speed gently, then brake hard with the drive, in both directions.",
                _braking),
     Excitation("rests", "rests of growing length",
                "Let the axis rest for longer and longer times, and break it away each time with "
                "the same slow ramp.", _rests),
     Excitation("force_steps", "steps of force while sliding",
-               "While the axis slides to and fro, add steps of force to the drive.",
+               "While the axis slides back and forth, add steps of force to the drive.",
                _force_steps),
     Excitation("small_forces", "small forces around rest",
                "At rest, raise and lower the force slowly, from far below breakaway to just "
@@ -386,10 +386,10 @@ EXCITATIONS = (
                "Push the axis to speed, drop the force to zero and let it coast to rest; both "
                "ways.", _coasting),
     Excitation("added_mass", "a known mass clamped on",
-               "Clamp a known mass of {mass} to the axis, half of its own, and move quickly from "
+               "Add a known mass of {mass} to the axis, half of its own, and move quickly from "
                "point to point with many reversals.", _reversals, _heavier),
     Excitation("known_force", "a known force added",
                "Pull the axis in positive direction with a known constant force of {force} (a "
-               "weight over a pulley, a known tilt), and run to and fro at four constant speeds.",
+               "weight over a pulley, a known tilt), and run back and forth at four constant speeds.",
                _speeds, _pulled),
 )  # fmt: skip

@@ -81,8 +81,8 @@ IMPOSED = (
     "says nothing about the forces, so the drive was compared with the force the motion requires"
 )
 ONE_VELOCITY = (
-    "each direction has nearly one velocity: what depends on it cannot be separated from the "
-    "Coulomb level, was not tried, and viscous friction is the nominal one"
+    "each direction has nearly one velocity: effects that depend on velocity cannot be separated "
+    "from the Coulomb level and were not tried; viscous friction keeps its nominal value"
 )
 
 
@@ -249,7 +249,7 @@ def answer(
     if worse:
         better.append("free runs of the nominal axis")
     if better and (state.causes or kept):
-        messages.append(f"not better than {' and '.join(better)}: the causes found are not shown")
+        messages.append(f"not better than {' and '.join(better)}: no causes are reported")
         state.causes.clear()
         state.free.clear()
         kept, final = [], search.reference(search.believed)

@@ -46,7 +46,7 @@ class Remaining(Result):
     >>> from dryfric_control.diagnosis import Remaining
     >>> left = Remaining(rms=0.24, correlation_time=0.0, structured=False, where=())
     >>> left
-    random force left: 0.24 N RMS a sample, no structure found
+    random force left: 0.24 N RMS per sample, no structure found
     >>> left.to_dict()["rms"]
     0.24
     """
@@ -68,7 +68,7 @@ class Remaining(Result):
         if self.correlation_time > 0.0:
             kind += f", correlation time {self.correlation_time:.2g} s"
         name = rotary_words("random force left", self.unit)
-        return f"{name}: {self.rms:.3g} {self.unit} RMS a sample, {kind}"
+        return f"{name}: {self.rms:.3g} {self.unit} RMS per sample, {kind}"
 
     def _shown(self) -> list[str]:
         return [self.headline, *self.where]

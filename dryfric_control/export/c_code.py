@@ -35,7 +35,7 @@ def export_c(
     obj : FrictionAxis, ObserverDesign, HybridFilter or Compensation
         What to export.
     folder : str or path
-        Where to write; it is made if it is not there.  One folder for one object.
+        Where to write; created if it does not exist.  One folder per object.
     precision : {"double", "single"}, optional
         Type of the numbers, `double` or `float`.
     name : str, optional
@@ -58,10 +58,10 @@ def export_c(
 
     Notes
     -----
-    The C is translated from the Python source of the compiled kernels, function by function;
-    operations and their order are theirs.  Compiled without contraction of products and sums
-    (``-ffp-contract=off``), in double precision, it returns the bits of the kernels where
-    both call the same mathematical library.
+    The C code is translated from the Python source of the compiled kernels, function by
+    function, with the same operations in the same order.  Compiled without contraction of
+    products and sums (``-ffp-contract=off``), in double precision, it returns the bits of
+    the kernels where both call the same mathematical library.
 
     The switched observer is exported with ``switching="reading"``, see `pi_observer`.
 

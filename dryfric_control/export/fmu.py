@@ -202,7 +202,7 @@ def _candidates(axis: FrictionAxis) -> list[tuple[Any, ...]]:
     base("mass", "kg", "moving mass", _LEAST)
     base("viscous", "N s/m", "viscous coefficient", 0.0)
     base("stick_speed", "m/s", "speed below which the axis counts as motionless", _LEAST)
-    base("stick_rate", "1/s", "decay rate of the speed while stuck", _LEAST)
+    base("stick_rate", "1/s", "decay rate of the velocity while stuck", _LEAST)
     for side in ("plus", "minus"):
         for i, c in enumerate(getattr(axis.coulomb, side)):
             rows.append(

@@ -137,8 +137,7 @@ class CoulombIdentification(Result, CoulombMap):
         yield rows
         if self.viscous is not None:
             yield (
-                f"found along the way: viscous {self.viscous:.4g} {force} s/{length}, "
-                f"mass {self.mass:.4g}"
+                f"also found: viscous {self.viscous:.4g} {force} s/{length}, mass {self.mass:.4g}"
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -196,8 +195,8 @@ def identify_coulomb(
         and at most one coefficient for three independent stretches.
     axis : FrictionAxis, optional
         Axis whose mass, viscous coefficient, Stribeck peak and force effects are
-        subtracted from the drive force.  Default: mass and viscous coefficient are found along
-        the way where the speed varies enough to show them, else neglected.
+        subtracted from the drive force.  Default: mass and viscous coefficient are estimated as
+        well where the velocity varies enough to show them, otherwise neglected.
 
     Returns
     -------
@@ -221,12 +220,12 @@ def identify_coulomb(
     travelled: the work of friction.  Whatever inertia does, its work over a
     slip from rest to rest is zero, so stick-slip ripple does not bias the
     level; what is left at the ends of a piece is the rise of v^2/2.  Motion
-    slower than 0.6 of the typical speed is left out: there the level may be
+    slower than 0.6 of the typical velocity is left out: there the level may be
     that of the Stribeck peak.
 
-    A crawl in which every speed lies within the peak measures the raised
+    A crawl in which every velocity lies within the peak measures the raised
     level.  Where it does not stick and slip, nothing in the record shows the
-    difference, except that friction may fall with speed: then a warning says so.
+    difference, except that friction may fall with velocity; a warning then says so.
 
     Examples
     --------

@@ -39,7 +39,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.saved import load_object, save_object
-from dryfric_control.text import Result, length_text, percent, plain_data, rotary_words
+from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
 
@@ -63,7 +63,7 @@ _NOTHING = 1e-2
 
 
 class FitWarning(UserWarning):
-    """A record that does not determine what was asked for.
+    """A parameter is not determined, or the model does not fit.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class FitWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Result):
-    """Axis fitted to records, and how sure its parameters are.
+    """Axis fitted to records, with uncertainty of its parameters.
 
     Made by `fit`.
 
@@ -108,7 +108,7 @@ class Fit(Result):
         What the record does not determine, and why.
     random_force, reading_noise : tuple of float
         Noises of each record, standard deviations: of a force that changes from sample
-        to sample beside the model, 0 where free runs err by no more than the noise of
+        to sample in addition to the model, 0 where free runs reach the noise of
         the readings and NaN where it was not estimated, and of the readings.
     training : tuple of Replay
         Windowed free runs over the records of the fit, one for each, from the
@@ -144,7 +144,7 @@ class Fit(Result):
         Parameters
         ----------
         level : float, optional
-            Probability with which an interval covers the truth.
+            Probability with which an interval covers the true value.
 
         Returns
         -------
@@ -168,11 +168,11 @@ class Fit(Result):
         Parameters
         ----------
         level : float, optional
-            Probability with which an interval covers the truth.
+            Probability with which an interval covers the true value.
         repeats : int, optional
-            Number of drawings of blocks, each followed by one Gauss-Newton step.
+            Number of bootstrap samples of blocks, each followed by one Gauss-Newton step.
         seed : int, optional
-            Seed of the drawings.
+            Seed of the bootstrap.
 
         Returns
         -------
@@ -235,8 +235,7 @@ class Fit(Result):
         ):
             yield from run._shown()
             yield (
-                f"noise of the readings: {length_text(noise, length)} RMS; random force beside "
-                "the model: "
+                f"noise of the readings: {length_text(noise, length)} RMS; random force: "
                 + ("not estimated" if math.isnan(pushed) else
                    f"{pushed:.3g} {force} RMS" if pushed else "none")
             )  # fmt: skip
@@ -373,7 +372,7 @@ def fit(
     starts : int, optional
         Number of starting points.  Default: 2 (the nominal values, and a
         regression of the drive force), 6 where Stribeck or stick parameters
-        are free, whose cost has several valleys.
+        are free, whose cost has several minima.
     block : float, optional
         Length of the blocks for the uncertainty [s].  Default: 1 s.
     seed : int, optional
@@ -412,20 +411,20 @@ def fit(
     Windows are weighted by the loss log(1 + (RMS/c)^2), c twice the median
     RMS, against single mistimed breakaways.
 
-    Where free runs err by no more than the noise of the readings, estimates and
-    standard errors are theirs.  Elsewhere a random force acts beside the model:
-    noise of the recorded input, or what the axis lacks.  From the end of the free
+    Where free runs reach the noise of the readings, estimates and
+    standard errors are those of free runs.  Elsewhere a random force acts in addition
+    to the model: noise of the recorded input, or what the axis lacks.  From the end of the free
     runs the search then goes on by the likelihood of a hybrid filter, as in
     `diagnose`, with the random force and the noise of the readings estimated
-    beside the parameters.  Samples within 10 ms of a start or stop, and slower
-    than 2 % of the fast speeds, do not count there unless a parameter acts by
+    together with the parameters.  Samples within 10 ms of a start or stop, and slower
+    than 2 % of the high velocities, do not count there unless a parameter acts by
     breakaway: a noisy input releases the model but not the machine.
 
     Standard errors come from leaving out blocks of the record, so that they hold
     where what is left is correlated in time for less than a block.  They do not
     hold for an error that all blocks share, such as that of an input which the
-    recorder has averaged.  Where the axis lacks something, parameters take on
-    what they can of it: heed the warning.
+    recorder has averaged.  Where the axis lacks an effect, the parameters absorb
+    part of it: heed the warning.
 
     Examples
     --------
@@ -468,17 +467,18 @@ def fit(
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     """RMS error of every free run over time, and the encoder quantum."""
+    least = min(float(run.rms_by_window.min()) for run in runs)
+    factor, unit = prefixed(float(np.median(runs[0].rms_by_window)), unit)
     for i, run in enumerate(runs):
         label = run.windows.record.name if len(runs) > 1 else "error of each free run"
         ax.semilogy(
-            run.windows.start_times, run.rms_by_window, "o-", ms=3, lw=0.8, color=f"C{i}",
+            run.windows.start_times, run.rms_by_window / factor, "o-", ms=3, lw=0.8, color=f"C{i}",
             label=label,
         )  # fmt: skip
-    ax.axhline(runs[0].quantum, color="k", lw=0.8, ls=":", label="encoder quantum")
-    least = min(float(run.rms_by_window.min()) for run in runs)
+    ax.axhline(runs[0].quantum / factor, color="k", lw=0.8, ls=":", label="encoder quantum")
     if least < _NOTHING * runs[0].quantum:
         # Windows at rest, which every model holds, must not squeeze the others together.
-        ax.set_ylim(bottom=_NOTHING * runs[0].quantum)
+        ax.set_ylim(bottom=_NOTHING * runs[0].quantum / factor)
     ax.set_xlabel("Time [s]")
     ax.set_ylabel(f"RMS error [{unit}]")
     legend_above(ax)
@@ -537,7 +537,7 @@ def fit_windows(
 
 
 def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) -> Fit:
-    """How sure the parameters of an axis are where it stands, without a search."""
+    """Uncertainty of the parameters of an axis as it is, without a search."""
     axis, parameters = choose(axis, free, typical([w.record for w in parts]))
     problem = Problem(axis, parameters, parts)
     z = problem.start

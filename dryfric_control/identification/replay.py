@@ -16,7 +16,7 @@ from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
-from dryfric_control.text import Result, length_text
+from dryfric_control.text import Result, length_text, prefixed
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
@@ -109,14 +109,19 @@ class Replay(Result):
         )  # fmt: skip
         axes[0].set_ylabel(f"position [{length}]")
         legend_above(axes[0])
-        axes[1].plot(
-            np.insert(record.t, ends, np.nan), np.insert(self.errors, ends, np.nan), "-",
-            color="C3", lw=0.8, label="simulated - measured",
-        )  # fmt: skip
-        axes[1].set_ylabel(f"error [{length}]")
+        _draw_error(
+            axes[1], np.insert(record.t, ends, np.nan), np.insert(self.errors, ends, np.nan), length
+        )
         legend_above(axes[1])
         axes[1].set_xlabel("Time [s]")
         return f"{self.axis.name}: free runs"
+
+
+def _draw_error(ax: Any, t: Any, error: Any, unit: str) -> None:
+    """Error of position over time, in a unit in which it is readable."""
+    factor, unit = prefixed(0.1 * float(np.nanmax(np.abs(error))), unit)
+    ax.plot(t, error / factor, "-", color="C3", lw=0.8, label="simulated - measured")
+    ax.set_ylabel(f"error [{unit}]")
 
 
 def replay(
@@ -127,7 +132,7 @@ def replay(
     *,
     shift: float = 0.0,
 ) -> Replay:
-    """Run an axis freely over short windows of a record.
+    """Simulate an axis freely over short windows of a record.
 
     Parameters
     ----------
@@ -156,7 +161,7 @@ def replay(
     -----
     Each window starts from the smoothed record.  A replay of a whole record
     from one start would integrate every small force error twice, for the whole
-    time, and judge nothing but that.
+    time, and measure little else.
 
     Examples
     --------
@@ -239,8 +244,7 @@ class LoopReplay(Result):
         axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, y[0], "k-", lw=1, label="model")
         axes[0].set_ylabel(f"position [{length}]")
-        axes[1].plot(t, y[0] - self.record.x, "-", color="C3", lw=0.8, label="simulated - measured")
-        axes[1].set_ylabel(f"error [{length}]")
+        _draw_error(axes[1], t, y[0] - self.record.x, length)
         axes[2].plot(t, self.record.u, ".", color=MEASURED, ms=4, label="measured")
         axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
         axes[2].set_ylabel(f"drive force [{force}]")

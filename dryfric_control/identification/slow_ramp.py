@@ -125,14 +125,14 @@ def slow_ramp_experiment(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis, as far as it is known; it designs the loop.
+        The axis, as far as it is known; used to design the loop.
     duration : float, optional
         Time for the way there and back [s].
     dt : float, optional
         Sampling time [s].
     bandwidth : float, optional
         Bandwidth of the position loop [rad/s]: low, so that the drive force
-        follows friction instead of fighting it.
+        follows friction.
     travel : tuple of float, optional
         Lowest and highest position.  Default: the axis' own travel.
     quantum : float, optional
@@ -159,7 +159,7 @@ def slow_ramp_experiment(
 
     Notes
     -----
-    The speed is small and nearly constant, so in m v' = u - f v - F(x) the
+    The velocity is small and nearly constant, so in m v' = u - f v - F(x) the
     terms m v' and f v drop out and the drive force is the friction at the
     place reached (paper, section 3).  Where the axis sticks and slips, that
     holds on average only, see `identify_coulomb`.

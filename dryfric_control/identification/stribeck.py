@@ -156,7 +156,7 @@ class StribeckIdentification(Result):
         axes[0].plot(record.x[some], record.u[some], ".", color=MEASURED, ms=2, label="measured")
         axes[1].plot(record.t[some], record.u[some], ".", color=MEASURED, ms=2)
         for i, one in enumerate(self.branches):
-            name = f"model in the same loop, restarted every {_STRETCH} slips" if i == 0 else None
+            name = f"model, restarted every {_STRETCH} slips" if i == 0 else None
             axes[0].plot(one.x[some], one.u[some], "k-", lw=0.8, label=name)
             axes[1].plot(one.t[some], one.u[some], "k-", lw=0.8)
         places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
@@ -167,7 +167,7 @@ class StribeckIdentification(Result):
             )  # fmt: skip
             axes[0].plot(
                 places, s * self.axis.breakaway(places, s), ":", color="C3", lw=1,
-                label="breakaway level" if s == 1 else None,
+                label="breakaway friction force" if s == 1 else None,
             )  # fmt: skip
         axes[0].set_xlabel(f"position [{length}]")
         axes[1].set_xlabel("Time [s]")
@@ -278,15 +278,15 @@ def identify_stribeck(
     -----
     Free runs as in `fit`, but each window starts in the middle of a stick
     phase and ends in the next: it holds one breakaway, which shows the
-    excess, and one slip, which shows over what speed the excess dies.
+    excess, and one slip, which shows over what velocity the excess decays.
 
-    Their cost has several valleys.  So the forces of sliding and of breakaway
+    Their cost has several minima.  So the forces of sliding and of breakaway
     are regressed first, over a grid of vs, and refined by free runs of slips
     alone; the fit starts from the peak whose ripple comes closest, and where it
     ends with a worse one, that peak is kept.
 
-    A stick velocity far below `vs` acts through v - Sigma alone and is
-    found badly; see ``fit.messages`` for what the record leaves open.
+    A stick velocity far below `vs` acts only through v - Sigma and is
+    poorly determined; see ``fit.messages`` for what the record does not determine.
 
     Examples
     --------

@@ -70,9 +70,9 @@ class FrictionAxis:
     stribeck : Stribeck, optional
         Stribeck peak.  Default: none.
     stick_speed : float, optional
-        Speed band Sigma inside which the axis counts as motionless [m/s].
+        Stick velocity Sigma, below which the axis counts as motionless [m/s].
     stick_rate : float, optional
-        Rate p at which the remaining velocity of a stuck axis dies [1/s].
+        Stuck-mode decay rate p of the remaining velocity of a stuck axis [1/s].
     travel : tuple of float, optional
         Lowest and highest position [m].  Coulomb maps hold inside it and keep
         their end values outside; motion itself is not limited.
@@ -100,22 +100,22 @@ class FrictionAxis:
                     F_s = Fc_s(x) (1 + sigma exp(-((s v - Sigma)/vs)^2))
         stuck       v' = -p v,  friction = w
 
-    A stuck axis breaks away when w leaves [-Fs_minus, Fs_plus], with
-    Fs = (1 + sigma) Fc.  A sliding axis sticks when abs(v) <= Sigma and w lies in
+    A stuck axis breaks away when w leaves [-Fb_minus, Fb_plus], with
+    Fb = (1 + sigma) Fc.  A sliding axis sticks when abs(v) <= Sigma and w lies in
     [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``.  It is
     not complete: with a Stribeck peak and Fc < w < F(x, 0+) an axis that slows
-    down to v = 0 may not stick, its speed changes sign, friction changes sign
-    with it, and the state chatters across zero at every sample, for ever.  The
-    default ``switching="filippov"`` completes it: a sliding speed that reaches
-    zero goes to stuck if friction at rest can hold the load, to the other
-    direction if the load exceeds the breakaway level there, and goes on
+    down to v = 0 may not stick, its velocity changes sign, friction changes sign
+    with it, and the state chatters across zero at every sample without end.  The
+    default ``switching="filippov"`` completes it: an axis whose velocity reaches
+    zero sticks if friction at rest can hold the load, reverses if the load
+    exceeds the breakaway friction force of the other direction, and slides on
     otherwise.
 
     A stuck axis that breaks away against its remaining velocity (at most Sigma)
-    loses that speed, so that friction never drives the motion.
+    loses that velocity, so that friction never drives the motion.
 
-    The model stops being true below Sigma: it has no presliding displacement,
-    unless the effect `Presliding` gives it one.  With `Backlash` or
+    The model is not valid below Sigma: it has no presliding displacement,
+    unless the effect `Presliding` adds it.  With `Backlash` or
     `Compliance` there are two masses; x and v are the motor's, F and mode the
     load's.
 
@@ -211,12 +211,12 @@ class FrictionAxis:
         return replace(self, **changes)
 
     def effective(self) -> FrictionAxis:
-        """Axis whose base parameters are those that act.
+        """Axis with its effective base parameters.
 
         Effects that change a base parameter (inertia, viscous, coulomb,
         stribeck) are applied, in their order, and leave the list of effects.
-        Everything that simulates does this for itself; call it where `mass`,
-        `viscous`, `coulomb` or `stribeck` are read.
+        Simulations do this automatically; call it before reading `mass`,
+        `viscous`, `coulomb` or `stribeck`.
 
         Returns
         -------
@@ -298,7 +298,7 @@ class FrictionAxis:
         return _arrays(self, dt)
 
     def breakaway(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
-        """Breakaway level (1 + sigma) Fc of the base model.
+        """Breakaway friction force (1 + sigma) Fc of the base model.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class FrictionAxis:
         dt : float
             Sampling time [s].
         x0, v0 : float, optional
-            Position [m] and speed [m/s] at the start.  The mode at the start
+            Position [m] and velocity [m/s] at the start.  The mode at the start
             follows from them and u[0].
         hold : {"zero", "first"}, optional
             Whether the input is held or runs linearly between samples.
@@ -402,14 +402,14 @@ class FrictionAxis:
         )
 
     def stepper(self, dt: float, x0: float = 0.0, v0: float = 0.0) -> AxisStepper:
-        """Axis to be stepped sample by sample from a loop of one's own.
+        """Axis to be stepped sample by sample from your own loop.
 
         Parameters
         ----------
         dt : float
             Sampling time [s].
         x0, v0 : float, optional
-            Position and speed at the start.
+            Position and velocity at the start.
 
         Returns
         -------
@@ -439,9 +439,9 @@ class FrictionAxis:
         -------
         control.NonlinearIOSystem
             Input u; outputs x, v, F; states x, v.  The block stays in its mode
-            whatever happens.  A delay or lag of the input, presliding, a play
-            and a compliance are left out: they have no place in these two
-            states, which are those of the rigid axis.
+            whatever happens.  A delay or lag of the input, presliding, backlash
+            and compliance are left out: they need more than these two
+            states of the rigid axis.
 
         Raises
         ------
@@ -490,7 +490,7 @@ class FrictionAxis:
         input: str = "drive",
         at: tuple[float, ...] | None = None,
     ) -> ct.StateSpace:
-        """Linear part of one mode as a state space, to analyse.
+        """Linear part of one mode as a state-space system.
 
         Parameters
         ----------
@@ -524,7 +524,7 @@ class FrictionAxis:
         Notes
         -----
         ``A = [[1, dt], [0, 1 - dt a]]`` with a = f/m when sliding and a = p when
-        stuck (Euler).  Friction itself is no part of it: Coulomb's level is the
+        stuck (Euler).  Friction itself is not included: the Coulomb level is the
         constant Q_i of (4).  With `at` the states are deviations from that point,
         ::
 
@@ -532,8 +532,8 @@ class FrictionAxis:
 
         with the slopes of the acceleration that `mode` gives: gravity, spring and
         cogging enter a_x, drag and the Stribeck peak a_v, input gain b.  At rest
-        friction cancels all of them.  A delay or lag of the input, presliding, a play
-        and a compliance have no place in these states.
+        friction cancels all of these.  A delay or lag of the input, presliding, backlash
+        and compliance are left out.
 
         Examples
         --------
@@ -676,7 +676,7 @@ class FrictionAxis:
         -----
         F(v) = sign(v) Fc(x) (1 + sigma exp(-((abs(v) - Sigma)/vs)^2)) + f v, and forces of
         effects that depend on the velocity, as a quadratic drag.  A spring, gravity or a
-        load is no part of it; friction that depends on time is that at time zero.
+        load is not included; friction that depends on time is that at time zero.
 
         Examples
         --------
@@ -752,7 +752,7 @@ class ModeStateSpace(ct.StateSpace):
 
 
 class AxisStepper:
-    """An axis that is stepped by hand.
+    """An axis that is stepped sample by sample.
 
     Made by `FrictionAxis.stepper`.  Attributes x, v, F, mode and time hold the
     state after the last step; F and mode are those under the last input.
@@ -764,7 +764,7 @@ class AxisStepper:
     dt : float
         Sampling time [s].
     x0, v0 : float, optional
-        Position [m] and speed [m/s] at the start.
+        Position [m] and velocity [m/s] at the start.
 
     Raises
     ------
@@ -801,7 +801,7 @@ class AxisStepper:
 
     @property
     def v(self) -> float:
-        """Speed [m/s]."""
+        """Velocity [m/s]."""
         return float(self._memory[1])
 
     @property

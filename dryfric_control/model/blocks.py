@@ -105,7 +105,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
 
 def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.NonlinearIOSystem:
-    """The switching rule (paper, Figure 2) as a sampled automaton.
+    """The switching rule (paper, Figure 2) as a sampled block.
 
     Parameters
     ----------
@@ -379,13 +379,13 @@ def position_controller(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis; its sampled sliding mode is what is designed on.
+        The axis; the design uses its sampled sliding mode.
     bandwidth : float
         Closed-loop bandwidth [rad/s]; very low for identification.
     dt : float
         Sampling time [s].
     limit : float, optional
-        Largest force [N].  Default: five times the largest breakaway level.
+        Largest force [N].  Default: five times the largest breakaway friction force.
     name : str, optional
         Name of the block.
 

@@ -199,14 +199,14 @@ MOST_EXCESS = 10.0
 
 @dataclass(frozen=True)
 class Stribeck:
-    """Stribeck peak: friction that is higher at the slowest motion.
+    """Stribeck peak: friction that is higher at low velocity.
 
     Parameters
     ----------
     excess : float
-        Relative excess sigma of the breakaway over the Coulomb level [1].
+        Relative excess sigma of the breakaway friction force over the Coulomb level [1].
     speed : float
-        Stribeck velocity vs, over which the excess dies [m/s or rad/s].
+        Stribeck velocity vs, over which the excess decays [m/s or rad/s].
 
     Raises
     ------
@@ -216,7 +216,7 @@ class Stribeck:
     Notes
     -----
     F = Fc (1 + sigma exp(-((s v - Sigma)/vs)^2)), with Sigma the stick velocity of
-    the axis (paper, eq. (3)); the breakaway level is Fs = (1 + sigma) Fc.
+    the axis (paper, eq. (3)); the breakaway friction force is (1 + sigma) Fc.
 
     Examples
     --------
@@ -244,7 +244,7 @@ class Stribeck:
         Parameters
         ----------
         speed : array_like, shape (n,)
-            Speed in the direction of motion [m/s].
+            Velocity in the direction of motion [m/s].
         stick_speed : float, optional
             Stick velocity of the axis [m/s].
 

@@ -30,7 +30,7 @@ Signal = tuple[Floats, float, bool, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Law(ABC):
-    """Base of the laws that stand in for the switched one.
+    """Base of friction laws that replace the switched one.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ class Law(ABC):
         Returns
         -------
         x, v, F, mode : ndarray, shape (n,)
-            Position [m], speed [m/s], friction [N] and direction of motion at t_k. The
-            direction is 0 when stuck and, for the smooth laws, when the speed is at most
+            Position [m], velocity [m/s], friction [N] and direction of motion at t_k. The
+            direction is 0 when stuck and, for the smooth laws, when the velocity is at most
             the axis's stick velocity.
 
         Raises
@@ -204,11 +204,11 @@ class Tanh(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class Karnopp(Law):
-    """Karnopp's band of zero speed.
+    """Karnopp's law with a zero-velocity band.
 
-    Inside the band the speed counts as zero and friction balances the load up to the
+    Inside the band the velocity counts as zero and friction balances the load up to the
     breakaway level (1 + sigma) Fc; load beyond that builds up momentum, and the mass
-    slides once its speed is out of the band.
+    slides once its velocity is outside the band.
 
     Parameters
     ----------

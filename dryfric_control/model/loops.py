@@ -36,7 +36,7 @@ class LoopRun(NamedTuple):
     axis : Arrays
         The plant.
     state : ndarray
-        Its memory, position and speed at the start first.
+        Its memory, position and velocity at the start first.
     motion : MotionProfile
         Reference.
     disturbance : ndarray, shape (n,)
@@ -82,15 +82,15 @@ class PositionController:
     ki : float
         Integral gain [N/(m s)].
     kd : float
-        Speed gain, on the measured speed [N s/m].
+        Velocity gain, on the measured velocity [N s/m].
     dt : float
         Sampling time [s].
     limit : float, optional
         Largest magnitude of the force [N].  Default: no limit.
     filter_time : float, optional
-        Time constant of the low-pass on the speed [s].
+        Time constant of the low-pass on the velocity [s].
     span : int, optional
-        Samples over which the speed is differenced, 1 to 8.
+        Samples over which the velocity is differenced, 1 to 8.
 
     Raises
     ------
@@ -152,13 +152,13 @@ class PositionController:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis; its sampled sliding mode is what is designed on.
+            The axis; the design uses its sampled sliding mode.
         bandwidth : float
             Closed-loop bandwidth [rad/s].
         dt : float
             Sampling time [s].
         limit : float, optional
-            Largest force [N].  Default: five times the largest breakaway level.
+            Largest force [N].  Default: five times the largest breakaway friction force.
         at : tuple of float, optional
             Point at which the effects are linearised, see `FrictionAxis.mode_ss`;
             a pendulum needs it.  Default: effects are left out.
@@ -177,7 +177,7 @@ class PositionController:
         -----
         State feedback with integral action on the exactly sampled sliding mode:
         two poles at exp(-w dt), the third at exp(-w3 dt) with
-        w3 = max(w, f/m - 2 w), the slowest that needs no negative speed gain; with
+        w3 = max(w, f/m - 2 w), the slowest that needs no negative velocity gain; with
         `at`, f/m is the damping there.
         """
         instance("axis", axis, FrictionAxis)
@@ -223,7 +223,7 @@ class PositionController:
         reading : float, optional
             Position reading [m].
         speed : float, optional
-            Speed [m/s].
+            Velocity [m/s].
 
         Returns
         -------
@@ -314,7 +314,7 @@ def simulate_loop(
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
-        Position and speed of the plant at the start.  The controller starts
+        Position and velocity of the plant at the start.  The controller starts
         as one that has followed that motion.
     disturbance : array_like, shape (n,), optional
         Force added to the drive force [N].

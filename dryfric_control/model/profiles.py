@@ -1,4 +1,4 @@
-"""Reference motions of bounded speed, acceleration and jerk, in closed form."""
+"""Reference motions of bounded velocity, acceleration and jerk, in closed form."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MotionProfile:
-    """A sampled reference motion with its speed and acceleration.
+    """A sampled reference motion with velocity and acceleration.
 
     Attributes
     ----------
@@ -260,7 +260,7 @@ def move_phases(way: float, v: float, a: float, j: float) -> tuple[Array, Array]
     way : float
         Distance, zero or more [m].
     v, a, j : float
-        Largest speed, acceleration and jerk.
+        Largest velocity, acceleration and jerk.
 
     Returns
     -------

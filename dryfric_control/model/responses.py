@@ -138,7 +138,7 @@ class Response(ct.TimeResponseData):
 
 
 class SimulationResponse(Response):
-    """Time response of an axis, with its located switches.
+    """Time response of an axis, with located switches.
 
     A `control.TimeResponseData` with outputs x, v, F and mode, states x and v,
     input u, and the attribute `events`.  Made by `FrictionAxis.simulate` and
@@ -194,7 +194,7 @@ class SimulationResponse(Response):
 
     @panels(lambda self: 3 + self._follows)
     def plot(self, axes: Any) -> str:
-        """Draw position, velocity and force, rest as a light band.
+        """Draw position, velocity and force; a grey band at rest.
 
         A closed loop has four panels: its tracking error (reference - position) is the second.
         `control.time_response_plot` draws every signal in a panel of its own.

@@ -21,7 +21,7 @@ _EQUATION, _SMALL = 9.0, 8.0
 
 
 def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
-    """Draw the three modes of an axis and what switches them.
+    """Draw the three modes of an axis and their transitions.
 
     Parameters
     ----------
@@ -43,10 +43,10 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
     Notes
     -----
     Boxes hold the motion in each mode (paper, eqs. (2) and (3)), arrows what
-    leads from one to the other (paper, Fig. 2, completed unless the axis has
+    leads from one to another (paper, Fig. 2, completed unless the axis has
     ``switching="paper"``).  A level that varies over the travel is written as
     its least and largest value.  Levels are those of the base model: what
-    effects add to friction is left out and said below the drawing.
+    effects add to friction is left out and stated below the drawing.
 
     Examples
     --------

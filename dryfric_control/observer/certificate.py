@@ -32,7 +32,7 @@ HEADROOM = 1e-6
 
 
 class CertificateError(ValueError):
-    """A design does not keep what it promises.
+    """A design fails its certificate.
 
     Raised by `design_pi_observer`, which never returns such a design, and by
     `load_design` for a file that was changed.
@@ -75,7 +75,7 @@ class Block:
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Result):
-    """What is proved about a design, and how close it comes.
+    """Certified and reached gain of a design.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Certificate(Result):
     worst_sequence : tuple of int
         Repeated sequence of modes found by search.
     limit : float
-        Gain no causal observer of any kind can be below, decay or not.
+        Lower limit of the gain of any causal observer, with or without decay.
     hardest_sequence : tuple of int
         Repeated sequence of modes, found by search, that shows it.
     decay : float
@@ -283,7 +283,7 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
         relax = (
             "relax decay towards 1"
             if worst.kind == "decay"
-            else "the promised gamma is not kept; relax gamma, uncertainty or noise"
+            else "the stated gamma does not hold; relax gamma, uncertainty or noise"
         )
         raise CertificateError(
             f"the {worst.kind} condition fails from mode ({worst.before}) to mode "

@@ -101,7 +101,7 @@ class ObservedLoop(Result):
 
     @property
     def score(self) -> EstimateScore:
-        """Errors of position, speed, friction and mode."""
+        """Errors of position, velocity, friction and mode."""
         return score_estimate(self.axis, self.design.dt, self.plant.y, self.estimate.y)
 
     @property
@@ -144,7 +144,7 @@ class ObservedLoop(Result):
         title : str, optional
             Title.  Default: name of the axis and what is shown.
         what : {"all", "maps", "position", "speed", "friction", "mode"}, optional
-            "all": position, speed, friction and mode in one figure.  "maps": the
+            "all": position, velocity, friction and mode in one figure.  "maps": the
             friction of plant and observer over the travel (paper, Fig. 7).
             Others: one signal with its error (paper, Figs 8 to 11).
 
@@ -189,7 +189,7 @@ def simulate_observed_loop(
     what0: float = 0.0,
     switching: str = "reading",
 ) -> ObservedLoop:
-    """Run the closed loop with an observer watching it, compiled.
+    """Run the closed loop with an observer in parallel, compiled.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def simulate_observed_loop(
     controller : PositionController
         The controller; it uses the readings, not the estimate.
     design : ObserverDesign
-        The observer; it sees the drive u and the reading y.
+        The observer; its inputs are the drive u and the reading y.
     reference : array_like, shape (n,)
         Position reference at the samples [m].
     bandwidth : float or None, optional

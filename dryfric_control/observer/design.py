@@ -60,8 +60,8 @@ class ObserverDesign(Result):
     Attributes
     ----------
     axis : FrictionAxis
-        The model the observer runs: its own Coulomb maps and stick velocity, no
-        Stribeck peak, and the effects that it follows.
+        The model of the observer: its own Coulomb maps and stick velocity, no
+        Stribeck peak, and the effects that it includes.
     dt : float
         Sampling time [s].
     method : str
@@ -405,7 +405,7 @@ def design_pi_observer(
         Factor by which an initial error must at least shrink per sample; 1
         asks for no rate.
     performance : (float, float, float), optional
-        Weights of the errors of position, speed and friction in z.
+        Weights of the errors of position, velocity and friction in z.
     encoder_quantum : float, optional
         Resolution of the position sensor [m], for the default of `noise`.
     window : int, optional
@@ -423,7 +423,7 @@ def design_pi_observer(
     stick_speed : float, optional
         The observer's own stick velocity.  Default: half that of `axis`.
     integral_modes : iterable of int
-        Modes in which the integral term acts on the speed estimate.
+        Modes in which the integral term acts on the velocity estimate.
     refine : int
         Rounds of improvement after the first solution; each costs another
         solution and never raises gamma.  Not for "paper".
@@ -450,9 +450,9 @@ def design_pi_observer(
     -----
     Effects of the axis enter what the observer knows: those on a base
     parameter its matrices; forces and friction levels the known term, at the
-    measured position and its own speed, time at rest and time since its first
+    measured position and its own velocity, time at rest and time since its first
     sample; gain, dead zone, saturation, delay and lag the known drive.  The
-    slope of a force with position or speed is no part of the certificate.
+    slope of a force over position or velocity is not part of the certificate.
 
     Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
     the Coulomb level; the noise is four times the quantization error

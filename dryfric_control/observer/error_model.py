@@ -238,7 +238,7 @@ def error_models(
     discretization : str
         "euler" (the paper's) or "zoh".
     integral_modes : iterable of int
-        Modes in which the integral term acts on the speed estimate.
+        Modes in which the integral term acts on the velocity estimate.
     form : str
         "prediction" or "current".
     """

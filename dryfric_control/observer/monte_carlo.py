@@ -253,12 +253,12 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Score estimators on plants that differ at random.
 
-    The plants scatter around the one that the observer believes in.
+    The plants scatter around the nominal one of the observer.
 
     Parameters
     ----------
     design : ObserverDesign
-        The observer; its axis is what is believed.
+        The observer; its axis is the nominal one.
     controller : PositionController
         The controller, the same for all plants.
     reference : array_like, shape (n,)

@@ -195,7 +195,7 @@ def observe(
     xhat0 : float, optional
         First estimate of the position [m].  Default: the first reading.
     vhat0, what0 : float, optional
-        First speed [m/s] and integral term [N].
+        First velocity [m/s] and integral term [N].
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see `pi_observer`.
     encoder_quantum : float, optional
@@ -306,25 +306,25 @@ def pi_observer(
 
     ``switching="paper"`` decides the mode by the printed automaton: stuck until W
     leaves [-Fbar_minus, Fbar_plus]; stuck again when abs(vhat) <= Sigma and W lies
-    in it.  An axis that breaks away above the level the observer believes in (a
-    Stribeck peak it does not know suffices) is taken to move while it rests, and
+    in it.  An axis that breaks away above the level in the observer's model (a
+    Stribeck peak that the model lacks suffices) is taken to move while it rests, and
     one integral for all modes carries the friction error of sliding into the
     stuck mode, where it is none.
 
     ``switching="filippov"`` is that automaton with the completion of
-    `FrictionAxis`: a speed estimate through zero turns the mode round only if W
+    `FrictionAxis`: a velocity estimate through zero reverses the mode only if W
     pushes that way.  It ends the chatter between +1 and -1 of the printed rule,
-    not its belief that a held axis moves.
+    not the error that an axis at rest is taken to move.
 
     ``switching="reading"``, the default, lets the measurement decide:
 
     - Stuck, the observer holds the mean reading y_0 since the axis came to rest.
       Motion in direction s begins when ``s (y - y_0) > d``, with d one and a
-      half increments and the way Sigma / p that a remaining velocity still goes; half
+      half increments plus the distance Sigma / p that a remaining velocity covers; half
       of d is enough once s W exceeds the sliding level, for then nothing but
-      extra friction can hold the axis.
+      additional friction can hold the axis.
     - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way
-      beyond the level there, only when the speed estimate is through zero.
+      beyond the level there, only once the velocity estimate has passed zero.
     - Each mode has an integral of its own.  It is zero when the axis comes to
       rest, and starts at minus the learned friction error d_s when motion
       begins, d_s being a slow mean of -s w while sliding that way; the levels
@@ -423,14 +423,14 @@ class Stepper:
 
 
 class ObserverStepper(Stepper):
-    """The observer sample by sample, for a loop of one's own.
+    """The observer sample by sample, for your own loop.
 
     Parameters
     ----------
     design : ObserverDesign
         The observer.
     xhat0, vhat0, what0 : float, optional
-        First estimates of position [m], speed [m/s] and integral term [N].
+        First estimates of position [m], velocity [m/s] and integral term [N].
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see `pi_observer`.
     encoder_quantum : float, optional

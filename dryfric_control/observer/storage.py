@@ -29,7 +29,7 @@ _MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
 
 
 def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
-    """Read a design back and check that it keeps its promises.
+    """Read a design back and check its certificate.
 
     Parameters
     ----------

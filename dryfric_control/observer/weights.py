@@ -53,7 +53,7 @@ class Weights:
     decay : float
         Decay per sample.
     performance : tuple of float
-        Weights of the errors of position, speed and friction in z.
+        Weights of the errors of position, velocity and friction in z.
     bandwidth : float
         Natural frequency [rad/sample] the amplitudes amount to.
     """

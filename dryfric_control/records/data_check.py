@@ -31,7 +31,7 @@ _TAKEN = 0.2
 
 @dataclass(frozen=True, repr=False)
 class RecordCheck(Result):
-    """What a record holds and cannot show; made by `Record.check`.
+    """Contents and gaps of a record; made by `Record.check`.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class RecordCheck(Result):
         words = [
             f"{self.reversals} reversal{'' if self.reversals == 1 else 's'}",
             f"{_percent(self.at_rest)} at rest",
-            f"{lost} sample{'' if lost == 1 else 's'} lost" if lost else "no sample lost",
+            f"{lost} sample{'' if lost == 1 else 's'} lost" if lost else "no samples lost",
         ]
         if left_out:
             words += [f"{left_out} reading{'' if left_out == 1 else 's'} masked"]
@@ -126,7 +126,7 @@ class RecordCheck(Result):
         speed = f"{self.units[0]}/s" if self.units[0] else ""
         steps = f", {self._steps():.0f} steps of {self._length(self.quantum)}" * bool(self.quantum)
         rows: list[tuple[str, ...]] = [
-            ("", "in the record"),
+            ("", "record"),
             ("time", f"{self.duration:.4g} s in {self.samples} samples, {self.dt:.4g} s apart"),
             ("travel", f"{self._length(self.travel)}{steps}"),
             ("noise", self._length(self.noise)),
@@ -189,27 +189,27 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
         return None
     return (
         f"the drive takes energy out of the machine ({work:.3g} of {total:.3g} {units[1]} "
-        f"{units[0]} that passed): is the sign of u or x reversed (gain=-1), or are the two "
+        f"{units[0]} exchanged): is the sign of u or x reversed (gain=-1), or are the two "
         "swapped? Only a load that pulls the axis along can do that"
     )
 
 
 def held_message(record: Record) -> str | None:
-    """What to say of positions that are read more slowly than they were logged; None if not.
+    """What to say of positions that were logged faster than they were read; None if not.
 
     Examples
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
     >>> t = 1e-3 * np.arange(2000)
-    >>> held_message(dfc.Record(t, np.cos(t), np.repeat(np.sin(t[::4]), 4), quantum=0))[:40]
-    'the position is new only every 4 samples'
+    >>> held_message(dfc.Record(t, np.cos(t), np.repeat(np.sin(t[::4]), 4), quantum=0))[:41]
+    'the position changes only every 4 samples'
     """
     count, first = held_for(record.x, record.quantum or 0.0)
     if count == 1:
         return None
     return (
-        f"the position is new only every {count} samples, between them the last one stands: take "
+        f"the position changes only every {count} samples and is repeated in between: use "
         f"record[{first}:].decimated({count})"
     )
 
@@ -249,7 +249,7 @@ def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
     if found.clipped:
         yield (
             f"the drive rests at both its extremes for {_percent(found.clipped)} of the time: make "
-            "sure that u is what acted, not what was asked"
+            "sure that u is the force that acted, not the one commanded"
         )
     masked = sum(found.masked.values())
     if masked > _MASKED * found.samples:
@@ -266,7 +266,7 @@ def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
         )
     sliding = found.forwards + found.backwards
     if sliding < _SLIDING:
-        yield f"moves for {_percent(sliding)} of the time: little to learn from; drive it harder"
+        yield f"moves for {_percent(sliding)} of the time only: shows little; drive it harder"
         return
     if min(found.forwards, found.backwards) < _EITHER_WAY * sliding:
         way = "forwards" if found.forwards > found.backwards else "backwards"
@@ -277,9 +277,9 @@ def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
     elif found.longest_rest < max(_REST, _REST_SAMPLES * found.dt):
         yield (
             f"hardly at rest ({found.longest_rest:.2g} s at most): uninformative about breakaway, "
-            "presliding and dwell time; let it stop a few times"
+            "presliding and dwell time; include a few stops"
         )
     if found.velocity[1] < ONE_VELOCITY * found.velocity[0]:
         yield (
-            "nearly one velocity: viscous friction and Coulomb level cannot be separated; vary it"
+            "nearly constant speed: viscous friction and Coulomb level cannot be separated; vary it"
         )

@@ -79,7 +79,7 @@ _WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
 
 
 class Derivatives(NamedTuple):
-    """Smoothed position, speed and acceleration, each shape (n,)."""
+    """Smoothed position, velocity and acceleration, each shape (n,)."""
 
     x: FloatArray
     v: FloatArray
@@ -150,7 +150,7 @@ class Record:
 
     Notes
     -----
-    A speed from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
+    A velocity from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
     ``u[k]``, not ``u[k]``.
 
     Examples
@@ -224,9 +224,11 @@ class Record:
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
-                f"of {len(self)} readings of x these are masked: {told(self.bad)}; the first is "
-                f"x[{k}] = {masked.readings[0]:.6g} at t = {tv[k]:.6g} s. record.masked lists "
-                "them, good=np.ones(len(x), bool) keeps all"
+                f"of {len(self)} readings of x these are masked: "
+                f"{told(self.bad | {'clipped': 0})}; the first is x[{k}] = "
+                f"{masked.readings[0]:.6g} at t = {tv[k]:.6g} s. record.masked lists them, "
+                "good=np.ones(len(x), bool) keeps all",
+                stacklevel=3,
             )
 
     def _set(
@@ -399,7 +401,7 @@ class Record:
     def read(
         self, positions: npt.ArrayLike, rng: np.random.Generator, origin: float | None = None
     ) -> Record:
-        """Another path as the encoder of this record would have read it.
+        """Another path as this record's encoder would read it.
 
         Parameters
         ----------
@@ -792,7 +794,7 @@ class Record:
     # ----------------------------------------------------------- derivatives
 
     def derivatives(self, window: int | None = None) -> Derivatives:
-        """Zero-phase position, speed and acceleration.
+        """Zero-phase position, velocity and acceleration.
 
         Parameters
         ----------
@@ -834,7 +836,7 @@ class Record:
         )
 
     def compare(self, name: str, window: int | None = None) -> Comparison:
-        """A measured channel against what the position says of it.
+        """Compare a measured channel with what the position implies.
 
         Parameters
         ----------
@@ -962,7 +964,7 @@ class Record:
     # --------------------------------------------------------------- display
 
     def summary(self) -> str:
-        """Few lines of text: size, ranges, quantum, noise, notes."""
+        """A few lines of text: size, ranges, quantum, noise, notes."""
         rows = self._rows()
         width = max(len(k) for k, _ in rows)
         return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
@@ -1004,7 +1006,7 @@ class Record:
         return f"<table>{cells}</table>"
 
     def check(self) -> RecordCheck:
-        """Look the data over before any fit.
+        """Check the data before any fit.
 
         Returns
         -------
@@ -1021,8 +1023,8 @@ class Record:
         >>> u = 20.0 * np.sin(6.0 * t)
         >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
         >>> print(dfc.Record(t, u, x).check())
-        7 reversals, 9 % at rest, no sample lost, drive not clipped, resolution 1 um
-                  in the record
+        7 reversals, 9 % at rest, no samples lost, drive not clipped, resolution 1 um
+                  record
         time      4 s in 4000 samples, 0.001 s apart
         travel    0.166 m, 166035 steps of 1 um
         noise     0.289 um
@@ -1039,7 +1041,7 @@ class Record:
         return self.units.get("x", ""), self.units.get("u", "")
 
     def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
-        """Draw position and input over time; rest is a light band.
+        """Draw position and input over time; a grey band at rest.
 
         Parameters
         ----------

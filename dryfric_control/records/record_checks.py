@@ -34,8 +34,8 @@ _MAX_MAGNITUDE = 1e100  # squares stay finite
 # -------------------------------------------------------------------- checks
 
 
-def warn(message: str) -> None:
-    warnings.warn(message, RecordWarning, stacklevel=4)
+def warn(message: str, stacklevel: int = 4) -> None:
+    warnings.warn(message, RecordWarning, stacklevel=stacklevel)
 
 
 def plain_text(text: str) -> str:
@@ -143,7 +143,7 @@ def vector(name: str, value: Any) -> FloatArray:
 def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
     """Velocity, acceleration and second position as vectors of a length."""
     if channels is not None and not isinstance(channels, Mapping):
-        raise ValueError(f'channels must be a mapping such as {{"v": speed}}, got {channels!r}')
+        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
     found = {}
     for name, values in (channels or {}).items():
         if name not in EXTRAS:
@@ -316,7 +316,8 @@ def warn_if_suspect(t: FloatArray, dt: float, u: FloatArray) -> None:
     if all(clipped):
         warn(
             f"u rests {clipped[0]} samples at its minimum {u.min():.6g} and {clipped[1]} at its "
-            f"maximum {u.max():.6g}: clipped? Then make sure u is what acted, not what was asked"
+            f"maximum {u.max():.6g}: clipped? Then make sure that u is the force that acted, not "
+            "the one commanded"
         )
 
 

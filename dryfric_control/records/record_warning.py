@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class RecordWarning(UserWarning):
-    """Data that can be used but look wrong.
+    """Data that can be used but look suspicious.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class Scaling:
     gear_ratio : float, optional
         Turns of the motor per turn of the load.
     lead : float, optional
-        Way of a linear axis per turn of the load [m].
+        Travel of a linear axis per turn of the load [m].
     load_encoder : bool, optional
         Whether the encoder sits on the load, behind the gear.
     torque_constant : float, optional
@@ -117,7 +117,7 @@ class Scaling:
                 put(self, name, positive(name, value))
         if self.lead is not None and self.lead >= _LONG_LEAD:
             warnings.warn(
-                f"lead = {self.lead:g} m is a way of metres for one turn of the load: a screw of "
+                f"lead = {self.lead:g} m means metres of travel per turn of the load: a screw of "
                 f"{self.lead:g} mm has lead={1e-3 * self.lead:g}",
                 RecordWarning,
                 stacklevel=3,

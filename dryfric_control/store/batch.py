@@ -36,7 +36,7 @@ def run_batch(
     jobs: int | None = None,
     progress: bool = True,
 ) -> dict[Any, Any]:
-    """Run a function over cases, and keep what is finished.
+    """Run a function over cases and store finished results.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ def run_batch(
     cases : mapping
         Value of each case by its key: a number, text, or a tuple of such.
     store : path-like, optional
-        File that takes each result as soon as it is there, one line of JSON each.
+        File to which each result is written as soon as it is ready, one line of JSON each.
         Cases that it already holds are not run again.
     settings : mapping, optional
-        What else the results depend on, ready for JSON.  A store made with other
+        Everything else that the results depend on, ready for JSON.  A store made with other
         settings is refused.
     jobs : int, optional
         Cases at the same time, -1 for one on each core.  Default: what

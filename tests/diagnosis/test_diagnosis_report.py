@@ -402,7 +402,7 @@ def test_error_reduction_says_of_what(found):
     for d, of in ((found, "free runs"), (likely, "one-step predictions")):
         words = words_of(html_summary(d))
         assert f"error reduction of {of}, factor (90 %)" in words.replace("\xa0", " ")
-        assert f"Error reduction: of {of}" in words
+        assert f"Error reduction: error of {of}" in words
         # The gain is of free runs, whatever decided.
         assert "Error of free runs on unseen data" in words
     assert "1.0005 (1.0002 to 1.0008)" in words and "2.12 (1.82 to 2.46)" in page_of(found)
@@ -421,7 +421,7 @@ def test_parts_of_a_diagnosis_show_themselves(found, nothing):
     assert repr(nothing.causes) == "no causes" and nothing.causes == ()
     left = Remaining(0.2, 0.003, True, ("at <rest>",), (1.0, 10.0), (3e-4, 2e-4))
     assert repr(left) == (
-        "random force left: 0.2 N RMS a sample, structured, correlation time 0.003 s\nat <rest>"
+        "random force left: 0.2 N RMS per sample, structured, correlation time 0.003 s\nat <rest>"
     )
     assert "&lt;rest&gt;" in left._repr_html_() and repr(Remaining()) == "no random force left"
     assert repr(found.gain) in wording.gain_text(found)
@@ -484,7 +484,7 @@ def test_page_shows_what_is_left_and_the_references(found):
     text = html_page(d)
     words = words_of(text)
     assert "Spectrum of the random force that is left, 0.2 N RMS" in text
-    assert "0.2 N RMS a sample, structured, correlation time 0.003 s" in words
+    assert "0.2 N RMS per sample, structured, correlation time 0.003 s" in words
     assert "nominal axis +3250" in words and "Spectrum" not in words_of(page_of(found))
 
 
@@ -669,7 +669,7 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     assert [bar.get_width() > 0.0 for bar in bars] == [True]
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
     assert labels == ["1. Coulomb asymmetry", "Stribeck peak"]
-    assert "Alone no better: spring." in words_of(page_of(uneven))
+    assert "No better on their own: spring." in words_of(page_of(uneven))
     told = [text.get_text() for text in ax.texts]
     assert " useful only in combination" in told
     assert ax.get_xlim()[0] == 1.0
@@ -687,7 +687,7 @@ def test_bars_are_of_likelihood_where_it_decided(found):
     assert [text.get_text() for text in ax.texts] == [" useful only in combination"]  # gravity
     words = words_of(page_of(d))
     assert "Gain of log-likelihood, one-step predictions: the best candidates" in words
-    assert "(below 6: chance). Alone no better: " in words
+    assert "(below 6: chance). No better on their own: " in words
     assert found.plot().axes.ravel()[-2].get_xlabel() == "error reduction of free\nruns (factor)"
 
 
@@ -697,7 +697,7 @@ def test_no_bar_at_all_is_told_in_a_sentence(found, uneven):
     ax = d.plot().axes.ravel()[-2]
     assert not ax.patches and not ax.axison
     sentence = figures.no_bar_text(d)
-    assert sentence.endswith("Coulomb level do. In combination: spring + bias force.")
+    assert sentence.endswith("Coulomb level does. In combination: spring + bias force.")
     assert " ".join(ax.texts[0].get_text().split()) == sentence
     base = replace(uneven, causes=uneven.causes[-2:], scores=d.scores)
     assert sentence.startswith(figures.no_bar_text(base))  # base parameters: no candidates
@@ -822,9 +822,9 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
 def test_what_moved_without_a_cause_is_told(found):
     """The inertia of an extended axis was 8 % off what was believed, and no line said so."""
     lighter = replace(found, extended=found.extended.replace(mass=0.915 * found.axis.mass))
-    line = "also moved in the extended model, by less than the force left shows: mass -8.5 %"
+    line = "also changed in the extended model, by less than the remaining force shows: mass -8.5 %"
     assert line in lighter.summary() and line in words_of(html_summary(lighter))
-    assert "also moved" not in found.summary()
+    assert "also changed" not in found.summary()
 
 
 def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
@@ -882,7 +882,9 @@ def test_which_way_is_harder_is_told_in_newtons(uneven):
     for i, p in enumerate(x):
         assert f"Coulomb level backwards at x = {p:.3g} m 6 N {law_level(p, -1):.4g} N" in page, i
     assert "viscous friction backwards 14 N\xb7s/m 11.5 N\xb7s/m -18 %" in page
-    assert "Coulomb + , Coulomb -" not in page and "the effects listed under them add to it" in page
+    assert (
+        "Coulomb + , Coulomb -" not in page and "the effects listed under them add to these" in page
+    )
 
 
 def test_asymmetry_alone_is_told_in_two_numbers(uneven):
@@ -943,14 +945,14 @@ def test_errors_have_two_digits(value, error, text):
 def test_page_says_once_what_an_error_covers(found, uneven):
     for d in (found, uneven):
         for text in (page_of(d), html_summary(d)):
-            assert words_of(text).count("random error of this record alone, not that of") == 1
+            assert words_of(text).count("random error of this record, not errors of the model") == 1
 
 
 @pytest.mark.slow
 def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
     page = words_of(page_of(found))
     assert "axis_file" not in page
-    code = re.search(r"(import dryfric_control as dfc.*?)Its file", "".join(Page(
+    code = re.search(r"(import dryfric_control as dfc.*?)The file", "".join(Page(
         page_of(found)).text), re.DOTALL)[1]  # fmt: skip
     asked = []
     monkeypatch.setattr(
@@ -976,7 +978,7 @@ def test_words_are_those_of_a_user(found, uneven):
     assert "alternatives" in page and "none" in page
     # A gain of 1.5 (1.2 to 1.8) is an error exp(0.75) times smaller.
     assert "2.12 (1.82 to 2.46)" in page
-    assert "stick/slip mismatch *" in page and "the verdict does not rest on it" in page
+    assert "stick/slip mismatch *" in page and "the verdict does not depend on it" in page
 
 
 # -------------------------------------------------------------------- HTML

@@ -141,7 +141,7 @@ def test_noise_of_the_input_is_found_and_is_no_misfit():
     assert found.reading_noise[0] < case.quantum
     # Student's t with few degrees of freedom: five is passed once in a thousand.
     assert np.max(np.abs(off(case, found))) < 5.0
-    assert "random force beside the model: 0." in found.summary()
+    assert "random force: 0." in found.summary()
 
 
 def test_a_cogging_that_the_axis_lacks_is_said():
@@ -156,7 +156,7 @@ def test_records_at_the_noise_of_the_readings_are_left_to_free_runs():
     found = fit(axis_of(case), record_of(case), starts=1)
     assert found.random_force == (0.0,)
     assert found.reading_noise[0] == pytest.approx(case.quantum / np.sqrt(12.0), rel=0.5)
-    assert "random force beside the model: none" in found.summary()
+    assert "random force: none" in found.summary()
 
 
 def test_a_late_input_is_found_beside_a_random_force():

@@ -38,7 +38,7 @@ def test_figures_of_a_move_there_and_back():
     assert found.quantum == pytest.approx(1e-5)
     assert found.velocity == pytest.approx((0.2, 0.2), rel=0.05)
     assert found.headline == (
-        "1 reversal, 50 % at rest, no sample lost, drive not clipped, resolution 10 um"
+        "1 reversal, 50 % at rest, no samples lost, drive not clipped, resolution 10 um"
     )
 
 
@@ -49,7 +49,7 @@ def test_samples_lost_and_readings_masked_are_counted():
     assert gaps.masked == {"filled": 3} and "3 samples lost, drive" in gaps.headline
     with pytest.warns(dfc.RecordWarning, match="1 jump"):
         jump = checked(np.where(np.arange(T.size) == 700, 0.2, SWAY), u=np.cos(6.0 * T))
-    assert jump.masked == {"jump": 1} and "no sample lost, 1 reading masked" in jump.headline
+    assert jump.masked == {"jump": 1} and "no samples lost, 1 reading masked" in jump.headline
 
 
 def test_clipped_drive():
@@ -122,9 +122,9 @@ def test_the_friction_of_a_constant_velocity_is_no_limit(noise):
         (0.1 * T + 0.02 * np.sin(3.0 * T), {}, "moves forwards only"),
         (-0.1 * T - 0.02 * np.sin(3.0 * T), {}, "moves backwards only"),
         (SWAY, dict(quantum=1e-7), "hardly at rest"),
-        (X, {}, "nearly one velocity"),
+        (X, {}, "nearly constant speed"),
         (SWAY, dict(quantum=5e-3), "encoder steps"),
-        (np.where(T < 0.2, 0.05 * np.sin(31.4 * T), 0.0), {}, "little to learn from"),
+        (np.where(T < 0.2, 0.05 * np.sin(31.4 * T), 0.0), {}, "shows little; drive it harder"),
         (SWAY, dict(u=-np.cos(6.0 * T)), "takes energy out"),
     ],
 )
@@ -147,7 +147,7 @@ def test_a_rich_record_has_no_warning():
 def test_a_part_that_stands_still_is_checked_too():
     found = dfc.Record(T, np.cos(T), 1e-5 * np.round(1e5 * X))[2100:2900].check()
     assert found.at_rest == 1.0 and found.travel == 0.0
-    assert about(found, "little to learn from")
+    assert about(found, "shows little; drive it harder")
 
 
 @pytest.mark.parametrize(
@@ -199,15 +199,15 @@ def test_positions_that_are_read_more_slowly_than_logged_are_told(count):
     rng = np.random.default_rng(count)
     x = np.sin(2.0 * t) + 1e-4 * rng.normal(size=t.size)
     held = dfc.Record(t[1:], np.cos(t[1:]), np.repeat(x[::count], count)[1:], quantum=0)
-    [message] = [m for m in held.check().messages if "new only every" in m]
+    [message] = [m for m in held.check().messages if "changes only every" in m]
     assert f"every {count} samples" in message
-    better = eval(message.rpartition("take ")[2], {"record": held})
+    better = eval(message.rpartition("use ")[2], {"record": held})
     assert np.array_equal(better.x, x[::count][1:])
-    assert not any("new only every" in m for m in better.check().messages)
+    assert not any("changes only every" in m for m in better.check().messages)
 
 
 def test_a_coarse_encoder_is_not_taken_for_a_slow_one():
     t = 1e-3 * np.arange(8000)
     for x in (np.sin(2.0 * t), 0.05 * t, 0.3 * np.sin(0.5 * t) ** 3):
         coarse = dfc.Record(t, np.cos(t), 1e-3 * np.round(1e3 * x), quantum=1e-3)
-        assert not any("new only every" in m for m in coarse.check().messages)
+        assert not any("changes only every" in m for m in coarse.check().messages)

@@ -70,7 +70,7 @@ class Diagnosis(Result, Findings):
         The random force that is left.
     references : dict of str to float
         Gain of log-likelihood of the answer over the nominal axis and over a straight
-        line, which knows no drive; empty where free runs decided.
+        line, which ignores the drive; empty where free runs decided.
     varies : dict of str to dict
         Parameters that differ from record to record: "values" and "standard_errors",
         one a record.

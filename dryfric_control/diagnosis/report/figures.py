@@ -40,8 +40,8 @@ ROLES = ((1, "judge", "0.92"), (2, "measure", "0.80"))
 AGAINST = ("velocity", "position", "time", "reversal")
 PANELS = 5 + len(AGAINST)
 
-# Free runs shown in the close-up of the position.
-_SHOWN = 5
+# Free runs shown in the close-up of the position, and the least error for its scale: 0.1 um.
+_SHOWN, _LEAST_SHOWN = 5, 1e-7
 _TEXT_WIDTH = 132
 # Bins of the medians of the force residual.
 _BINS = 24
@@ -67,8 +67,8 @@ _COARSE = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7
 _MOST_TICKS = 6
 # Where no candidate earns a bar.
 _NO_BAR = (
-    "No candidate alone reduces the error by more than other values for mass, viscous friction "
-    "and Coulomb level do."
+    "No candidate alone reduces the error by more than refitting mass, viscous friction and "
+    "Coulomb level does."
 )
 
 
@@ -159,12 +159,12 @@ def draw_difference(
     lines = [(before, BEFORE, "nominal")] if nominal or after is None else []
     lines += [(after, AFTER, "with the causes")] if after is not None else []
     most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
-    factor, unit = prefixed(0.1 * max(most, windows.floor), d.axis.units[0])
+    factor, unit = prefixed(max(0.1 * max(most, windows.floor), _LEAST_SHOWN), d.axis.units[0])
     for one, style, name in lines:
         error = np.insert(one.errors[part] / factor, gaps, np.nan)
         ax.plot(np.insert(record.t[part], gaps, np.nan), error, **style, lw=1.3, label=name)
     noise = 2.0 * windows.floor / factor
-    ax.axhspan(-noise, noise, color="0.85", lw=0, zorder=0, label="noise of a reading, twice")
+    ax.axhspan(-noise, noise, color="0.85", lw=0, zorder=0, label="± twice the reading noise")
     for k in edges[1:-1]:
         ax.axvline(record.t[k], color="0.6", lw=0.6, ls=":", zorder=0)
     ax.set_xlabel("Time [s]")
@@ -290,7 +290,7 @@ def draw_residual(
         "velocity": f"velocity [{length}/s]",
         "position": f"position [{length}]\n(marks: > forwards, < backwards)",
         "time": "Time [s]",
-        "reversal": "since reversal [s]",
+        "reversal": "time since reversal [s]",
     }
     ax.set_xlabel(names[by])
     if labels:
@@ -456,9 +456,9 @@ def others_text(d: Findings) -> str:
     lines = []
     if better:
         reach = plain(max(times[slug] for slug in better))
-        lines.append(f"Behind them, {reach} at most: {', '.join(map(title_of, better))}.")
+        lines.append(f"Next, at most {reach}: {', '.join(map(title_of, better))}.")
     if rest:
-        lines.append(f"Alone no better: {', '.join(map(title_of, rest))}.")
+        lines.append(f"No better on their own: {', '.join(map(title_of, rest))}.")
     return " ".join(lines)
 
 

@@ -49,15 +49,15 @@ class Cause(Result):
     Attributes
     ----------
     effect : str
-        Slug of the effect; "inertia", "viscous", "coulomb" for a wrong base
+        Id of the effect; "inertia", "viscous", "coulomb" for a wrong base
         parameter.
     title : str
         Its name in words.
     parameters : dict of str to float
         Fitted values.
     standard_errors : dict of str to float
-        Standard errors from blocks of the record, infinite for what it leaves
-        open.
+        Standard errors from blocks of the record, infinite where it
+        leaves a parameter undetermined.
     units : dict of str to str
         Units of the parameters.
     held_out_gain : float
@@ -67,7 +67,7 @@ class Cause(Result):
     interval : tuple of float
         90 % interval of `held_out_gain`.
     alternatives : tuple of str
-        Effects that explain this record as well in its place.
+        Effects that explain this record equally well in its place.
     explanation : str
         What it is physically.
     experiment : str
@@ -150,7 +150,7 @@ class Gain(Result):
 
     @property
     def ratio(self) -> float:
-        """How many times smaller the error became, before/after."""
+        """Error reduction (factor), before/after."""
         return self.before / self.after
 
     @property
@@ -212,7 +212,7 @@ class Unexplained(Result):
     significant : bool
         Whether what is left is more than the noise floor makes.
     where : tuple of str
-        Where it lives: position, speed, time, time since reversal, in words.
+        Where it occurs: position, velocity, time, time since reversal, in words.
     """
 
     fraction: float

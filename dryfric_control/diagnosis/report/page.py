@@ -30,12 +30,12 @@ from dryfric_control.text import length_text, percent, rotary_words, table, type
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
 # resolution of clouds of dots.
 _PANEL, _DOTS = (4.9, 3.7), 200
-# What each verdict means, for whoever sees the word for the first time.
+# What each verdict means, for a reader who meets it for the first time.
 MEANING = {
-    "nothing to find": "The simulation differs from the record by no more than noise does.",
-    "explained": "With the causes below, free runs err by no more than noise makes them err.",
-    "partly explained": "The causes below are real, but structure is left that none explains.",
-    "unexplained": "The simulation is wrong, and no cause in the catalogue explains how.",
+    "nothing to find": "The simulation and the record differ by no more than noise.",
+    "explained": "With the causes below, free runs differ from the record by no more than noise.",
+    "partly explained": "The causes below are real, but they leave structure in the error.",
+    "unexplained": "The simulation is wrong, and no effect in the catalogue explains why.",
 }
 
 _TEMPLATES = jinja2.Environment(
@@ -176,14 +176,14 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         _picture(
             lambda ax: figures.draw_friction_curves(d, before, after, ax),
             "Friction over velocity, nominal and with the causes, over the measured friction.",
-            "Friction over velocity; bands where it depends on the position. Dots: measured "
-            f"force net of inertia and of the other effects.{which}",
+            "Friction over velocity; a band where it depends on position. Dots: measured "
+            f"force, net of inertia and other effects.{which}",
         ),
         _picture(
             lambda ax: figures.draw_errors(d, before, after, ax),
             f"RMS error of every free run over time, {_medians(before, after)}.",
-            "Error of free runs, each started from its most likely state. Grey: what the data "
-            f"was used for; white was used to fit.{which}",
+            "Error of free runs, each from its most likely start. Grey: data used to judge or "
+            f"measure; white: data used to fit.{which}",
         ),
         _picture(
             lambda ax: figures.draw_difference(d, before, after, ax),
@@ -202,8 +202,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         )
     hidden = wording.hidden_text(d, before.hidden)
     what = {
-        "velocity": "Force residual over velocity: the force that the model would need "
-        f"beside its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
+        "velocity": "Force residual over velocity: the force that the model needs in "
+        f"addition to its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
         f"{hidden}",
         "position": "The same over position, a line for each direction.",
         "time": "The same over time.",
@@ -222,8 +222,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 "Coulomb level over position; nominal: "
                 f"{wording.level_text(table, 'believed', unit)}; with the causes: "
                 f"{wording.level_text(table, 'found', unit)}.",
-                "Coulomb level, without Stribeck peak and load, with every effect that changes it, "
-                "over the range that the record visited. Marks show the direction: > forwards (x "
+                "Coulomb level with every effect that changes it, without Stribeck peak and load, "
+                "over the range that the record covers. Marks show the direction: > forwards (x "
                 f"grows), < backwards.{which}",
             )
         )
@@ -237,8 +237,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 f"Bars: {figures.measure(d)}, of each candidate alone; the "
                 f"longest: {titles_of(best)}, {plain(times[best])}.",
                 f"{figures.measure(d).capitalize()}: the best candidates, each as the only cause, "
-                "against an axis that only gets other values for mass, viscous friction and "
-                f"Coulomb level ({no_better}). {figures.others_text(d)}",
+                "compared with an axis whose mass, viscous friction and Coulomb level alone are "
+                f"refitted ({no_better}). {figures.others_text(d)}",
             )
         )
     elif times:
@@ -247,8 +247,8 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
         _picture(
             lambda ax: figures.draw_autocorrelation(before, after, ax),
             "Autocorrelation of the force residual over the lag, with the band of white noise.",
-            "A residual that is noise stays in the band, but for the shortest lags, which the "
-            f"smoothing correlates.{which}",
+            "White noise stays within the band, except at the shortest lags, where smoothing "
+            f"correlates it.{which}",
         )
     )
     left = d.remaining
@@ -258,7 +258,7 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
                 lambda ax: figures.draw_remaining(d, ax),
                 f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
                 "Spectrum of the random force that is left with the causes in the model. A peak "
-                f"is a cause that repeats; a rise to low frequencies, one that drifts.{which}",
+                f"indicates a periodic cause, a rise towards low frequencies a slow one.{which}",
             )
         )
     return pictures
@@ -311,7 +311,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
         rows.append(("Stribeck velocity", peaks[0].speed, peaks[1].speed, f"{length}/s"))
 
     cells: list[tuple[str, ...]] = [
-        ("friction effects included", "nominal", "with the causes", "change")
+        ("friction, effects included", "nominal", "with the causes", "change")
     ]
     for name, before, after, unit in rows:
         suffix = "" if unit == "1" else f" {unit}"

@@ -23,15 +23,15 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
 from dryfric_control.text import length_text, percent, rotary_words
 
-# What tells a gain of the drive from base parameters that are all wrong.
+# What separates a gain of the drive from base parameters that are all wrong.
 _BY_A_FORCE = (
-    "No motion does: clamp on a known mass or pull with a known force, and record again; or say "
+    "No motion can: add a known mass or pull with a known force, and record again; or state "
     'which value is right, such as known=("mass",).'
 )
 
 FloatArray = NDArray[np.float64]
 
-# Relative change of a base parameter that is told although no cause names it.
+# Relative change of a base parameter that is reported although no cause names it.
 _MOVED = 0.01
 
 #: Directions of motion in words.
@@ -177,7 +177,7 @@ def acts_on_level(cause: Cause) -> bool:
 def gain_title(d: Findings) -> str:
     """What the gain is of."""
     if d.gain.unit == d.axis.units[1]:
-        return "force that the motion needs beside the drive"
+        return "force that the motion needs in addition to the drive"
     return "error of free runs on unseen data, each from its most likely start"
 
 
@@ -194,7 +194,7 @@ def gain_text(d: Findings) -> str:
 
 
 def places_text(d: Findings) -> str:
-    """Where the error that is left lives."""
+    """Where the remaining error occurs."""
     # What is said of several records alike is said once.
     said: dict[str, list[str]] = {}
     for place in d.unexplained.where:
@@ -209,14 +209,14 @@ def next_steps(d: Findings) -> list[str]:
     steps = []
     if d.verdict == "nothing to find":
         steps.append(
-            "Use the nominal axis as it is, for motions as in this record: what never acted in it "
-            "was not tested."
+            "Use the nominal axis as it is, for motions like those in this record; other motions "
+            "are not tested."
         )
     elif d.causes:
-        steps.append("Use the axis with the causes in place of the nominal one, see below.")
+        steps.append("Use the axis with the causes instead of the nominal one, see below.")
     if d.unexplained.significant:
         if d.unexplained.where:
-            steps.append(f"Look at what is left where it is: {places_text(d)}.")
+            steps.append(f"See where the remaining error occurs: {places_text(d)}.")
         more = "" if d.others else ", or diagnose several records of this machine together"
         if LATE in d.messages:
             steps.append(
@@ -251,7 +251,7 @@ def hidden_text(d: Findings, share: float) -> str:
     if not names:
         return ""
     return (
-        f"Left out: {percent(share)} of the sliding samples, just after a turn, "
+        f"Left out: {percent(share)} of the sliding samples, just after a reversal, "
         f"where {' and '.join(names)} cannot be shown as a force; the free runs show it."
     )
 
@@ -305,11 +305,13 @@ def further_lines(d: Findings) -> list[str]:
         lines.append(d.remaining.headline)
     if d.references:
         names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
-        lines.append(f"gain of log-likelihood over references (positive: better than it): {names}")
+        lines.append(
+            f"gain of log-likelihood over references (positive: better than the reference): {names}"
+        )
     if moved := also_moved(d):
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
         lines.append(
-            f"also moved in the extended model, by less than the force left shows: {changes}"
+            f"also changed in the extended model, by less than the remaining force shows: {changes}"
         )
     for name, found in d.varies.items():
         values = ", ".join(

@@ -38,12 +38,12 @@ class Factor(Effect):
 @register_effect
 @dataclass(frozen=True)
 class Inertia(Factor):
-    r"""Mass other than the axis' own.
+    r"""Mass that differs from that of the axis.
 
     Parameters
     ----------
     factor : float
-        Mass that moves over the axis' `mass` [1].
+        Moving mass over the `mass` of the axis [1].
 
     Notes
     -----
@@ -58,23 +58,25 @@ class Inertia(Factor):
     """
 
     factor: float = parameter(
-        "1", "moving mass over the axis' own", bounds=(1e-9, math.inf), neutral=1.0
+        "1", "moving mass over the mass of the axis", bounds=(1e-9, math.inf), neutral=1.0
     )
 
     slug = "inertia"
     title = "inertia error"
     base = "mass"
     explanation = (
-        "More or less mass moves than assumed: a workpiece, a coupling, a gear ratio "
-        "taken wrongly into account."
+        "The moving mass is larger or smaller than assumed: a workpiece, a coupling, or a wrong "
+        "gear ratio."
     )
-    experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
+    experiment = (
+        "Accelerate hard in both directions while sliding: force over acceleration is the mass."
+    )
 
 
 @register_effect
 @dataclass(frozen=True)
 class ViscousFriction(Factor):
-    r"""Viscous coefficient other than the axis' own.
+    r"""Viscous coefficient that differs from that of the axis.
 
     Parameters
     ----------
@@ -94,14 +96,14 @@ class ViscousFriction(Factor):
     """
 
     factor: float = parameter(
-        "1", "coefficient over the axis' own", bounds=(0.0, math.inf), neutral=1.0
+        "1", "coefficient over that of the axis", bounds=(0.0, math.inf), neutral=1.0
     )
 
     slug = "viscous"
     title = "viscous friction error"
     base = "viscous"
     explanation = (
-        "Friction proportional to velocity differs from what was assumed: other grease, another "
+        "Viscous friction differs from the assumed value: other grease, another "
         "temperature, a new seal."
     )
     experiment = (
@@ -112,7 +114,7 @@ class ViscousFriction(Factor):
 @register_effect
 @dataclass(frozen=True)
 class CoulombFriction(Factor):
-    r"""Coulomb level other than the axis' own, the same both ways.
+    r"""Coulomb level that differs, equally in both directions.
 
     Parameters
     ----------
@@ -131,7 +133,9 @@ class CoulombFriction(Factor):
     CoulombMap(plus=(12.0,), minus=(9.0,))
     """
 
-    factor: float = parameter("1", "level over the axis' own", bounds=(0.0, math.inf), neutral=1.0)
+    factor: float = parameter(
+        "1", "level over that of the axis", bounds=(0.0, math.inf), neutral=1.0
+    )
 
     slug = "coulomb"
     title = "Coulomb level error"
@@ -140,7 +144,8 @@ class CoulombFriction(Factor):
         "Dry friction as a whole is higher or lower than assumed: preload, wear, lubrication."
     )
     experiment = (
-        "Crawl both ways at the same speed: half the difference of the forces is the level."
+        "Crawl in both directions at the same speed: half the difference of the forces is the "
+        "level."
     )
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
@@ -177,11 +182,11 @@ class StribeckPeak(Effect):
     """
 
     excess: float = parameter(
-        "1", "excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS), breaks_away=True,
-        size=1.0,
+        "1", "relative excess of breakaway over Coulomb", bounds=(0.0, MOST_EXCESS),
+        breaks_away=True, size=1.0,
     )  # fmt: skip
     speed: float = parameter(
-        "m/s", "speed over which it dies", bounds=(1e-300, math.inf), breaks_away=True,
+        "m/s", "velocity over which it decays", bounds=(1e-300, math.inf), breaks_away=True,
         logarithmic=True,
     )  # fmt: skip
 
@@ -192,10 +197,12 @@ class StribeckPeak(Effect):
     rank = 9
     axis_field = "stribeck"
     explanation = (
-        "At the slowest motion the film of oil breaks down and friction rises: it takes more "
-        "to start than to keep going."
+        "At low velocity the oil film breaks down and friction rises: breakaway takes more force "
+        "than sliding."
     )
-    experiment = "Crawl slower and slower through a soft drive: the axis starts to stick and slip."
+    experiment = (
+        "Crawl ever more slowly under a soft position loop: the axis starts to stick and slip."
+    )
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
         """Axis with this peak.

@@ -28,7 +28,7 @@ _NEARLY_ALL = 0.9
 @register_effect
 @dataclass(frozen=True)
 class InputDelay(Effect):
-    r"""Drive force that acts some time after the command.
+    r"""Drive force that acts a time after the command.
 
     Parameters
     ----------
@@ -59,8 +59,14 @@ class InputDelay(Effect):
     depends_on_place = False
     remembers = True
     rank = 5
-    explanation = "The drive acts late: computing time, a field bus, or a current loop's dead time."
-    experiment = "Step the force while sliding and time the bend in velocity against the command."
+    explanation = (
+        "The drive acts with a delay: computing time, a field bus, or the dead time of a current "
+        "loop."
+    )
+    experiment = (
+        "Step the force while sliding and compare the time of the change in slope of the velocity "
+        "with the command."
+    )
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Its delay.
@@ -107,8 +113,10 @@ class ActuatorLag(Effect):
     depends_on_place = False
     remembers = True
     rank = 6
-    explanation = "The force builds up gradually: the winding's inductance or a valve's stroke."
-    experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
+    explanation = "The force builds up gradually: inductance of the winding, or stroke of a valve."
+    experiment = (
+        "Step the force while sliding: the acceleration rises gradually, not after a pause."
+    )
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Its time constant.
@@ -156,7 +164,9 @@ class InputGain(Effect):
     depends_on_place = False
     rank = 2
     trades = ("mass", "add a known mass, or measure the force, to separate them")
-    explanation = "The drive gives more or less force than assumed: torque constant or scaling."
+    explanation = (
+        "The drive gives more or less force than assumed: wrong torque constant or scaling."
+    )
     experiment = "Hang a known weight on the axis and read the command that balances it."
 
     @staticmethod
@@ -177,7 +187,7 @@ class InputGain(Effect):
 @register_effect
 @dataclass(frozen=True)
 class DeadZone(Effect):
-    r"""Command below which the drive gives no force.
+    r"""Commands to which the drive does not respond.
 
     Parameters
     ----------
@@ -207,7 +217,9 @@ class DeadZone(Effect):
     action = "input"
     depends_on_place = False
     rank = 11
-    explanation = "Small commands are lost in the drive: valve overlap or a bridge's blanking time."
+    explanation = (
+        "The drive does not respond to small commands: valve overlap, or dead time of a bridge."
+    )
     experiment = (
         "Sweep the command slowly through zero while the axis is pushed by a constant load."
     )
@@ -266,8 +278,8 @@ class Saturation(Effect):
     action = "input"
     depends_on_place = False
     rank = 12
-    explanation = "The drive cannot give more than this: current limit, supply voltage, pressure."
-    experiment = "Step the reference further and further: the acceleration stops growing."
+    explanation = "The drive force is limited: current limit, supply voltage, pressure."
+    experiment = "Increase the reference step: the acceleration stops growing."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

@@ -179,13 +179,13 @@ class Inner(NamedTuple):
     contact : float
         Stiffness of an elastic contact [N/m].
     half_gap : float
-        Half the play between motor and load [m].
+        Half the gap between motor and load [m].
     stiffness, damping : float
         Of an elastic transmission between them [N/m], [N s/m].
     load_fraction : float
-        Share of the mass behind play or transmission.
+        Share of the mass behind the gap or transmission.
     on_load : float
-        1 if the encoder is on the load, behind play or transmission.
+        1 if the encoder is on the load, behind the gap or transmission.
 
     Examples
     --------
@@ -214,8 +214,8 @@ class Effect:
     static method `law`; for "axis" a method ``alter(axis)`` that returns the
     axis with other base parameters; for "delay", "lag", "contact" and
     "transmission" a method ``inner(axis)`` that returns an `Inner` with the
-    numbers of its state.  A law that varies fast along the way or in time says so
-    by `shortest_length` and `shortest_time`.
+    numbers of its state.  A law that oscillates along the travel or in time states
+    `shortest_length` and `shortest_time`.
 
     Notes
     -----
@@ -226,11 +226,11 @@ class Effect:
       here and in this `direction`, `u` the load of the transmission, which is the drive
       less the force effects, `rest` the time at rest.
       The Stribeck peak raises what it adds, unless `within_peak` is false;
-    - "input": the drive force that takes the place of `u` [N];
-    - "reading": an addition to what the encoder reads [m]; it must change by less than
-      the position does.
+    - "input": the drive force that replaces `u` [N];
+    - "reading": an addition to the encoder reading [m]; it must change by less than
+      the position.
 
-    `p` holds the parameters in the order of the fields.  The law is compiled
+    `p` contains the parameters in the order of the fields.  The law is compiled
     once for itself; no combination of effects costs a further compilation, and
     one call costs a few nanoseconds.
 
@@ -297,16 +297,16 @@ class Effect:
 
     @property
     def shortest_length(self) -> float:
-        """Length over which the law may turn round, as inf where it does not.
+        """Length over which the law may oscillate, inf where it does not.
 
-        Steps of the integration are not longer: a law that repeats with position would else
-        be seen at the same phase by every stage.
+        Integration steps are not longer: otherwise every stage could see a law that repeats
+        with position at the same phase.
         """
         return math.inf
 
     @property
     def shortest_time(self) -> float:
-        """Time over which the law may turn round by itself [s], inf where it does not."""
+        """Time over which the law may oscillate by itself [s], inf where it does not."""
         return math.inf
 
     @classmethod
@@ -342,7 +342,7 @@ class Effect:
 
     @classmethod
     def named_parameters(cls) -> tuple[str, ...]:
-        """Free parameters, for which the effect's name stands."""
+        """Free parameters that the name of the effect includes."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
 
     @classmethod
@@ -367,7 +367,7 @@ class Effect:
 
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> Effect:
-        """Effect from which a fit starts: it does nothing yet.
+        """Effect from which a fit starts, with no influence yet.
 
         Parameters
         ----------
@@ -403,8 +403,8 @@ class Effect:
     def guess(cls, view: View) -> Iterator[Guess]:
         """First guesses of its parameters from the force residual.
 
-        By default parts of the typical size that each unit has are tried, in every
-        combination, and what the law is proportional to comes from regression.
+        By default fractions of the typical size of each unit are tried, in every
+        combination, and parameters to which the law is proportional come from regression.
 
         Parameters
         ----------
@@ -414,16 +414,16 @@ class Effect:
         Yields
         ------
         tuple of dict
-            Values of the parameters, and of those base parameters on which the
-            residual says something.
+            Values of the parameters, and of those base parameters that the
+            residual determines.
         """
         yield from tried(cls, view)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        """Way and time after a turn in which it is no force.
+        """Distance and time after a reversal in which it is no force.
 
-        A turn is a reversal or a start of the motion, or of the force that a transmission
-        hands on.
+        A reversal is one of the motion, or a start, or one of the force that a transmission
+        carries.
 
         Parameters
         ----------
@@ -435,12 +435,12 @@ class Effect:
         Returns
         -------
         tuple of float
-            Way [m] and time [s], 0 for an effect that is a force at every sample.
+            Distance [m] and time [s], 0 for an effect that is a force at every sample.
         """
         return 0.0, 0.0
 
     def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
-        """Whether it changes inputs by more than their noise does.
+        """Whether it changes inputs by more than their noise.
 
         Parameters
         ----------
@@ -472,7 +472,7 @@ class Effect:
         return 0.0
 
     def meaning(self, units: tuple[str, str]) -> str:
-        """What its parameters come to, if they do not say it.
+        """What its parameters amount to, in words; empty if evident.
 
         Parameters
         ----------
@@ -486,7 +486,7 @@ class Effect:
         return ""
 
     def describe(self, units: tuple[str, str] = ("m", "N")) -> str:
-        """Slug and parameters with units, in one line.
+        """Id and parameters with units, in one line.
 
         Parameters
         ----------

@@ -34,18 +34,18 @@ class Presliding(Effect):
     Parameters
     ----------
     distance : float
-        Way over which the Coulomb level builds up [m].
+        Displacement over which the Coulomb level builds up [m].
 
     Notes
     -----
     .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
 
     Prandtl's element: F = k z with z' = v and k = Fc/distance, up to the
-    friction level, at which it slides; when the motion turns back the contact
-    unloads elastically from where it is.  Fc is one constant level, the mean
+    friction level, at which it slides; when the motion reverses, the contact
+    unloads elastically from its present state.  Fc is one constant level, the mean
     of both directions in the middle of the travel.  Mode 0 is the elastic
     phase: the axis moves in it, ``m v' = w - f v - k z``, and stick velocity and
-    stuck-mode decay rate have no part in it.  Without a Coulomb level there is no
+    stuck-mode decay rate are not used.  Without a Coulomb level there is no
     contact.  A simulation starts with the contact unstrained.
 
     Examples
@@ -62,7 +62,7 @@ class Presliding(Effect):
     """
 
     distance: float = parameter(
-        "m", "way over which the Coulomb level builds up", bounds=(1e-300, math.inf)
+        "m", "displacement over which the Coulomb level builds up", bounds=(1e-300, math.inf)
     )
 
     slug = "presliding"
@@ -72,12 +72,10 @@ class Presliding(Effect):
     remembers = True
     rank = 18
     explanation = (
-        "Before it breaks away the contact bends like a spring: the axis gives way by "
-        "micrometres and springs back."
+        "Before breakaway the contact is elastic: the axis moves by micrometres and springs back."
     )
     experiment = (
-        "Raise and lower the force slowly below breakaway: the position follows in a loop, "
-        "not on a line and not at all."
+        "Raise and lower the force slowly below breakaway: the position follows a hysteresis loop."
     )
 
     def inner(self, axis: BaseAxis) -> Inner:
@@ -106,9 +104,9 @@ class Backlash(Effect):
     Parameters
     ----------
     gap : float
-        Whole width of the play [m].
+        Total width of the gap [m].
     load_fraction : float
-        Share of the mass behind the play [1].
+        Share of the mass behind the gap [1].
 
     Notes
     -----
@@ -117,9 +115,9 @@ class Backlash(Effect):
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects.  In contact
     the two move as one until the contact would have to pull; they meet again
-    in a plastic impact that keeps the momentum.  Position and speed are the
+    in a plastic impact that keeps the momentum.  Position and velocity are the
     motor's, friction and mode the load's.  A simulation starts with the motor
-    in the middle of the play.  In contact the net force on both masses counts
+    in the middle of the gap.  In contact the net force on both masses counts
     for a friction that depends on it.
 
     Examples
@@ -135,9 +133,9 @@ class Backlash(Effect):
     0.02
     """
 
-    gap: float = parameter("m", "whole width of the play", bounds=(1e-300, math.inf))
+    gap: float = parameter("m", "total width of the gap", bounds=(1e-300, math.inf))
     load_fraction: float = parameter(
-        "1", "share of the mass behind the play", bounds=(1e-6, 1.0 - 1e-6), kind="share"
+        "1", "share of the mass behind the gap", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
 
     slug = "backlash"
@@ -147,11 +145,11 @@ class Backlash(Effect):
     remembers = True
     rank = 20.0
     explanation = (
-        "There is play between motor and load: after each reversal the motor runs free, then "
-        "strikes the load."
+        "There is free play between motor and load: after each reversal the motor crosses the gap, "
+        "then strikes the load."
     )
     experiment = (
-        "Reverse slowly under a small force: the motor moves by the play before the force rises."
+        "Reverse slowly under a small force: the motor crosses the gap before the force rises."
     )
 
     def inner(self, axis: BaseAxis) -> Inner:
@@ -179,9 +177,9 @@ class LoadEncoderBacklash(Backlash):
     Parameters
     ----------
     gap : float
-        Whole width of the play [m].
+        Total width of the gap [m].
     load_fraction : float
-        Share of the mass behind the play [1].
+        Share of the mass behind the gap [1].
 
     Notes
     -----
@@ -207,12 +205,12 @@ class LoadEncoderBacklash(Backlash):
     title = "backlash, encoder on the load"
     rank = 20.5
     explanation = (
-        "There is play between motor and load, and the encoder is on the load: after each "
-        "reversal nothing is seen to move while the motor crosses the play."
+        "There is free play between motor and load, and the encoder is on the load: after each "
+        "reversal the reading stands still while the motor crosses the gap."
     )
     experiment = (
-        "Reverse under forces of different size: the pause before the load moves shrinks with "
-        "the root of the force."
+        "Reverse under forces of different size: the pause before the load moves decreases with "
+        "the square root of the force."
     )
 
     def inner(self, axis: BaseAxis) -> Inner:
@@ -240,10 +238,10 @@ class Compliance(Effect):
 
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects; the force
-    between them is stiffness (x - xl) + damping (v - vl).  Position and speed
+    between them is stiffness (x - xl) + damping (v - vl).  Position and velocity
     are the motor's, friction and mode the load's.  A simulation starts with
-    the transmission unstrained.  The steps are a fraction of its natural
-    period as long as it swings: a very stiff one costs time.
+    the transmission unstrained.  The integration steps are a fraction of its
+    natural period while it oscillates: a very stiff one costs time.
 
     Examples
     --------
@@ -272,8 +270,8 @@ class Compliance(Effect):
     remembers = True
     rank = 21
     explanation = (
-        "A belt, a long screw or a soft coupling gives way between motor and load: they swing "
-        "against each other."
+        "A belt, a long screw or a soft coupling between motor and load is elastic: the two "
+        "oscillate against each other."
     )
     experiment = (
         "Step the force while sliding: the motor's velocity rings at the natural frequency."

@@ -15,14 +15,14 @@ from dryfric_control.model.effects.guesses import Guess, View
 @register_effect
 @dataclass(frozen=True)
 class EccentricEncoder(Effect):
-    r"""Encoder whose reading is off periodically along the way.
+    r"""Encoder with an error that is periodic in position.
 
     Parameters
     ----------
     amplitude : float
         Amplitude of the error [m].
     period : float
-        Way after which it repeats [m].
+        Distance after which it repeats [m].
     phase : float
         Phase at x = 0 [rad].
 
@@ -30,9 +30,9 @@ class EccentricEncoder(Effect):
     -----
     .. math:: y = x + \text{amplitude} \cdot \sin(2\pi x / \text{period} + \text{phase})
 
-    with y the reading.  It acts on no force: the axis moves as without it, unless a
-    controller follows the reading.  The reading must grow with the position: beyond
-    2 pi amplitude = period a reading has no single place.
+    with y the reading.  It is not a force: the motion of the axis does not change, unless a
+    controller uses the reading.  The reading must grow with the position: beyond
+    2 pi amplitude = period a reading is ambiguous.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class EccentricEncoder(Effect):
     """
 
     amplitude: float = parameter("m", "amplitude of the error", bounds=(0.0, math.inf))
-    period: float = parameter("m", "way after which it repeats", bounds=(1e-300, math.inf))
+    period: float = parameter("m", "distance after which it repeats", bounds=(1e-300, math.inf))
     phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
 
     slug = "eccentric_encoder"
@@ -55,8 +55,8 @@ class EccentricEncoder(Effect):
     rank = 15.5
     repeats = True
     explanation = (
-        "The encoder's disc, or the wheel that drives it, turns about a point beside its "
-        "centre: the reading runs ahead and lags once per turn."
+        "The disc of the encoder, or the wheel that drives it, is mounted off centre: the "
+        "reading leads and lags once per turn."
     )
     experiment = (
         "Move at several constant velocities: the ripple of the force grows with the square of "

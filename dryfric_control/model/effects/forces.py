@@ -61,7 +61,9 @@ class BiasForce(Effect):
         "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
         "cable, or an offset of the amplifier."
     )
-    experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
+    experiment = (
+        "Crawl in both directions at the same speed: the two levels differ by twice the bias."
+    )
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -101,7 +103,7 @@ class ViscousAsymmetry(Effect):
     [1.0, -1.5]
     """
 
-    viscous: float = parameter("N s/m", "half the difference, positive less negative")
+    viscous: float = parameter("N s/m", "half the difference, positive minus negative direction")
 
     slug = "viscous_asymmetry"
     title = "viscous asymmetry"
@@ -109,10 +111,10 @@ class ViscousAsymmetry(Effect):
     depends_on_place = False
     depends_on_direction = True
     rank = 17
-    explanation = (
-        "Friction proportional to velocity is larger one way: a lip seal or a one-sided oil film."
+    explanation = "Viscous friction is larger in one direction: a lip seal or a one-sided oil film."
+    experiment = (
+        "Run at several constant velocities in both directions and compare the slopes of the force."
     )
-    experiment = "Run at several constant speeds both ways and compare the slopes of force."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -131,7 +133,7 @@ class ViscousAsymmetry(Effect):
 @register_effect
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
-    r"""Drag that grows with the square of speed.
+    r"""Drag that grows with the square of velocity.
 
     Parameters
     ----------
@@ -160,8 +162,12 @@ class QuadraticDrag(Effect):
     action = "force"
     depends_on_place = False
     rank = 4
-    explanation = "Air or liquid is thrown aside, so the resistance grows with the square of speed."
-    experiment = "Run at several constant speeds up to the fastest: the force curve bends upwards."
+    explanation = (
+        "Air or liquid is displaced, so the resistance grows with the square of the velocity."
+    )
+    experiment = (
+        "Run at several constant velocities up to the highest: the force curve bends upwards."
+    )
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -266,7 +272,9 @@ class Gravity(Effect):
     action = "force"
     depends_on_speed = False
     rank = 15
-    explanation = "The arm's weight pulls it down, with the sine of its angle from hanging."
+    explanation = (
+        "The weight of the arm acts as a torque that follows the sine of its angle from hanging."
+    )
     experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
 
     @property
@@ -327,7 +335,10 @@ class Cogging(Effect):
     depends_on_speed = False
     rank = 13
     repeats = True
-    explanation = "The motor's magnets or the screw's pitch push and pull once per tooth."
+    explanation = (
+        "The magnets of the motor, or the pitch of a screw, cause a force that is periodic in "
+        "position."
+    )
     experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
 
     @property
@@ -390,10 +401,8 @@ class TimePeriodic(Effect):
     depends_on_time = True
     rank = 14
     repeats = True
-    explanation = (
-        "Something else that runs shakes the axis: a pump, a fan, a neighbour machine, mains."
-    )
-    experiment = "Hold the axis at several speeds and at rest: the frequency stays the same."
+    explanation = "Something else excites the axis: a pump, a fan, another machine, the mains."
+    experiment = "Run the axis at several velocities and at rest: the frequency stays the same."
 
     @property
     def shortest_time(self) -> float:

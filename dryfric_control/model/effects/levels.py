@@ -39,7 +39,7 @@ class CoulombAsymmetry(Effect):
     [0, -1]
     """
 
-    force: float = parameter("N", "half the difference, positive less negative")
+    force: float = parameter("N", "half the difference, positive minus negative direction")
 
     slug = "coulomb_asymmetry"
     title = "Coulomb asymmetry"
@@ -49,10 +49,12 @@ class CoulombAsymmetry(Effect):
     depends_on_direction = True
     rank = 16
     trades = BiasForce.trades
-    explanation = "Dry friction is larger one way: worn or preloaded contact, a wedge, a brush."
+    explanation = (
+        "Dry friction is larger in one direction: worn or preloaded contact, a wedge, a brush."
+    )
     experiment = (
-        "Crawl both ways at the same speed and compare the levels; tilt the axis to separate it "
-        "from a bias."
+        "Crawl in both directions at the same speed and compare the levels; tilt the axis to "
+        "separate it from a bias."
     )
 
     @staticmethod
@@ -77,7 +79,7 @@ class PositionDependence(Effect):
     curvature : float
         Coefficient of the square [1/m^2].
     centre : float
-        Position at which the level is the axis' own [m].
+        Position at which the level is that of the axis [m].
 
     Notes
     -----
@@ -108,7 +110,7 @@ class PositionDependence(Effect):
     depends_on_load = False
     rank = 7
     explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
-    experiment = "Crawl over the whole travel both ways and plot the force over position."
+    experiment = "Crawl over the whole travel in both directions and plot the force over position."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -169,10 +171,10 @@ class LoadDependence(Effect):
     within_peak = False
     rank = 10
     explanation = (
-        "The force that the gear or screw carries presses its teeth together: more friction."
+        "The force transmitted by the gear or screw presses its teeth together and adds friction."
     )
     experiment = (
-        "Repeat one motion with different loads, braking included: friction follows the load."
+        "Repeat a motion with different loads, including braking: friction follows the load."
     )
 
     @staticmethod
@@ -208,7 +210,7 @@ class LoadAsymmetry(Effect):
 
     with the drive u and the sum e of the force effects.
 
-    Beside `LoadDependence` it leaves each direction its own coefficient.  The
+    With `LoadDependence`, each direction has its own coefficient.  The
     Stribeck peak does not raise this part, and no level falls below zero.
 
     Examples
@@ -234,11 +236,12 @@ class LoadAsymmetry(Effect):
     within_peak = False
     rank = 17
     explanation = (
-        "The force that a worm or a screw carries presses its flanks together, one flank more "
-        "than the other: friction follows the load one way more than the other way."
+        "The force transmitted by a worm or a screw presses its flanks together, one flank more "
+        "than the other: friction depends on the load more in one direction than in the other."
     )
     experiment = (
-        "Repeat one motion both ways with different loads: friction over load has two slopes."
+        "Repeat a motion in both directions with different loads: friction over load has two "
+        "slopes."
     )
 
     @staticmethod
@@ -262,15 +265,15 @@ class StribeckAsymmetry(Effect):
         Half the difference of the relative excess [1]: added for motion in positive
         direction, subtracted in negative direction.
     speed : float
-        Speed over which the difference dies [m/s].
+        Velocity over which the difference decays [m/s].
 
     Notes
     -----
     .. math:: F_c \to F_c \left(1 + s \cdot \text{difference} \cdot
         e^{-(v/\text{speed})^2}\right), \quad s = \pm 1 \text{ the direction}
 
-    Beside a Stribeck peak of the same speed it leaves each direction its own excess;
-    without one, friction is higher at the slowest motion one way and lower the other.
+    With a Stribeck peak of the same velocity, each direction has its own excess;
+    without one, friction at low velocity is higher in one direction and lower in the other.
 
     Examples
     --------
@@ -284,11 +287,11 @@ class StribeckAsymmetry(Effect):
     """
 
     difference: float = parameter(
-        "1", "half the difference of excess, positive less negative", bounds=(-10.0, 10.0),
-        breaks_away=True, size=1.0,
+        "1", "half the difference of the excess, positive minus negative direction",
+        bounds=(-10.0, 10.0), breaks_away=True, size=1.0,
     )  # fmt: skip
     speed: float = parameter(
-        "m/s", "speed over which it dies", bounds=(1e-300, math.inf), breaks_away=True,
+        "m/s", "velocity over which it decays", bounds=(1e-300, math.inf), breaks_away=True,
         logarithmic=True,
     )  # fmt: skip
 
@@ -301,10 +304,10 @@ class StribeckAsymmetry(Effect):
     within_peak = False
     rank = 22
     explanation = (
-        "At the slowest motion friction is higher one way than the other: a lip seal that scrapes "
-        "the oil off one way only."
+        "At low velocity friction is higher in one direction than in the other: a lip seal that "
+        "scrapes the oil off in one direction only."
     )
-    experiment = "Crawl slower and slower both ways and compare the levels at equal velocity."
+    experiment = "Crawl ever more slowly in both directions and compare the levels at equal speed."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -353,7 +356,7 @@ class VelocityStrengthening(Effect):
     .. math:: F_c \to F_c \left(1 - \text{deficit} \cdot
         (1 - \tanh({|v|}/\text{speed}))\right)
 
-    The opposite of a Stribeck peak: at constant force motion is stable at every speed, and
+    The opposite of a Stribeck peak: at constant force motion is stable at every velocity, and
     an axis does not stick and slip.
 
     Examples
@@ -371,7 +374,7 @@ class VelocityStrengthening(Effect):
     deficit: float = parameter("1", "share of the level missing at rest", bounds=(0.0, 0.95))
     speed: float = parameter(
         "m/s",
-        "speed over which it rises",
+        "velocity over which it rises",
         bounds=(1e-300, math.inf),
         logarithmic=True,
         kind="speed",
@@ -385,10 +388,10 @@ class VelocityStrengthening(Effect):
     within_peak = False
     rank = 9.5
     explanation = (
-        "Friction rises with speed from a lower level at rest: a film of grease, or a soft seal, "
-        "that resists the more the faster it is sheared."
+        "Friction rises with velocity from a lower level at rest: a film of grease, or a soft "
+        "seal, that resists more the faster it is sheared."
     )
-    experiment = "Crawl slower and slower both ways: the level falls towards rest."
+    experiment = "Crawl ever more slowly in both directions: the level falls towards rest."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -452,8 +455,8 @@ class WarmUp(Effect):
     depends_on_time = True
     rank = 12.5
     explanation = (
-        "A cold machine has stiffer grease: friction falls, fast at first and ever slower, until "
-        "it is warm."
+        "A cold machine has stiffer grease: friction falls, quickly at first and then more slowly, "
+        "until it is warm."
     )
     experiment = "Repeat the same crawl from cold until the force no longer changes."
 
@@ -571,7 +574,7 @@ class DwellTime(Effect):
     remembers = True
     rank = 19
     explanation = (
-        "At rest the contacts creep together and the oil is squeezed out: it sticks harder."
+        "At rest the contacts creep together and oil is squeezed out: the breakaway force grows."
     )
     experiment = "Break away after rests of different lengths with the same slow ramp of force."
 

@@ -357,7 +357,8 @@ EXCITATIONS = (
     Excitation("triangle", "slow triangle over the travel",
                "Move slowly and evenly over the whole travel, back and forth.", _triangle),
     Excitation("crawl", "crawl",
-               "Crawl back and forth over a short distance at a fiftieth of the top speed.", _crawl),
+               "Crawl back and forth over a short distance, at a fiftieth of the top speed.",
+               _crawl),
     Excitation("reversals", "quick moves and reversals",
                "Move quickly from point to point with many reversals, long and short.",
                _reversals),
@@ -368,7 +369,7 @@ EXCITATIONS = (
                "Run back and forth at four constant speeds from a twelfth to near the top speed.",
                _speeds),
     Excitation("braking", "braking from speed",
-               "Bring the axis to speed gently, then brake hard with the drive, in both directions.",
+               "Bring the axis to speed gently, then brake hard with the drive, both directions.",
                _braking),
     Excitation("rests", "rests of growing length",
                "Let the axis rest for longer and longer times, and break it away each time with "
@@ -383,13 +384,13 @@ EXCITATIONS = (
                "Follow a sine as large as travel, speed and drive allow, from slow to fast.",
                _sine_sweep),
     Excitation("coasting", "push and coast",
-               "Push the axis to speed, drop the force to zero and let it coast to rest; both "
-               "ways.", _coasting),
+               "Push the axis to speed, drop the force to zero and let it coast to rest, in both "
+               "directions.", _coasting),
     Excitation("added_mass", "a known mass clamped on",
                "Add a known mass of {mass} to the axis, half of its own, and move quickly from "
                "point to point with many reversals.", _reversals, _heavier),
     Excitation("known_force", "a known force added",
                "Pull the axis in positive direction with a known constant force of {force} (a "
-               "weight over a pulley, a known tilt), and run back and forth at four constant speeds.",
-               _speeds, _pulled),
+               "weight over a pulley, a known tilt), and run back and forth at four constant "
+               "speeds.", _speeds, _pulled),
 )  # fmt: skip

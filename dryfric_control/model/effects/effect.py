@@ -347,7 +347,15 @@ class Effect:
 
     @classmethod
     def needs_velocities(cls) -> bool:
-        """Whether motion at different velocities alone shows it: a parameter's unit has one."""
+        """Whether only motion at different velocities shows it.
+
+        So it is where a unit of its parameters contains a velocity.
+
+        Returns
+        -------
+        bool
+            True for viscous and Stribeck effects, false for a spring.
+        """
         units = (re.findall("[a-z]+", p["unit"]) for p in cls.parameters().values())
         return any({"m", "s"} <= set(names) for names in units)
 

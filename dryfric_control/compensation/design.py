@@ -287,7 +287,7 @@ class Compensation(Result):
         middle = 0.0 if axis.travel is None else float(np.mean(axis.travel)) - 0.5 * way
         return motion_profile(
             [middle, middle + way, middle, middle + way], self.dt, velocity=0.3 * a,
-            acceleration=a, jerk=20.0 * a, dwell=[0.1, 0.0, 0.0, 0.4],
+            acceleration=a, jerk=20.0 * a, dwell=[0.1, 0.0, 0.0, 0.4], unit=axis.units[0],
         )  # fmt: skip
 
     @property

@@ -542,3 +542,9 @@ def test_summary_and_plot(comp):
     bound = comp.certify(reference=comp._there_and_back()).tube
     assert tube.get_ydata()[0] == pytest.approx(1e3 * bound)
     assert replace(comp, law="fixed").summary() != comp.summary()
+
+
+def test_plot_of_a_rotary_axis_is_in_radians():
+    axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
+    plot = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-5).plot()
+    assert plot.axes[0, 0].get_ylabel() == "position [rad]"

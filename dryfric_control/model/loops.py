@@ -352,8 +352,7 @@ def simulate_loop(
     ['x', 'v', 'F', 'mode', 'u', 'y']
     """
     instance("axis", axis, FrictionAxis)
-    if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
-        instance("controller", controller, PositionController, "or comp.controller")
+    check_controller(controller)
     motion = MotionProfile.of(reference, controller.dt)
     if isinstance(reference, MotionProfile) and not same_unit(motion.unit, axis.units[0]):
         raise ValueError(
@@ -393,6 +392,18 @@ def simulate_loop(
         sysname=axis.name,
         units=axis.units,
     )
+
+
+def check_controller(controller: object) -> None:
+    """Refuse what `simulate_loop` cannot run.
+
+    Raises
+    ------
+    ValueError
+        If it is no controller.
+    """
+    if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
+        instance("controller", controller, PositionController, "or comp.controller")
 
 
 def _warn_if_divergent(

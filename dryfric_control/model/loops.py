@@ -295,7 +295,7 @@ def simulate_loop(
     controller: LoopController,
     reference: MotionProfile | ArrayLike,
     quantum: float = 0.0,
-    x0: float = 0.0,
+    x0: float | None = None,
     v0: float = 0.0,
     disturbance: ArrayLike | None = None,
 ) -> SimulationResponse:
@@ -314,8 +314,9 @@ def simulate_loop(
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
-        Position and speed of the plant at the start.  The controller starts
-        as one that has followed that motion.
+        Position and speed of the plant at the start: by default at rest, where a
+        `MotionProfile` starts, and at 0 if the reference is one of positions.  The
+        controller starts as one that has followed that motion.
     disturbance : array_like, shape (n,), optional
         Force added to the drive force [N].
 
@@ -361,6 +362,8 @@ def simulate_loop(
         )
     r = motion.position
     quantum = positive("quantum", quantum, unit=axis.unit("m"), zero=True)
+    if x0 is None:
+        x0 = float(r[0]) if motion is reference else 0.0
     x0, v0 = finite("x0", x0), finite("v0", v0)
     force = np.zeros(r.size) if disturbance is None else samples("disturbance", disturbance)
     if force.size != r.size:

@@ -230,12 +230,11 @@ def _scores(
     reference: MotionProfile | Array,
     quantum: float,
     estimators: Mapping[str, Estimator],
-    start: float,
     xhat0: float,
     mismatch: Mismatch,
 ) -> list[tuple[float, ...]]:
     plant = mismatch.plant(design, axis, stribeck_speed)
-    run = simulate_loop(plant, controller, reference, quantum=quantum, x0=start)
+    run = simulate_loop(plant, controller, reference, quantum=quantum)
     u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
     return [
         astuple(score_estimate(plant, controller.dt, run.y, estimator.estimate(u, y, xhat0=xhat0)))
@@ -283,8 +282,8 @@ def monte_carlo(
     runs : int, optional
         Number of plants.
     xhat0 : float, optional
-        Start of the estimates [m].  Default: that of the reference, where the plants are
-        at rest.
+        Start of the estimates [m].  Default: that of the plants, which are at rest where a
+        `MotionProfile` starts, and at 0 if the reference is one of positions.
     estimators : mapping of str to Estimator, optional
         What is compared.  Default: both rules of the switched observer.
     seed : int, optional
@@ -332,7 +331,7 @@ def monte_carlo(
         stribeck_speed = positive("stribeck_speed", stribeck_speed, unit=axis.unit("m/s"))
     elif axis.stribeck is not None:
         stribeck_speed = axis.stribeck.speed
-    start = float(MotionProfile.of(r, controller.dt).position[0])
+    start = float(r.position[0]) if isinstance(r, MotionProfile) else 0.0
     xhat0 = start if xhat0 is None else finite("xhat0", xhat0)
     runs, seed = whole("runs", runs), whole("seed", seed, 0)
     if estimators is not None and not (isinstance(estimators, Mapping) and estimators):
@@ -367,7 +366,7 @@ def monte_carlo(
         }
     found = run_batch(
         functools.partial(
-            _scores, design, axis, stribeck_speed, controller, r, quantum, estimators, start, xhat0
+            _scores, design, axis, stribeck_speed, controller, r, quantum, estimators, xhat0
         ),
         {astuple(one): one for one in mismatches},
         store=store,

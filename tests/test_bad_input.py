@@ -390,6 +390,11 @@ rows(
     (dict(name=3), "text"),
     (dict(units="m"), "position and force"),
     (dict(units=("m", 3)), "position and force"),
+    (dict(units=3), "position and force"),
+    (dict(units=("deg", "Nm")), "converted as they are read", "numbers in 'rad', not in 'deg'"),
+    (dict(units=("m", "kN")), "converted as they are read", "numbers in 'N', not in 'kN'"),
+    (dict(units=("N m", "rad")), "position first", "position cannot be in 'N m'"),
+    (dict(units=("rad", "N")), '"N m"'),
 )
 rows(
     "FrictionAxis.replace",

@@ -526,9 +526,15 @@ def design_compensation(
         watched = tuned.watchable(axis)
         # A loop that is slower than the delay allows leaves room for a faster observer.
         fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED) * max(highest / w, 1.0)
-        observer = design_pi_observer(
-            watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
-        )
+        try:
+            observer = design_pi_observer(
+                watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
+            )
+        except ValueError as problem:
+            raise ValueError(
+                f"no observer can be designed for dt = {dt:g} s and a drive delay of "
+                f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
+            ) from None
     made = dict(
         axis=axis,
         dt=dt,

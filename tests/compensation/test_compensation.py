@@ -544,6 +544,11 @@ def test_summary_and_plot(comp):
     assert replace(comp, law="fixed").summary() != comp.summary()
 
 
+def test_a_delay_in_milliseconds_is_told_where_no_observer_is_found():
+    with pytest.raises(ValueError, match="a drive delay of 4 s .*: check dt and input_delay"):
+        dfc.design_compensation(NOMINAL, dt=1e-3, input_delay=4.0)
+
+
 def test_a_move_that_starts_elsewhere_is_simulated_from_there():
     # A start at 0 is a step of the reference, which no bound on the error of the move covers.
     axis = dfc.FrictionAxis(

@@ -235,3 +235,75 @@ def test_a_demo_does_not_take_a_file_for_its_folder(tmp_path, capsys):
     taken.write_text("")
     assert main(["demo", "--out", str(taken)]) == 2
     assert "is a file: name a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "required: {demo,diagnose,export}"),
+        (["diagnose", "a.csv", "--axis", "a", "--windows", "3"], "known. Did you mean '--window'?"),
+        (["export", "a.toml", "--to", "c", "--tol", "3"], "export: --tol 3 is not known"),
+        (
+            ["diagnose", "a.csv", "--axis", "a", "--tolerance", "mass"],
+            "'mass' must be such as visc",
+        ),
+        (["diagnose", "a.csv", "--axis", "a", "--tolerance", "mass=x"], "such as viscous=0.5"),
+    ],
+)
+def test_what_cannot_be_parsed_is_told_in_one_line(arguments, words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (["--to", "c", "--version", "2.0"], "--version 2.0 is for --to fmu: leave it out"),
+        (
+            ["--to", "fmu", "--precision", "single"],
+            "--precision single is for --to c: leave it out",
+        ),
+        (["--to", "c", "--name", "a b"], "give --name"),
+    ],
+)
+def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option, words):
+    (tmp_path / "axis.toml").write_text(AXIS)
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "axis.toml"), "--out", str(out), *option]) == 2
+    assert words in capsys.readouterr().err and not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
+        (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
+        (table("t;u;x", (T[::-1], X, X)), "run.csv: t goes back"),
+        (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows and give --dt"),
+        (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; delete the row, and give --dt"),
+        (table("t;u [N m];x [rad]", (T, X, X)), 'with units = ["rad", "N m"] in its file'),
+        (table("t;u [N];x [rad]", (T, X, X)), "--gain x=... [m per rad] and --units x=m"),
+    ],
+)  # fmt: skip
+def test_a_file_that_cannot_be_used_is_told_by_name_and_option(run, capsys, text, words):
+    assert run(text) is None
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_warning_is_one_line_that_names_options(run, capsys):
+    run(table("t;u;x", (1e3 * T, X, X)))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].endswith(
+        "warning: dt = 1 s: time suspected in milliseconds; then give --units t=ms"
+    )
+    assert all(line.startswith("python -m dryfric_control: ") for line in lines)
+
+
+def test_an_inertia_is_told_to_be_the_mass_of_a_rotary_axis(run, tmp_path, capsys):
+    (tmp_path / "axis.toml").write_text("inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n")
+    assert run(table("t;u;x", (T, X, X))) is None
+    assert 'write mass = 0.02, the inertia with units = ["rad", "N m"]' in capsys.readouterr().err

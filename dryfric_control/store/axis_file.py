@@ -231,7 +231,7 @@ def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> No
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
             if key == "inertia" and "mass" in known:
-                hint = "the inertia of a rotary axis is its mass"
+                hint = f'write mass = {value!r}, the inertia with units = ["rad", "N m"]'
             raise ValueError(f"{name}{key} = {value!r} is not known: {hint}")
 
 

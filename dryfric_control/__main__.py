@@ -69,9 +69,10 @@ def parser() -> argparse.ArgumentParser:
     diagnose = commands.add_parser(
         "diagnose",
         help="find what a nominal axis lacks to explain a record, and why",
-        description="Writes report.html, report.png, diagnosis.json and extended.toml. What the "
-        "options say of counts, gear, motor and sampling (dt, rate, max_gap) may also stand in the "
-        "table [record] of the axis file; an option goes before it.",
+        description="Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
+        "which dfc.load_diagnosis reads in Python. What the options say of counts, gear, motor and "
+        "sampling (dt, rate, max_gap) may also stand in the table [record] of the axis file; an "
+        "option goes before it.",
     )
     diagnose.add_argument(
         "record",
@@ -288,7 +289,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     )
     print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
     write_report(found, folder)
-    print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
+    print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 
 def _export(chosen: argparse.Namespace) -> None:

@@ -1045,7 +1045,7 @@ files(
     ("empty.json", "", "empty.json", "JSON"),
     ("torn.json", '{"format": ', "torn.json", "JSON"),
     ("list.json", "[1, 2]", "list.json", "no observer design"),
-    ("other.json", '{"format": "a"}', "other.json", "lacks format"),
+    ("other.json", '{"format": "a"}', "other.json", "format = 'a', not"),
     (
         "newer.json",
         '{"format": "dryfric-control observer design", "version": 3}',
@@ -1328,6 +1328,7 @@ rows(
     "fit",
     (dict(record=[]), "at least one Record", "record"),
     (dict(record=[RECORD, 3]), "Record"),
+    (dict(record="run.csv"), "read_record", "got 'run.csv'"),
     (dict(free=()), "at least one parameter"),
     (dict(free=("masss",)), "choose from|did you mean"),
     (dict(free=("mass", "mass")), "more than once"),

@@ -193,9 +193,9 @@ class Diagnosis(Result, Findings):
 
 
 def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Write report.html, report.png, diagnosis.json and extended.toml into a folder.
+    """Write report.html, report.png, diagnosis.json, extended.toml and saved.json into a folder.
 
-    Everything is made before the first file is written.
+    All but the last, which `load_diagnosis` reads, is made before the first file is written.
     """
     drawn = d.plot().figure
     buffer = io.BytesIO()
@@ -214,7 +214,8 @@ def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ..
     for name, content in contents.items():
         with replacing(target / name) as part:
             part.write_bytes(content)
-    return tuple(target / name for name in contents)
+    d.save(target / "saved.json")
+    return *(target / name for name in contents), target / "saved.json"
 
 
 _SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)

@@ -26,6 +26,7 @@ _AS_OPTIONS = tuple(
          r"Allow it with --max-gap \1"),
         (r"these samples and use Record\.from_irregular", "these rows and give --dt"),
         (r"leave rate= out, .*", "leave --rate out"),
+        (r" Of files with one channel each, .*", ""),
         (r"give (dt|rate)= \[", r"give --\1 ["),
         (r'pass name="\.\.\."', "give --name"),
         (r"pass t \* \S+ or (units=\S+ \S+) to read_record", r"give \1"),
@@ -254,6 +255,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         for item in fields(Scaling)
         if (value := getattr(chosen, item.name, None)) is not None
     }
+    scaling = replace(Scaling.from_file(chosen.axis), **given)
     knowledge = read_knowledge(chosen.axis)
     for name in ("known", "tolerance", "time_limit", "window"):
         if getattr(chosen, name) is not None:
@@ -270,7 +272,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         record = read_record(
             path,
             chosen.columns,
-            replace(Scaling.from_file(chosen.axis), **given),
+            scaling,
             units=chosen.units,
             **sampling,
         )
@@ -288,7 +290,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         **knowledge,
     )
     print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
-    write_report(found, folder)
+    write_report(found, folder, scaling.to_dict() | sampling)
     print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 

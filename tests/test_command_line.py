@@ -1,12 +1,15 @@
 """``python -m dryfric_control diagnose`` reads a file as its options say."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
+from dryfric_control.records.scaling import read_sampling
+from dryfric_control.store.axis_file import axis_text
 
 AXIS = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 
@@ -156,12 +159,10 @@ def test_a_full_disk_is_found_before_the_work(run, tmp_path, monkeypatch, capsys
 
 
 def test_check_and_result_are_printed_before_the_report_is_written(tmp_path, monkeypatch, capsys):
-    from types import SimpleNamespace
-
     import dryfric_control.diagnosis.diagnose
     import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
 
-    def full(found, folder):
+    def full(found, folder, record):
         raise OSError(28, "No space left on device")
 
     found = SimpleNamespace(summary=lambda: "verdict: explained")
@@ -279,6 +280,7 @@ def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option,
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (table("u;x", (X, X)), "Without a column of time give --rate [samples per s]."),
         ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
         (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
         (table("t;u;x", (T[::-1], X, X)), "run.csv: t goes back"),
@@ -307,3 +309,35 @@ def test_an_inertia_is_told_to_be_the_mass_of_a_rotary_axis(run, tmp_path, capsy
     (tmp_path / "axis.toml").write_text("inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n")
     assert run(table("t;u;x", (T, X, X))) is None
     assert 'write mass = 0.02, the inertia with units = ["rad", "N m"]' in capsys.readouterr().err
+
+
+def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, monkeypatch, capsys):
+    """It lacked what was given of counts and sampling, and the next record could not be read."""
+    import dryfric_control.diagnosis.diagnose
+    import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
+
+    kept = []
+    modules = sys.modules
+    monkeypatch.setattr(
+        modules["dryfric_control.diagnosis.diagnose"],
+        "diagnose",
+        lambda *_, **__: SimpleNamespace(summary=lambda: ""),
+    )
+    monkeypatch.setattr(
+        modules["dryfric_control.diagnosis.report.diagnosis"],
+        "write_report",
+        lambda found, folder, record: kept.append(record),
+    )
+    (tmp_path / "axis.toml").write_text(AXIS + "[record]\nlead = 5e-3\nmax_gap = 0.02\n")
+    (tmp_path / "run.csv").write_text(table("t;u;x [counts]", (T, X, np.round(1e5 * X))))
+    command = ["diagnose", str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
+    command += ["--out", str(tmp_path / "out"), "--counts-per-turn", "4096", "--load-encoder"]
+    assert main([*command, "--gain", "2", "--dt", "0.001"]) == 0
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=dfc.effects.Spring(40.0))
+    file = tmp_path / "extended.toml"
+    file.write_text(axis_text(axis, kept[0]))
+    assert dfc.read_axis(file) == axis
+    assert dfc.Scaling.from_file(file) == dfc.Scaling(
+        gain={"u": 2.0}, counts_per_turn=4096, lead=5e-3, load_encoder=True
+    )
+    assert read_sampling(file) == {"dt": 1e-3, "max_gap": 0.02}

@@ -268,8 +268,10 @@ def _sniff(
     if len(headings) < needed:
         raise ValueError(
             f"{where} has {len(headings)} column(s), at least {'t, ' if timed else ''}u and x are "
-            "needed; columns are separated by comma, semicolon, tab or blanks. Of files with one "
-            'channel each, give all: read_record({"t": path, "u": path, "x": path})'
+            "needed; columns are separated by comma, semicolon, tab or blanks. "
+            + ("Without a column of time give rate= [samples per s]. " if timed else "")
+            + "Of files with one channel each, give all: "
+            'read_record({"t": path, "u": path, "x": path})'
         )
     chosen = assign_columns(headings, columns, where, timed)
     optional = tuple(r for r in EXTRAS if r in chosen and r not in (columns or {}))

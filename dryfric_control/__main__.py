@@ -289,8 +289,10 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         progress=not chosen.quiet and sys.stderr.isatty(),
         **knowledge,
     )
-    print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
-    write_report(found, folder, scaling.to_dict() | sampling)
+    try:  # What was found outlives a disk that is full, and a reader that closed the pipe.
+        print(found.summary(), flush=True)
+    finally:
+        write_report(found, folder, scaling.to_dict() | sampling)
     print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 

@@ -311,8 +311,9 @@ def test_an_inertia_is_told_to_be_the_mass_of_a_rotary_axis(run, tmp_path, capsy
     assert 'write mass = 0.02, the inertia with units = ["rad", "N m"]' in capsys.readouterr().err
 
 
-def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, monkeypatch, capsys):
-    """It lacked what was given of counts and sampling, and the next record could not be read."""
+@pytest.fixture
+def written(monkeypatch):
+    """What the command would write of a diagnosis that it does not make."""
     import dryfric_control.diagnosis.diagnose
     import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
 
@@ -321,13 +322,32 @@ def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, monkey
     monkeypatch.setattr(
         modules["dryfric_control.diagnosis.diagnose"],
         "diagnose",
-        lambda *_, **__: SimpleNamespace(summary=lambda: ""),
+        lambda *_, **__: SimpleNamespace(summary=lambda: "verdict: explained"),
     )
     monkeypatch.setattr(
         modules["dryfric_control.diagnosis.report.diagnosis"],
         "write_report",
         lambda found, folder, record: kept.append(record),
     )
+    return kept
+
+
+def test_a_closed_pipe_does_not_lose_the_report(tmp_path, monkeypatch, written, capsys):
+    (tmp_path / "axis.toml").write_text(AXIS)
+    (tmp_path / "run.csv").write_text(table("t;u;x", (T, X, X)))
+
+    def closed(text):
+        if "verdict" in text:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    command = ["diagnose", str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
+    monkeypatch.setattr(sys.stdout, "write", closed)
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert written == [{}] and "Broken pipe" in capsys.readouterr().err
+
+
+def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, written):
+    """It lacked what was given of counts and sampling, and the next record could not be read."""
     (tmp_path / "axis.toml").write_text(AXIS + "[record]\nlead = 5e-3\nmax_gap = 0.02\n")
     (tmp_path / "run.csv").write_text(table("t;u;x [counts]", (T, X, np.round(1e5 * X))))
     command = ["diagnose", str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
@@ -335,7 +355,7 @@ def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, monkey
     assert main([*command, "--gain", "2", "--dt", "0.001"]) == 0
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=dfc.effects.Spring(40.0))
     file = tmp_path / "extended.toml"
-    file.write_text(axis_text(axis, kept[0]))
+    file.write_text(axis_text(axis, written[0]))
     assert dfc.read_axis(file) == axis
     assert dfc.Scaling.from_file(file) == dfc.Scaling(
         gain={"u": 2.0}, counts_per_turn=4096, lead=5e-3, load_encoder=True

@@ -205,7 +205,7 @@ def test_faces_agree_with_every_effect(rule):
     whole = observe(design, u, y, xhat0=0.0, switching=rule)
     block = pi_observer(design, switching=rule)
     there = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
-    stepper = ObserverStepper(design, switching=rule)
+    stepper = ObserverStepper(design, xhat0=0.0, switching=rule)
     steps = np.array([stepper.step(a, b) for a, b in zip(u, y, strict=True)]).T
     scale = np.maximum(np.abs(whole.y).max(axis=1, keepdims=True), 1e-12)
     assert np.abs((there.outputs - whole.y) / scale).max() < 1e-9

@@ -115,8 +115,8 @@ def families() -> dict[str, tuple[Case, list[Case]]]:
     rng = np.random.default_rng(42)
     design = presets.clutch_observer()
     peak = presets.clutch_actuator().stribeck.speed
-    drawn = [clutch(Mismatch.draw(rng).plant(design, peak), 100 + k) for k in range(4)]
-    train = clutch(Mismatch(0.95, 1.08, 1.05, 0.25, 0.6).plant(design, peak), 7)
+    drawn = [clutch(Mismatch.draw(rng).plant(design, design.axis, peak), 100 + k) for k in range(4)]
+    train = clutch(Mismatch(0.95, 1.08, 1.05, 0.25, 0.6).plant(design, design.axis, peak), 7)
     result = {"clutch": (train, [clutch(presets.clutch_actuator()), *drawn])}
     for quantum in (1e-6, 2e-5):
         train = stage(TRAINING, quantum, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -12,8 +13,28 @@ from typing import Any, NoReturn
 
 from dryfric_control._version import __version__
 from dryfric_control.store.files import replacing
+from dryfric_control.text import did_you_mean
 
 _ROOM = 4_000_000  # bytes, more than a report takes
+
+#: What messages say of arguments in Python, and how it is said of options.
+_AS_OPTIONS = tuple(
+    (re.compile(pattern), option)
+    for pattern, option in (
+        (r"Split there .*read_record\(\.\.\., dt=(\S+)\)", r"Fill them by --dt \1"),
+        (r"Use Record\.split_at_gaps\(\.\.\.\), or allow it with max_gap=(\S+)",
+         r"Allow it with --max-gap \1"),
+        (r"these samples and use Record\.from_irregular", "these rows and give --dt"),
+        (r"leave rate= out, .*", "leave --rate out"),
+        (r" Of files with one channel each, .*", ""),
+        (r"give (dt|rate)= \[", r"give --\1 ["),
+        (r'pass name="\.\.\."', "give --name"),
+        (r"pass t \* \S+ or (units=\S+ \S+) to read_record", r"give \1"),
+        (r"gain=dfc\.Scaling\(\.\.\.\)", "the numbers of the machine (--help lists them)"),
+        (r"with units=\('(.*?)', '(.*?)'\)", r'with units = ["\1", "\2"] in its file'),
+        (r"""\b(columns|gain|units)=\{["'](\w+)["']: ["']?([^"'}]*)["']?\}""", r"--\1 \2=\3"),
+    )
+)  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):
@@ -21,7 +42,8 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with what is wrong and where the options are listed."""
-        self.exit(2, f"{self.prog}: {message}; {self.prog} --help lists all options\n")
+        mark = "" if message.endswith("?") else ";"
+        self.exit(2, f"{self.prog}: {message}{mark} {self.prog} --help lists all options\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,21 +58,22 @@ def parser() -> argparse.ArgumentParser:
         description="Control of machines with dry friction.",
     )
     top.add_argument("--version", action="version", version=__version__)
-    commands = top.add_subparsers(dest="command", required=True)
+    commands = top.add_subparsers(required=True, metavar="{demo,diagnose,export}")
 
     demo = commands.add_parser("demo", help="fit an axis to a record, replay it, draw the figures")
     demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
     demo.add_argument(
         "--record", metavar="FILE", help="measured record (CSV or MAT); default: a simulated one"
     )
-    demo.set_defaults(run=_demo)
+    demo.set_defaults(run=_demo, own=demo)
 
     diagnose = commands.add_parser(
         "diagnose",
         help="find what the simulation of an axis gets wrong about a record, and why",
-        description="Writes report.html, report.png, diagnosis.json and extended.toml. Options on "
-        "counts, gear, motor and sampling (dt, rate, max_gap) may also be given in the "
-        "table [record] of the axis file; an option overrides it.",
+        description="Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
+        "which dfc.load_diagnosis reads in Python. Options on counts, gear, motor and sampling "
+        "(dt, rate, max_gap) may also be given in the table [record] of the axis file; an option "
+        "overrides it.",
     )
     diagnose.add_argument(
         "record",
@@ -113,7 +136,7 @@ def parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument(
         "--tolerance",
-        type=_gains,
+        type=_tolerances,
         metavar="viscous=0.5,..",
         help="relative standard deviations of nominal values",
     )
@@ -127,7 +150,7 @@ def parser() -> argparse.ArgumentParser:
         "--window", type=float, metavar="S", help="length of the free runs [s], 0.25 by default"
     )
     diagnose.add_argument("--quiet", action="store_true", help="no progress bar")
-    diagnose.set_defaults(run=_diagnose)
+    diagnose.set_defaults(run=_diagnose, own=diagnose)
 
     export = commands.add_parser("export", help="write an axis or a design as C99 or as an FMU")
     export.add_argument(
@@ -140,10 +163,10 @@ def parser() -> argparse.ArgumentParser:
         "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
     )
     export.add_argument(
-        "--precision", choices=("double", "single"), default="double", help="of the C code"
+        "--precision", choices=("double", "single"), help="of the C code, default double"
     )
-    export.add_argument("--version", choices=("3.0", "2.0"), default="3.0", help="of the FMU")
-    export.set_defaults(run=_export)
+    export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
+    export.set_defaults(run=_export, own=export)
     return top
 
 
@@ -160,13 +183,20 @@ def _pairs(text: str) -> dict[str, str]:
 
 def _gains(text: str) -> dict[str, float]:
     """Factors by channel, a number alone being that of the input."""
-    pairs = _pairs(text if "=" in text else f"u={text}")
+    return _numbers(text if "=" in text else f"u={text}", text, "a number or such as u=35,x=1e-6")
+
+
+def _tolerances(text: str) -> dict[str, float]:
+    """Relative standard deviations by name."""
+    return _numbers(text, text, "such as viscous=0.5,mass=0.1")
+
+
+def _numbers(pairs: str, text: str, right: str) -> dict[str, float]:
+    """Numbers by name; what is right is said where they are none."""
     try:
-        return {role: float(value) for role, value in pairs.items()}
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} must be a number or such as u=35,x=1e-6"
-        ) from None
+        return {name: float(value) for name, value in _pairs(pairs).items()}
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"{text!r} must be {right}") from None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -182,25 +212,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0, or 2 after an error of the user's, reported in one line.
     """
-    chosen = parser().parse_args(arguments)
+    chosen, unknown = parser().parse_known_args(arguments)
+    if unknown:
+        near = did_you_mean(unknown[0], chosen.own._option_string_actions)
+        chosen.own.error(f"{' '.join(unknown)} is not known{near}")
     import matplotlib
 
     matplotlib.use("Agg")
-    try:
-        chosen.run(chosen)
-    except (ValueError, OSError, ImportError) as problem:
-        words = " ".join(str(problem).split())
-        words = re.sub(r'columns=\{"(\w+)": \.\.\.\}', r"--columns \1=...", words)
-        words = re.sub(
-            r"Split there .*read_record\(\.\.\., dt=(\S+)\)", r"Fill them by --dt \1", words
-        )
-        words = re.sub(
-            r"Use Record\.split_at_gaps\(\.\.\.\), or allow it with max_gap=(\S+)",
-            r"Allow it with --max-gap \1", words,
-        )  # fmt: skip
-        print(f"{parser().prog}: {words}", file=sys.stderr)
-        return 2
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
+        try:
+            chosen.run(chosen)
+        except (ValueError, OSError, ImportError) as problem:
+            _say(str(problem))
+            return 2
     return 0
+
+
+def _say(words: str) -> None:
+    """Print an error or a warning in one line, with options for arguments."""
+    words = " ".join(words.split())
+    for pattern, option in _AS_OPTIONS:
+        words = pattern.sub(option, words)
+    print(f"{parser().prog}: {words}", file=sys.stderr)
 
 
 def _demo(chosen: argparse.Namespace) -> None:
@@ -224,6 +258,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         for item in fields(Scaling)
         if (value := getattr(chosen, item.name, None)) is not None
     }
+    scaling = replace(Scaling.from_file(chosen.axis), **given)
     knowledge = read_knowledge(chosen.axis)
     for name in ("known", "tolerance", "time_limit", "window"):
         if getattr(chosen, name) is not None:
@@ -240,7 +275,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         record = read_record(
             path,
             chosen.columns,
-            replace(Scaling.from_file(chosen.axis), **given),
+            scaling,
             units=chosen.units,
             **sampling,
         )
@@ -257,9 +292,11 @@ def _diagnose(chosen: argparse.Namespace) -> None:
         progress=not chosen.quiet and sys.stderr.isatty(),
         **knowledge,
     )
-    print(found.summary(), flush=True)  # first: what was found outlives a disk that is full
-    write_report(found, folder)
-    print(f"report.html, report.png, diagnosis.json and extended.toml are in {folder}")
+    try:  # What was found outlives a disk that is full, and a reader that closed the pipe.
+        print(found.summary(), flush=True)
+    finally:
+        write_report(found, folder, scaling.to_dict() | sampling)
+    print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 
 def _export(chosen: argparse.Namespace) -> None:
@@ -267,14 +304,17 @@ def _export(chosen: argparse.Namespace) -> None:
     from dryfric_control.export.fmu import export_fmu
     from dryfric_control.export.objects import exported, read_exportable
 
+    for option, to in (("precision", "c"), ("version", "fmu")):
+        if chosen.to != to and (value := getattr(chosen, option)) is not None:
+            raise ValueError(f"--{option} {value} is for --to {to}: leave it out")
     obj = read_exportable(chosen.file)
     given = {"name": chosen.name, "dt": chosen.dt}
     if chosen.to == "c":
-        files = export_c(obj, chosen.out, chosen.precision, **given)
+        files = export_c(obj, chosen.out, chosen.precision or "double", **given)
     else:
         name = exported(obj, **given).name
         target = existing_folder(chosen.out) / f"{name}.fmu"
-        files = [export_fmu(obj, target, chosen.version, **given)]
+        files = [export_fmu(obj, target, chosen.version or "3.0", **given)]
     print(f"{', '.join(file.name for file in files)} in {chosen.out}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,29 @@ def positive(name: str, value: object, *, unit: str = "", zero: bool = False) ->
         raise ValueError(f"{name} must be {bound}{unit and f' [{unit}]'}, got {value!r}")
     if not zero and math.isinf(1.0 / number):
         raise ValueError(f"{name} = {number:g} is too small to compute with: check its unit")
+    return number
+
+
+def sampling_time(dt: object, stacklevel: int = 3) -> float:
+    """Sampling time of a design [s], with a warning where milliseconds may be meant.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not a positive number.
+
+    Warns
+    -----
+    UserWarning
+        If it is 0.1 s or more, which is long for an axis with friction.
+    """
+    number = positive("dt", dt, unit="s")
+    if number >= 0.1:
+        warnings.warn(
+            f"dt = {number:g} s is long for an axis: it is in seconds, {number:g} ms is "
+            f"dt={1e-3 * number:g}",
+            stacklevel=stacklevel,
+        )
     return number
 
 

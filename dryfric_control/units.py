@@ -155,6 +155,56 @@ def si_unit(role: str, unit: str) -> tuple[float, str]:
     return found.factor, found.si
 
 
+_SYSTEMS = (("m", "N"), ("rad", "N m"))
+
+
+def axis_units(units: Any) -> tuple[str, str]:
+    """Units of position and force of an axis, by the names that are used in print.
+
+    Parameters
+    ----------
+    units : sequence of str
+        Such as ``("rad", "Nm")``; names that are not known are taken as they are.
+
+    Raises
+    ------
+    ValueError
+        When they are no pair of text, swapped, not of one axis, or not those in which
+        records are read.
+
+    Examples
+    --------
+    >>> axis_units(["rad", "Nm"]), axis_units(("inc", "V"))
+    (('rad', 'N m'), ('inc', 'V'))
+    """
+    mend = 'give ("m", "N") or ("rad", "N m")'
+    if not isinstance(units, (tuple, list)) or [type(unit) for unit in units] != [str, str]:
+        raise ValueError(
+            f'units must be those of position and force, such as ("m", "N"), got {units!r}'
+        )
+    names, kinds = list(units), []
+    for k, (role, what) in enumerate((("x", "position"), ("u", "force"))):
+        found = known_unit(units[k])
+        kinds.append(found.kind if found else "")
+        if found is None or found.kind == "raw":
+            continue
+        if found.kind not in _KINDS[role]:
+            raise ValueError(
+                f"units = {tuple(units)}: {what} cannot be in {units[k]!r}, a unit of "
+                f"{found.kind}; {mend}, position first"
+            )
+        if found.factor != 1.0:
+            raise ValueError(
+                f"units = {tuple(units)}: an axis has its numbers in {found.si!r}, not in "
+                f"{units[k]!r}; {mend}, and mass, friction and effects in these units. Records "
+                f"in {units[k]!r} are converted as they are read"
+            )
+        names[k] = found.si
+    if kinds in (["length", "torque"], ["angle", "force"]):
+        raise ValueError(f"units = {tuple(units)} are not those of one axis; {mend}")
+    return names[0], names[1]
+
+
 def check_units(axis: Any, record: Any, name: str = "record") -> None:
     """Refuse a record whose units are not those of the axis.
 
@@ -183,8 +233,12 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
         raise ValueError(
             f"{name}: {role} is in {unit!r}, the axis has {wanted!r} (axis.units = {axis.units}). "
             f"Convert the record as it is read, gain={{'{role}': ...}} [{wanted} per {unit}] and "
-            f"units={{'{role}': '{wanted}'}}, or gain=dfc.Scaling(...), or give "
-            f"the axis its numbers in {have[0]} and {have[1]} with units={have}"
+            f"units={{'{role}': '{wanted}'}}, or gain=dfc.Scaling(...)"
+            + (
+                f", or give the axis its numbers in {have[0]} and {have[1]} with units={have}"
+                if have in _SYSTEMS
+                else ", or check the columns"
+            )
             + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
         )
 

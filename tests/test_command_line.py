@@ -1,12 +1,15 @@
 """``python -m dryfric_control diagnose`` reads a file as its options say."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
+from dryfric_control.records.scaling import read_sampling
+from dryfric_control.store.axis_file import axis_text
 
 AXIS = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 
@@ -156,12 +159,10 @@ def test_a_full_disk_is_found_before_the_work(run, tmp_path, monkeypatch, capsys
 
 
 def test_check_and_result_are_printed_before_the_report_is_written(tmp_path, monkeypatch, capsys):
-    from types import SimpleNamespace
-
     import dryfric_control.diagnosis.diagnose
     import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
 
-    def full(found, folder):
+    def full(found, folder, record):
         raise OSError(28, "No space left on device")
 
     found = SimpleNamespace(summary=lambda: "verdict: explained")
@@ -235,3 +236,128 @@ def test_a_demo_does_not_take_a_file_for_its_folder(tmp_path, capsys):
     taken.write_text("")
     assert main(["demo", "--out", str(taken)]) == 2
     assert "is a file: name a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "required: {demo,diagnose,export}"),
+        (["diagnose", "a.csv", "--axis", "a", "--windows", "3"], "known. Did you mean '--window'?"),
+        (["export", "a.toml", "--to", "c", "--tol", "3"], "export: --tol 3 is not known"),
+        (
+            ["diagnose", "a.csv", "--axis", "a", "--tolerance", "mass"],
+            "'mass' must be such as visc",
+        ),
+        (["diagnose", "a.csv", "--axis", "a", "--tolerance", "mass=x"], "such as viscous=0.5"),
+    ],
+)
+def test_what_cannot_be_parsed_is_told_in_one_line(arguments, words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (["--to", "c", "--version", "2.0"], "--version 2.0 is for --to fmu: leave it out"),
+        (
+            ["--to", "fmu", "--precision", "single"],
+            "--precision single is for --to c: leave it out",
+        ),
+        (["--to", "c", "--name", "a b"], "give --name"),
+    ],
+)
+def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option, words):
+    (tmp_path / "axis.toml").write_text(AXIS)
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "axis.toml"), "--out", str(out), *option]) == 2
+    assert words in capsys.readouterr().err and not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (table("u;x", (X, X)), "Without a column of time give --rate [samples per s]."),
+        ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
+        (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
+        (table("t;u;x", (T[::-1], X, X)), "run.csv: t goes back"),
+        (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows and give --dt"),
+        (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; delete the row, and give --dt"),
+        (table("t;u [N m];x [rad]", (T, X, X)), 'with units = ["rad", "N m"] in its file'),
+        (table("t;u [N];x [rad]", (T, X, X)), "--gain x=... [m per rad] and --units x=m"),
+    ],
+)  # fmt: skip
+def test_a_file_that_cannot_be_used_is_told_by_name_and_option(run, capsys, text, words):
+    assert run(text) is None
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_warning_is_one_line_that_names_options(run, capsys):
+    run(table("t;u;x", (1e3 * T, X, X)))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].endswith(
+        "warning: dt = 1 s: time suspected in milliseconds; then give --units t=ms"
+    )
+    assert all(line.startswith("python -m dryfric_control: ") for line in lines)
+
+
+def test_an_inertia_is_told_to_be_the_mass_of_a_rotary_axis(run, tmp_path, capsys):
+    (tmp_path / "axis.toml").write_text("inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n")
+    assert run(table("t;u;x", (T, X, X))) is None
+    assert 'write mass = 0.02, the inertia with units = ["rad", "N m"]' in capsys.readouterr().err
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """What the command would write of a diagnosis that it does not make."""
+    import dryfric_control.diagnosis.diagnose
+    import dryfric_control.diagnosis.report.diagnosis  # noqa: F401
+
+    kept = []
+    modules = sys.modules
+    monkeypatch.setattr(
+        modules["dryfric_control.diagnosis.diagnose"],
+        "diagnose",
+        lambda *_, **__: SimpleNamespace(summary=lambda: "verdict: explained"),
+    )
+    monkeypatch.setattr(
+        modules["dryfric_control.diagnosis.report.diagnosis"],
+        "write_report",
+        lambda found, folder, record: kept.append(record),
+    )
+    return kept
+
+
+def test_a_closed_pipe_does_not_lose_the_report(tmp_path, monkeypatch, written, capsys):
+    (tmp_path / "axis.toml").write_text(AXIS)
+    (tmp_path / "run.csv").write_text(table("t;u;x", (T, X, X)))
+
+    def closed(text):
+        if "verdict" in text:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    command = ["diagnose", str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
+    monkeypatch.setattr(sys.stdout, "write", closed)
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert written == [{}] and "Broken pipe" in capsys.readouterr().err
+
+
+def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, written):
+    """It lacked what was given of counts and sampling, and the next record could not be read."""
+    (tmp_path / "axis.toml").write_text(AXIS + "[record]\nlead = 5e-3\nmax_gap = 0.02\n")
+    (tmp_path / "run.csv").write_text(table("t;u;x [counts]", (T, X, np.round(1e5 * X))))
+    command = ["diagnose", str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
+    command += ["--out", str(tmp_path / "out"), "--counts-per-turn", "4096", "--load-encoder"]
+    assert main([*command, "--gain", "2", "--dt", "0.001"]) == 0
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=dfc.effects.Spring(40.0))
+    file = tmp_path / "extended.toml"
+    file.write_text(axis_text(axis, written[0]))
+    assert dfc.read_axis(file) == axis
+    assert dfc.Scaling.from_file(file) == dfc.Scaling(
+        gain={"u": 2.0}, counts_per_turn=4096, lead=5e-3, load_encoder=True
+    )
+    assert read_sampling(file) == {"dt": 1e-3, "max_gap": 0.02}

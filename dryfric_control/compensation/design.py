@@ -287,7 +287,7 @@ class Compensation(Result):
         middle = 0.0 if axis.travel is None else float(np.mean(axis.travel)) - 0.5 * way
         return motion_profile(
             [middle, middle + way, middle, middle + way], self.dt, velocity=0.3 * a,
-            acceleration=a, jerk=20.0 * a, dwell=[0.1, 0.0, 0.0, 0.4],
+            acceleration=a, jerk=20.0 * a, dwell=[0.1, 0.0, 0.0, 0.4], unit=axis.units[0],
         )  # fmt: skip
 
     @property
@@ -526,9 +526,15 @@ def design_compensation(
         watched = tuned.watchable(axis)
         # A loop that is slower than the delay allows leaves room for a faster observer.
         fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED) * max(highest / w, 1.0)
-        observer = design_pi_observer(
-            watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
-        )
+        try:
+            observer = design_pi_observer(
+                watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
+            )
+        except ValueError as problem:
+            raise ValueError(
+                f"no observer can be designed for dt = {dt:g} s and a drive delay of "
+                f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
+            ) from None
     made = dict(
         axis=axis,
         dt=dt,

@@ -18,7 +18,7 @@ from dryfric_control.diagnosis.candidates import (
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import BIAS, ITERATIONS, LATE, hard
 from dryfric_control.diagnosis.screening import Candidate, Screening, hidden_shares
-from dryfric_control.estimation.force_view import ForceView, prepare_force
+from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     Run,
 )
@@ -137,7 +137,7 @@ class Search(Screening):
         Then only the samples next to the turns separate what depends on velocity from the
         level, and there the motion changes in other ways, too.
         """
-        motions = [run.sliding.v for run in self.runs]
+        motions = [run.sliding.v for run in self.runs if isinstance(run, ForceRun)]
         if "coulomb" not in self.own:
             motions = [np.concatenate(motions)]
         speeds = [usual_speeds(v[s * v > 0.0]) for v in motions for s in (1.0, -1.0)]

@@ -15,6 +15,7 @@ from dryfric_control._version import __version__
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, Function, Translator
 from dryfric_control.store.files import replacing, write_document
+from dryfric_control.text import WIDTH
 
 PRECISIONS = {"double": "double", "single": "float"}
 _GROUPS = ("add", "multiply", "divide", "compare", "function", "call")
@@ -219,7 +220,7 @@ bool {n}_step({n}_state *state{self._list(made.inputs, f"{n}_real")}, {n}_output
         rows += ["  mode -1, 0 or 1", ""]
         rows += made.promise.splitlines()
         safe = [row.replace("*/", "* /").replace("/*", "/ *") for row in rows]
-        lines = [line for row in safe for line in (textwrap.wrap(row, 94) or [""])]
+        lines = [line for row in safe for line in (textwrap.wrap(row, WIDTH) or [""])]
         return "/*\n" + "\n".join(f" * {line}".rstrip() for line in lines) + "\n */"
 
     def _source(self) -> str:

@@ -31,6 +31,7 @@ from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.units import powers
 from dryfric_control.store.files import replacing
+from dryfric_control.text import rotary_words
 
 VERSIONS = ("3.0", "2.0")
 _SYSTEMS = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("windows", "dll")}
@@ -451,8 +452,9 @@ class Model:
         }[v.causality]
         kind = ("Int32" if v.whole else "Float64") if three else "Integer" if v.whole else "Real"
         initial = {"input": "", "output": ' initial="calculated"', "parameter": ' initial="exact"'}
+        meaning = rotary_words(v.meaning, v.unit)
         head = (
-            f'name="{v.name}" valueReference="{reference}" description={quoteattr(v.meaning)} '
+            f'name="{v.name}" valueReference="{reference}" description={quoteattr(meaning)} '
             f'causality="{v.causality}" variability="{variability}"{initial[v.causality]}'
         )
         type_part = "" if v.unit in ("1", "") or v.whole else f" unit={quoteattr(v.unit)}"

@@ -38,6 +38,7 @@ from dryfric_control.observer.runtime import first_memory, tables
 from dryfric_control.observer.storage import load_design
 from dryfric_control.store.axis_file import read_axis
 from dryfric_control.store.files import existing_file
+from dryfric_control.text import rotary_words
 
 Array = NDArray[Any]
 
@@ -61,6 +62,9 @@ class Signal:
     unit: str
     meaning: str
     whole: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
 
 
 @dataclass(frozen=True)

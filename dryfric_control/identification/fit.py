@@ -440,7 +440,7 @@ def fit(
     (2.0, 15.0)
     """
     instance("axis", axis, FrictionAxis)
-    if isinstance(record, Record) or not isinstance(record, Sequence):
+    if isinstance(record, str | Record) or not isinstance(record, Sequence):
         record = (record,)
     records = tuple(record)
     if not records:

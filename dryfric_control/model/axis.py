@@ -23,6 +23,7 @@ from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import Events, SimulationResponse
 from dryfric_control.model.units import on_axis
 from dryfric_control.text import rotary_words, table
+from dryfric_control.units import axis_units
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
 MODES = (0, 1, -1)
@@ -83,7 +84,8 @@ class FrictionAxis:
     name : str, optional
         Name of the axis, for blocks and plots.
     units : tuple of str, optional
-        Units of position and force, for labels.
+        Units of position and force: ("m", "N") or ("rad", "N m"); raw ones, such as
+        ("counts", "V"), and names that are not known are taken as they are.
 
     Raises
     ------
@@ -146,12 +148,7 @@ class FrictionAxis:
         put = functools.partial(object.__setattr__, self)
         if not isinstance(self.name, str):
             raise ValueError(f"name must be text, got {self.name!r}")
-        units = self.units
-        if isinstance(units, str) or [type(unit) for unit in units] != [str, str]:
-            raise ValueError(
-                f'units must be those of position and force, such as ("m", "N"), got {units!r}'
-            )
-        put("units", tuple(units))
+        put("units", axis_units(self.units))
         put("mass", positive("mass", self.mass, unit=self.unit("kg")))
         put("viscous", positive("viscous", self.viscous, unit=self.unit("N s/m"), zero=True))
         put("coulomb", CoulombMap.of(self.coulomb))

@@ -295,7 +295,7 @@ def simulate_loop(
     controller: LoopController,
     reference: MotionProfile | ArrayLike,
     quantum: float = 0.0,
-    x0: float = 0.0,
+    x0: float | None = None,
     v0: float = 0.0,
     disturbance: ArrayLike | None = None,
 ) -> SimulationResponse:
@@ -314,8 +314,9 @@ def simulate_loop(
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
-        Position and velocity of the plant at the start.  The controller starts
-        as one that has followed that motion.
+        Position and velocity of the plant at the start: by default at rest, where a
+        `MotionProfile` starts, and at 0 if the reference is one of positions.  The
+        controller starts as one that has followed that motion.
     disturbance : array_like, shape (n,), optional
         Force added to the drive force [N].
 
@@ -352,8 +353,7 @@ def simulate_loop(
     ['x', 'v', 'F', 'mode', 'u', 'y']
     """
     instance("axis", axis, FrictionAxis)
-    if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
-        instance("controller", controller, PositionController, "or comp.controller")
+    check_controller(controller)
     motion = MotionProfile.of(reference, controller.dt)
     if isinstance(reference, MotionProfile) and not same_unit(motion.unit, axis.units[0]):
         raise ValueError(
@@ -362,6 +362,8 @@ def simulate_loop(
         )
     r = motion.position
     quantum = positive("quantum", quantum, unit=axis.unit("m"), zero=True)
+    if x0 is None:
+        x0 = float(r[0]) if motion is reference else 0.0
     x0, v0 = finite("x0", x0), finite("v0", v0)
     force = np.zeros(r.size) if disturbance is None else samples("disturbance", disturbance)
     if force.size != r.size:
@@ -393,6 +395,18 @@ def simulate_loop(
         sysname=axis.name,
         units=axis.units,
     )
+
+
+def check_controller(controller: object) -> None:
+    """Refuse what `simulate_loop` cannot run.
+
+    Raises
+    ------
+    ValueError
+        If it is no controller.
+    """
+    if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
+        instance("controller", controller, PositionController, "or comp.controller")
 
 
 def _warn_if_divergent(

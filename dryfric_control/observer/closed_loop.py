@@ -13,7 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.checks import finite, instance, samples
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.blocks import axis_block, encoder, reference_filter
-from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.loops import (
+    LoopController,
+    PositionController,
+    check_controller,
+    simulate_loop,
+)
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.observer import figures
 from dryfric_control.observer.design import ObserverDesign
@@ -176,7 +181,7 @@ class ObservedLoop(Result):
 
 def simulate_observed_loop(
     axis: FrictionAxis,
-    controller: PositionController,
+    controller: LoopController,
     design: ObserverDesign,
     reference: ArrayLike,
     *,
@@ -195,7 +200,7 @@ def simulate_observed_loop(
     ----------
     axis : FrictionAxis
         The plant.
-    controller : PositionController
+    controller : PositionController or CompensatedController
         The controller; it uses the readings, not the estimate.
     design : ObserverDesign
         The observer; its inputs are the drive u and the reading y.
@@ -309,6 +314,7 @@ def observed_loop(
     >>> bool(run.outputs[loop.find_output("xhat"), 0] < 100.0)  # after the first reading
     True
     """
+    instance("controller", controller, PositionController)
     check_loop(controller, design)
     dt = design.dt
     parts = [
@@ -341,7 +347,7 @@ def observed_loop(
     )
 
 
-def check_loop(controller: PositionController, design: ObserverDesign) -> None:
+def check_loop(controller: LoopController, design: ObserverDesign) -> None:
     """Refuse what is no controller or no design, or two that do not fit.
 
     Raises
@@ -349,7 +355,7 @@ def check_loop(controller: PositionController, design: ObserverDesign) -> None:
     ValueError
         If an argument is of another kind, or the sampling times differ.
     """
-    instance("controller", controller, PositionController)
+    check_controller(controller)
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     if controller.dt != design.dt:
         raise ValueError(

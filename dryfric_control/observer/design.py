@@ -11,7 +11,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.checks import whole
+from dryfric_control.checks import sampling_time, whole
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
@@ -389,7 +389,7 @@ def design_pi_observer(
     axis : FrictionAxis
         The nominal axis.
     dt : float
-        Sampling time [s].
+        Sampling time [s]; one of 0.1 s or more raises a warning.
     method : str
         "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never
         worse), "path" (everything indexed by the last `window` modes) or
@@ -492,6 +492,7 @@ def design_pi_observer(
     if not isinstance(form, str) or form not in FORMS:
         raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     own = own_axis(axis, coulomb, stick_speed)
+    dt = sampling_time(dt)
     check_sampling(own, dt, discretization)
     if not isinstance(integral_modes, Iterable):
         raise ValueError(f"integral_modes must hold modes such as (1, -1), got {integral_modes!r}")

@@ -14,7 +14,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import positive, samples
+from dryfric_control.checks import positive, samples, sampling_time
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
@@ -324,7 +324,7 @@ def hybrid_filter(
     own = own_axis(axis)
     acting = axis.effective()
     own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
-    dt = positive("dt", dt, unit="s")
+    dt = sampling_time(dt)
     quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"))
     excess = positive("excess", excess)
     if excess_speed is None:

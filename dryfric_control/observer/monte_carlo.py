@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control._version import __version__
-from dryfric_control.checks import finite, positive, samples, whole
+from dryfric_control.checks import finite, instance, positive, samples, whole
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
-from dryfric_control.model.loops import PositionController, simulate_loop
+from dryfric_control.model.loops import LoopController, simulate_loop
+from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.baselines import Estimator
 from dryfric_control.observer.certificate import Certificate
 from dryfric_control.observer.closed_loop import check_loop
@@ -33,7 +34,7 @@ FIGURES = tuple(field.name for field in fields(EstimateScore))
 
 @dataclass(frozen=True)
 class Mismatch:
-    """How one plant differs from what the observer believes.
+    """How one plant differs from the nominal axis.
 
     Attributes
     ----------
@@ -66,22 +67,26 @@ class Mismatch:
             float(rng.uniform(0.3, 1.0)),
         )
 
-    def plant(self, design: ObserverDesign, stribeck_speed: float) -> FrictionAxis:
-        """The plant that differs in this way from a design's axis.
+    def plant(
+        self, design: ObserverDesign, axis: FrictionAxis, stribeck_speed: float | None
+    ) -> FrictionAxis:
+        """The plant that differs in this way from an axis.
 
         Parameters
         ----------
         design : ObserverDesign
-            What the observer believes.
-        stribeck_speed : float
-            Stribeck velocity of the plant [m/s].
+            The observer, with its stick velocity.
+        axis : FrictionAxis
+            The axis from which it differs.
+        stribeck_speed : float or None
+            Stribeck velocity of the plant [m/s]; None for a plant without a peak.
         """
-        axis = design.axis
+        peak = None if stribeck_speed is None else Stribeck(self.excess, stribeck_speed)
         return axis.replace(
             mass=self.mass * axis.mass,
             coulomb=axis.coulomb.scaled(self.plus, self.minus),
-            stribeck=Stribeck(self.excess, stribeck_speed),
-            stick_speed=axis.stick_speed / self.stick_ratio,
+            stribeck=peak,
+            stick_speed=design.axis.stick_speed / self.stick_ratio,
             name="plant",
         )
 
@@ -219,15 +224,16 @@ def _minor_label(value: float, place: int) -> str:
 
 def _scores(
     design: ObserverDesign,
-    stribeck_speed: float,
-    controller: PositionController,
-    reference: Array,
+    axis: FrictionAxis,
+    stribeck_speed: float | None,
+    controller: LoopController,
+    reference: MotionProfile | Array,
     quantum: float,
     estimators: Mapping[str, Estimator],
     xhat0: float,
     mismatch: Mismatch,
 ) -> list[tuple[float, ...]]:
-    plant = mismatch.plant(design, stribeck_speed)
+    plant = mismatch.plant(design, axis, stribeck_speed)
     run = simulate_loop(plant, controller, reference, quantum=quantum)
     u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
     return [
@@ -238,13 +244,14 @@ def _scores(
 
 def monte_carlo(
     design: ObserverDesign,
-    controller: PositionController,
-    reference: ArrayLike,
+    controller: LoopController,
+    reference: MotionProfile | ArrayLike,
     *,
-    quantum: float,
-    stribeck_speed: float,
+    axis: FrictionAxis | None = None,
+    quantum: float | None = None,
+    stribeck_speed: float | None = None,
     runs: int = 500,
-    xhat0: float = 0.0,
+    xhat0: float | None = None,
     estimators: Mapping[str, Estimator] | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
@@ -253,24 +260,30 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Score estimators on plants that differ at random.
 
-    The plants scatter around the nominal one of the observer.
+    Coulomb levels differ from those of an axis by up to 20 %, mass by up to 15 %; the
+    Stribeck excess is 0 to 60 %.
 
     Parameters
     ----------
     design : ObserverDesign
-        The observer; its axis is the nominal one.
-    controller : PositionController
-        The controller, the same for all plants.
-    reference : array_like, shape (n,)
-        Position reference, already filtered [m].
-    quantum : float
-        Encoder increment [m].
-    stribeck_speed : float
-        Stribeck velocity of the plants [m/s].
+        The observer.
+    controller : PositionController or CompensatedController
+        The controller, or that of a compensation, the same for all plants.
+    reference : MotionProfile or array_like, shape (n,)
+        Reference motion, or its positions, already filtered [m].
+    axis : FrictionAxis, optional
+        The axis from which the plants differ, with its Stribeck velocity and the effects that
+        the observer does not follow.  Default: that of the design, which has no Stribeck peak.
+    quantum : float, optional
+        Encoder increment [m].  Default: that of the design.
+    stribeck_speed : float, optional
+        Stribeck velocity of the plants [m/s].  Default: that of `axis`; without one the plants
+        have no Stribeck peak.
     runs : int, optional
         Number of plants.
     xhat0 : float, optional
-        Start of the estimates; the plants start at rest at 0 [m].
+        Start of the estimates [m].  Default: that of the plants, which are at rest where a
+        `MotionProfile` starts, and at 0 if the reference is one of positions.
     estimators : mapping of str to Estimator, optional
         What is compared.  Default: both rules of the switched observer.
     seed : int, optional
@@ -298,16 +311,29 @@ def monte_carlo(
 
     Examples
     --------
-    >>> from dryfric_control import presets
-    >>> found = presets.clutch_monte_carlo(runs=3, duration=1.0, progress=False)
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6)
+    >>> controller = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6).controller
+    >>> move = dfc.motion_profile(0.03, 1e-3, velocity=0.1, acceleration=2.0, jerk=80.0)
+    >>> found = dfc.monte_carlo(design, controller, move, axis=axis, runs=3, progress=False)
     >>> found.diverged
     {'reading': 0, 'paper': 0}
     """
     check_loop(controller, design)
-    r = samples("reference", reference)
-    quantum = positive("quantum", quantum, unit="m", zero=True)
-    stribeck_speed = positive("stribeck_speed", stribeck_speed, unit="m/s")
-    runs, seed, xhat0 = whole("runs", runs), whole("seed", seed, 0), finite("xhat0", xhat0)
+    axis = design.axis if axis is None else axis
+    instance("axis", axis, FrictionAxis)
+    r = reference if isinstance(reference, MotionProfile) else samples("reference", reference)
+    quantum = design.encoder_quantum if quantum is None else quantum
+    quantum = positive("quantum", quantum, unit=axis.unit("m"), zero=True)
+    if stribeck_speed is not None:
+        stribeck_speed = positive("stribeck_speed", stribeck_speed, unit=axis.unit("m/s"))
+    elif axis.stribeck is not None:
+        stribeck_speed = axis.stribeck.speed
+    start = float(r.position[0]) if isinstance(r, MotionProfile) else 0.0
+    xhat0 = start if xhat0 is None else finite("xhat0", xhat0)
+    runs, seed = whole("runs", runs), whole("seed", seed, 0)
     if estimators is not None and not (isinstance(estimators, Mapping) and estimators):
         raise ValueError(
             f"estimators must be a mapping of names to at least one estimator, got {estimators!r}"
@@ -331,6 +357,7 @@ def monte_carlo(
             "version": __version__,
             "design": told(design),
             "controller": told(controller),
+            "axis": told(axis),
             "reference": told(r),
             "quantum": quantum,
             "stribeck_speed": stribeck_speed,
@@ -339,7 +366,7 @@ def monte_carlo(
         }
     found = run_batch(
         functools.partial(
-            _scores, design, stribeck_speed, controller, r, quantum, estimators, xhat0
+            _scores, design, axis, stribeck_speed, controller, r, quantum, estimators, xhat0
         ),
         {astuple(one): one for one in mismatches},
         store=store,
@@ -352,5 +379,5 @@ def monte_carlo(
         mismatches,
         {name: table[:, k] for k, name in enumerate(estimators)},
         design.axis.units[0],
-        max(abs(xhat0), 100.0 * quantum) or np.inf,
+        max(abs(xhat0 - start), 100.0 * quantum) or np.inf,
     )

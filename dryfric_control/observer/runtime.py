@@ -415,11 +415,16 @@ class Stepper:
             If `u` or `y` is not a finite number; the estimator stays as it was.
         """
         drive, reading = finite("u", u), finite("y", y)
+        if self._samples == 0:
+            self._begin(reading)
         t = self._samples * self._dt
         self._sample(*self._tables, self._memory, t, drive, reading, self._out)
         self._samples += 1
         x, v, friction, w, mode = self._out[:5].tolist()
         return Estimate(x, v, friction, w, int(mode))
+
+    def _begin(self, reading: float) -> None:
+        """Set what follows from the first reading."""
 
 
 class ObserverStepper(Stepper):
@@ -430,7 +435,8 @@ class ObserverStepper(Stepper):
     design : ObserverDesign
         The observer.
     xhat0, vhat0, what0 : float, optional
-        First estimates of position [m], velocity [m/s] and integral term [N].
+        First estimates of position [m], velocity [m/s] and integral term [N].  The position
+        starts at the first reading unless given, as that of `observe` does.
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see `pi_observer`.
     encoder_quantum : float, optional
@@ -455,7 +461,7 @@ class ObserverStepper(Stepper):
         self,
         design: ObserverDesign,
         *,
-        xhat0: float = 0.0,
+        xhat0: float | None = None,
         vhat0: float = 0.0,
         what0: float = 0.0,
         switching: str = "reading",
@@ -463,5 +469,10 @@ class ObserverStepper(Stepper):
     ) -> None:
         self.design = design
         arrays = tables(design, switching, encoder_quantum)
-        memory = first_memory(design, xhat0, vhat0, what0)
+        memory = first_memory(design, 0.0 if xhat0 is None else xhat0, vhat0, what0)
         super().__init__(kernel.step, arrays, memory, kernel.OUTPUTS, design.dt)
+        self._at_reading = xhat0 is None
+
+    def _begin(self, reading: float) -> None:
+        if self._at_reading:
+            self._memory[kernel.XHAT] = reading

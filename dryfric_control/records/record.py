@@ -1127,9 +1127,14 @@ def record_of(
         "channels": extras,
         "raw": found.raw,
     }
-    if dt is not None and found.timed:
-        return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
-    return Record(**values, **options)
+    try:
+        if dt is not None and found.timed:
+            return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
+        return Record(**values, **options)
+    except ValueError as problem:
+        if not isinstance(source, (str, os.PathLike)):
+            raise
+        raise ValueError(f"{Path(source).name}: {problem}") from None
 
 
 def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:

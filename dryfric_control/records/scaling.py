@@ -184,6 +184,26 @@ class Scaling:
         except ValueError as problem:
             raise ValueError(f"{path}: {problem}") from None
 
+    def to_dict(self) -> dict[str, Any]:
+        """What was given, as `from_dict` reads it.
+
+        Returns
+        -------
+        dict
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> dfc.Scaling(counts_per_turn=4096, load_encoder=True, gain={"u": 2.0}).to_dict()
+        {'gain': {'u': 2.0}, 'counts_per_turn': 4096.0, 'load_encoder': True}
+        """
+        default = Scaling()
+        return {
+            item.name: dict(value) if isinstance(value, Mapping) else value
+            for item in fields(self)
+            if (value := getattr(self, item.name)) != getattr(default, item.name)
+        }
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scaling:
         """Scaling from the keys and values of a table.

@@ -145,8 +145,8 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
         part.write_text(axis_text(axis), encoding="utf-8")
 
 
-def axis_text(axis: FrictionAxis) -> str:
-    """An axis as TOML text.
+def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> str:
+    """An axis as TOML text, with a table ``[record]`` where one is given.
 
     Examples
     --------
@@ -167,6 +167,8 @@ def axis_text(axis: FrictionAxis) -> str:
     lines = [f"{key} = {_toml(value)}" for key, value in data.items()]
     for effect in effects:
         lines += ["", "[[effects]]", *(f"{key} = {_toml(value)}" for key, value in effect.items())]
+    if record:
+        lines += ["", "[record]", *(f"{key} = {_toml(value)}" for key, value in record.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -211,6 +213,8 @@ def _toml(value: Any) -> str:
     """A value as TOML on one line; repr of a float is exact."""
     if isinstance(value, str):
         return _string(value)
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict):
@@ -231,7 +235,7 @@ def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> No
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
             if key == "inertia" and "mass" in known:
-                hint = "the inertia of a rotary axis is its mass"
+                hint = f'write mass = {value!r}, the inertia with units = ["rad", "N m"]'
             raise ValueError(f"{name}{key} = {value!r} is not known: {hint}")
 
 

@@ -31,8 +31,17 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Path
         Where to write.  It moves to `path` at the end, and is removed instead
         if the block raises.
+
+    Raises
+    ------
+    OSError
+        If `path` is a folder, or lies in none.
     """
     target = Path(path)
+    if target.is_dir():
+        raise IsADirectoryError(f"{path} is a folder: name a file in it")
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{path} lies in a folder that does not exist: make it first")
     temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
     try:
         yield temporary
@@ -115,7 +124,8 @@ def read_document(
         raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
     form = f"dryfric-control {kind}"
     if not isinstance(data, dict) or data.get("format") != form:
-        raise ValueError(f"{path} is no {kind}: it lacks format = {form!r}")
+        found = data.get("format") if isinstance(data, dict) else None
+        raise ValueError(f"{path} is no {kind}: it has format = {found!r}, not {form!r}")
     if data.get("version") != version:
         raise ValueError(
             f"{path} has version {data.get('version')!r}, this package reads {version}: make "

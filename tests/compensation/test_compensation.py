@@ -542,3 +542,35 @@ def test_summary_and_plot(comp):
     bound = comp.certify(reference=comp._there_and_back()).tube
     assert tube.get_ydata()[0] == pytest.approx(1e3 * bound)
     assert replace(comp, law="fixed").summary() != comp.summary()
+
+
+def test_a_delay_in_milliseconds_is_told_where_no_observer_is_found():
+    with pytest.raises(ValueError, match="a drive delay of 4 s .*: check dt and input_delay"):
+        dfc.design_compensation(NOMINAL, dt=1e-3, input_delay=4.0)
+
+
+def test_a_move_that_starts_elsewhere_is_simulated_from_there():
+    # A start at 0 is a step of the reference, which no bound on the error of the move covers.
+    axis = dfc.FrictionAxis(
+        mass=3.0, viscous=20.0, coulomb=9.0, stribeck=dfc.Stribeck(0.35, 0.02),
+        travel=(0.0, 0.6), effects=(fx.InputDelay(4e-3),),
+    )  # fmt: skip
+    comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=2e-6)
+    bounds, runs = [], []
+    for start in (0.0, 0.3):
+        move = dfc.motion_profile(
+            [start, start + 0.1], 1e-3, velocity=0.3, acceleration=2.0, jerk=40.0, dwell=0.1
+        )
+        bounds.append(comp.certify(reference=move).tube)
+        runs.append(dfc.simulate_loop(axis, comp.controller, move, quantum=2e-6).y[0] - start)
+    assert bounds[1] == pytest.approx(bounds[0], rel=1e-3)
+    assert np.abs(runs[1] - runs[0]).max() < 4e-6
+    assert dfc.simulate_loop(axis, comp.controller, np.full(10, 1e-3)).y[0, 0] == 0.0
+    position = comp.plot().axes[0, 0].lines[1].get_ydata()
+    assert position[0] == pytest.approx(comp._there_and_back().position[0])
+
+
+def test_plot_of_a_rotary_axis_is_in_radians():
+    axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
+    plot = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-5).plot()
+    assert plot.axes[0, 0].get_ylabel() == "position [rad]"

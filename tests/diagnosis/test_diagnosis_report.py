@@ -38,7 +38,7 @@ from dryfric_control.text import typeset
 
 DT, QUANTUM = 1e-3, 4e-6
 NAME = '<script>alert("1")</script> & co'
-FILES = {"report.html", "report.png", "diagnosis.json", "extended.toml"}
+FILES = {"report.html", "report.png", "diagnosis.json", "extended.toml", "saved.json"}
 
 
 @pytest.fixture(autouse=True)
@@ -1219,8 +1219,10 @@ def test_command_shows_progress_on_a_terminal(files, asked, monkeypatch, quiet, 
 
 
 @pytest.mark.slow
-def test_command_writes_the_report(files, asked, found, capsys):
+def test_command_writes_the_report(files, asked, found, monkeypatch, capsys):
     record, axis, out = files
+    # The experiment of these tests is none that a file can hold.
+    monkeypatch.setitem(found.__dict__, "next_experiment", None)
     assert main(["diagnose", str(record), "--axis", str(axis), "--out", str(out)]) == 0
     ((given_axis, given_record, _),) = asked
     assert given_axis == found.axis
@@ -1228,6 +1230,7 @@ def test_command_writes_the_report(files, asked, found, capsys):
     assert {path.name for path in out.iterdir()} == FILES
     assert found.summary() in capsys.readouterr().out
     assert read_axis(out / "extended.toml") == found.extended
+    assert dfc.load_diagnosis(out / "saved.json").summary() == found.summary()
     assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "partly explained"
     assert (out / "report.png").read_bytes().startswith(b"\x89PNG")
     Page((out / "report.html").read_text())

@@ -279,3 +279,11 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     assert intact and data["dt"] == 1e-3
     assert data["operations"]["multiply"] > 10
     assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()
+
+
+def test_a_header_speaks_of_the_axis_and_keeps_the_lines_of_the_certificate(tmp_path):
+    axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
+    design = dfc.design_pi_observer(axis, dt=2e-3, encoder_quantum=1e-4)
+    header = dfc.export_c(design, tmp_path)[0].read_text(encoding="utf-8")
+    assert "u [N m]: drive torque from this sample on" in header and "force" not in header
+    assert "\n".join(f" * {line}" for line in design.summary().splitlines()) in header

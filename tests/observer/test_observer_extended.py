@@ -205,7 +205,7 @@ def test_faces_agree_with_every_effect(rule):
     whole = observe(design, u, y, xhat0=0.0, switching=rule)
     block = pi_observer(design, switching=rule)
     there = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
-    stepper = ObserverStepper(design, switching=rule)
+    stepper = ObserverStepper(design, xhat0=0.0, switching=rule)
     steps = np.array([stepper.step(a, b) for a, b in zip(u, y, strict=True)]).T
     scale = np.maximum(np.abs(whole.y).max(axis=1, keepdims=True), 1e-12)
     assert np.abs((there.outputs - whole.y) / scale).max() < 1e-9
@@ -283,3 +283,13 @@ def test_structural_effects_do_not_break_the_observer():
         score = watched(plant, plant).score
     assert score.speed < 0.01
     assert score.friction < 0.1
+
+
+@pytest.mark.parametrize("design", [dfc.design_pi_observer, dfc.hybrid_filter])
+def test_milliseconds_taken_for_seconds_are_warned_of(design):
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    with pytest.warns(
+        UserWarning, match="dt = 2 s is long .* in seconds, 2 ms is dt=0.002"
+    ) as told:
+        design(axis, dt=2, encoder_quantum=1e-6)
+    assert told[0].filename == __file__

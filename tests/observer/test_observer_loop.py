@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import control as ct
 import matplotlib
 import numpy as np
@@ -29,7 +31,7 @@ from dryfric_control.observer.figures import (
     draw_position,
     draw_speed,
 )
-from dryfric_control.observer.monte_carlo import MonteCarlo, SwitchedEstimator
+from dryfric_control.observer.monte_carlo import Mismatch, MonteCarlo, SwitchedEstimator
 from dryfric_control.text import typeset
 
 matplotlib.use("Agg")
@@ -182,6 +184,30 @@ def test_monte_carlo_is_reproducible_in_one_process_or_two(design):
     for name in one.scores:
         np.testing.assert_array_equal(one.scores[name], two.scores[name])
     assert one.mismatches == two.mismatches != other.mismatches
+
+
+def test_monte_carlo_of_an_axis_of_ones_own():
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
+        effects=(dfc.effects.BiasForce(0.5),), travel=(0.0, 0.3),
+    )  # fmt: skip
+    design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6)
+    comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6)
+    move = dfc.motion_profile(
+        [0.1, 0.12], 1e-3, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=0.1
+    )
+    run = functools.partial(monte_carlo, design, comp.controller, move, runs=3, progress=False)
+    found = run(axis=axis)
+    # The plants start where the reference does, and the estimates with them.
+    assert found.diverged == {"reading": 0, "paper": 0}
+    assert found.limit == pytest.approx(1e-4)
+    same = run(axis=axis, stribeck_speed=0.01, quantum=1e-6, xhat0=0.1)
+    np.testing.assert_array_equal(found.scores["reading"], same.scores["reading"])
+    # Without a peak, and with the one of another axis, the plants are others.
+    assert not np.array_equal(found.scores["reading"], run().scores["reading"])
+    plant = Mismatch(1.1, 0.9, 1.05, 0.4, 0.5).plant(design, axis, None)
+    assert plant.stribeck is None and plant.effects == axis.effects
+    assert plant.stick_speed == pytest.approx(2.0 * design.axis.stick_speed)
 
 
 # --- rivals ---------------------------------------------------------------------------

@@ -370,6 +370,15 @@ def test_stepper_refuses_what_is_no_number_and_stays_as_it_was(clutch):
     assert first.step(u[1], y[1]) == second.step(u[1], y[1])
 
 
+def test_stepper_starts_at_the_first_reading(clutch):
+    """It started at 0, from which an axis that rests elsewhere seems to have jumped."""
+    design, u, y = clutch
+    u, y = u[:200], y[:200] + 5000.0
+    whole, stepper = observe(design, u, y).y, ObserverStepper(design)
+    steps = np.array([stepper.step(*one) for one in zip(u, y, strict=True)]).T
+    np.testing.assert_allclose(steps, whole, rtol=1e-9, atol=1e-9)
+
+
 def test_response_shows_itself(clutch):
     design, u, y = clutch
     estimate = observe(design, u[:500], y[:500])

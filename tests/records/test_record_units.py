@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import re
 
 import numpy as np
 import pytest
@@ -226,6 +227,14 @@ def test_the_same_unit_under_another_name_is_no_mismatch():
         AXIS.replace(units=("inc", "V")), dfc.Record(T, U, X, units={"x": "ticks", "u": "V"})
     )
     dfc.replay(axis, dfc.Record(T, U, X))  # no unit is stated: that of the axis
+    assert axis.units == ("rad", "N m")  # by one name in every print
+
+
+def test_units_of_an_axis_are_proposed_where_an_axis_can_have_them():
+    with pytest.raises(ValueError, match=re.escape("with units=('rad', 'N m')")):
+        dfc.replay(AXIS, dfc.Record(T, U, X, units={"x": "rad", "u": "N m"}))
+    with pytest.raises(ValueError, match="or check the columns"):
+        dfc.replay(AXIS, dfc.Record(T, U, X, units={"x": "A", "u": "counts"}))
 
 
 def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():

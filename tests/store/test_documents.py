@@ -48,7 +48,10 @@ def test_an_edit_shows(path, edit):
 
 @pytest.mark.parametrize(
     ("kind", "version", "words"),
-    [("other", 3, "is no other: it lacks format"), ("thing", 4, "version 3, .*reads 4")],
+    [
+        ("other", 3, "is no other: it has format = 'dryfric-control thing'"),
+        ("thing", 4, "version 3, .*reads 4"),
+    ],
 )
 def test_another_kind_or_version_is_refused(path, kind, version, words):
     with pytest.raises(ValueError, match=words):

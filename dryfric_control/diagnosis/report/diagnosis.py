@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -192,10 +193,13 @@ class Diagnosis(Result, Findings):
         return html_summary(self)
 
 
-def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Write report.html, report.png, diagnosis.json and extended.toml into a folder.
+def write_report(
+    d: Diagnosis, folder: str | os.PathLike[str], record: Mapping[str, Any] | None = None
+) -> tuple[Path, ...]:
+    """Write report.html, report.png, diagnosis.json, extended.toml and saved.json into a folder.
 
-    Everything is made before the first file is written.
+    All but the last, which `load_diagnosis` reads, is made before the first file is written.
+    `record` is the table of the axis file that says how records are read.
     """
     drawn = d.plot().figure
     buffer = io.BytesIO()
@@ -207,14 +211,15 @@ def write_report(d: Diagnosis, folder: str | os.PathLike[str]) -> tuple[Path, ..
         "report.html": html_page(d).encode("utf-8"),
         "report.png": buffer.getvalue(),
         "diagnosis.json": (d.to_json() + "\n").encode("utf-8"),
-        "extended.toml": axis_text(d.extended).encode("utf-8"),
+        "extended.toml": axis_text(d.extended, record).encode("utf-8"),
     }
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         with replacing(target / name) as part:
             part.write_bytes(content)
-    return tuple(target / name for name in contents)
+    d.save(target / "saved.json")
+    return *(target / name for name in contents), target / "saved.json"
 
 
 _SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)

@@ -43,6 +43,7 @@ _CHUNK = 65_536
 _DATES = (
     "; dates and clock times are read from a data frame: pandas.read_csv(..., parse_dates=[...])"
 )
+_EMPTY = "the cell is empty; delete the row, and give dt= [s], which fills what is lost"
 _PREAMBLE = 200  # lines among which the first row of numbers must be
 
 
@@ -254,6 +255,8 @@ def _sniff(
     else:  # most numbers; for text alone, most cells; ties go to the first listed
         delimiter = max(_DELIMITERS, key=lambda d: (numeric_cells(d), all_cells(d)))
     rows = [_cells(text, delimiter) for text in lines]
+    if len(rows) - first <= 2 and not any(_is_number(c) for row in rows[first:] for c in row):
+        raise ValueError(f"{where} holds a heading and no data rows")
     last = [row for row in rows[first:][-20:] if any(map(_is_number, row))] or [rows[-1]]
     trailing = all(len(row) > 1 and row[-1] == "" for row in last)
     start = _first_numbers(where, chunk, rows, first, len(last[0]))
@@ -265,8 +268,10 @@ def _sniff(
     if len(headings) < needed:
         raise ValueError(
             f"{where} has {len(headings)} column(s), at least {'t, ' if timed else ''}u and x are "
-            "needed; columns are separated by comma, semicolon, tab or blanks. Of files with one "
-            'channel each, give all: read_record({"t": path, "u": path, "x": path})'
+            "needed; columns are separated by comma, semicolon, tab or blanks. "
+            + ("Without a column of time give rate= [samples per s]. " if timed else "")
+            + "Of files with one channel each, give all: "
+            'read_record({"t": path, "u": path, "x": path})'
         )
     chosen = assign_columns(headings, columns, where, timed)
     optional = tuple(r for r in EXTRAS if r in chosen and r not in (columns or {}))
@@ -397,7 +402,7 @@ def _parse_slowly(
                 if role in layout.optional:
                     out[i, j] = np.nan
                     continue
-                what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
+                what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
                 label = layout.headings[k] or str(k)
                 raise ValueError(
                     f"{layout.where}: row {number}, column {label!r} ({role}): {what}"

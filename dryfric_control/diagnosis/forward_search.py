@@ -127,12 +127,12 @@ def _from_nominal(search: Search, state: State, most: int) -> State:
     missing, base parameters may absorb so much of their effect that they hide them.
     """
     search.tell("causes beside the nominal base")
-    base, search.base, smooth = search.base, (), search.smooth
+    base, search.base, width = search.base, (), search.width
     held = State(search.alone(), refuted=state.refuted)
     _rounds(search, held, most, None, alone=True)
     search.base = base
     # Costs are comparable only with equally smoothed inputs.
-    search.smooth_by(smooth)
+    search.smooth_by(width)
     if not held.causes:
         return state
     noises = held.fit.z[len(held.fit.problem.names) :]

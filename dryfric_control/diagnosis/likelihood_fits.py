@@ -105,8 +105,8 @@ class Fits:
         self.believed = self.believed.effective()
         self.whole = sum(len(r) for r in self.records)
         self.recorded: list[Run] = [prepare(r) for r in self.records]
-        # Smoothing length of the inputs [samples]: their measurement noise does not act.
-        self.smooth = 1
+        # Width with which measurement noise, which does not act, is taken off the inputs.
+        self.width = 0.0
         self._take(self.recorded)
         self.samples = sum(int(r.active.sum()) for r in self.few)
         self.part = self.samples / self.whole

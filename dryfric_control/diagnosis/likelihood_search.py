@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from dryfric_control.diagnosis.candidates import (
     effect_class,
@@ -19,9 +18,8 @@ from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import BIAS, ITERATIONS, LATE, hard
 from dryfric_control.diagnosis.screening import Candidate, Screening, hidden_shares
 from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
-from dryfric_control.estimation.likelihood import (
-    Run,
-)
+from dryfric_control.estimation.input_noise import without_noise
+from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT, with_values
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
@@ -50,11 +48,9 @@ _FULLER = 2.0
 _SURE = 2.0
 # Candidates within this fraction of the best worth are compared on all samples.
 _CLOSE = 0.25
-# Smoothing lengths of the input, in time constants of the lag with which causes are compared.
-_OVER = (2.0, 4.0, 8.0, 16.0)
-# Smoothing lengths of the recorded inputs [samples], and the largest lag-one autocorrelation of
-# the removed part at which it counts as noise.
-_SMOOTHER, _WHITE = (1, 5, 9, 17, 33, 65, 129), 0.1
+# Widths with which noise is taken off the recorded inputs, see `without_noise`, and the largest
+# lag-one autocorrelation of the removed part at which it counts as noise.
+_WIDTHS, _WHITE = (0.0, 1.0, 1.25, 1.5, 2.0), 0.1
 # Fraction of the gain on the subset of samples that is tested against LEAST to decide whether a
 # doubtful cause is refitted to all samples, and the iterations of these fits.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
@@ -66,11 +62,6 @@ STRAIGHT = "straight line"
 _BEHIND, _CLEAR_OF, _IMPOSED = 0.1, 0.2, 0.25
 # Leads of the input over its time stamps that are tried as starting values [samples].
 _EARLIER = (0.5, 1.0, 2.0, 4.0, 8.0)
-
-
-def _time_of(fit: Solution) -> float:
-    """Time constant of the lag in a fit [s]."""
-    return max(e.inner(fit.axis).lag for e in fit.axis.effects if e.action == "lag")
 
 
 class Search(Screening):
@@ -105,7 +96,7 @@ class Search(Screening):
 
     def _look_at_the_force(self) -> None:
         """Switch to the force view: compare the drive with the force that the motion requires."""
-        self.view, self.smooth = ForceView, 1
+        self.view, self.width = ForceView, 0.0
         self.runs = self.few = self.fewer = [prepare_force(r, self.hold) for r in self.records]
         self.whole = self.samples = sum(int(r.active.sum()) for r in self.runs)
         self.part = 1.0
@@ -248,32 +239,41 @@ class Search(Screening):
         ])  # fmt: skip
         fits = dict(zip(inputs, found, strict=True))
         enough = min(fit.cost for fit in found) + SLACK
-        smooth = next(count for count in inputs if fits[count].cost < enough)
-        if smooth != self.smooth:
-            self.smooth_by(smooth)
-            now = self.fit(now.axis, self.free_of(now), fits[smooth].z)
+        width = next(width for width in inputs if fits[width].cost < enough)
+        if width != self.width:
+            self.smooth_by(width)
+            now = self.fit(now.axis, self.free_of(now), fits[width].z)
         self._quiet = now
         return now
 
-    def smooth_by(self, count: int) -> None:
-        """Use inputs smoothed over `count` samples from now on."""
-        if count != self.smooth:
-            self.smooth = count
-            self._take(self._smoother[count])
+    def smooth_by(self, width: float) -> None:
+        """Use inputs without their noise, taken off with some width, from now on."""
+        if width != self.width:
+            self.width = width
+            self._take(self._smoother[width])
 
     @cached_property
-    def _smoother(self) -> dict[int, list[Run]]:
-        """Runs by smoothing length, for the lengths that remove nothing but noise."""
-        return {n: runs for n in _SMOOTHER if self._takes_noise(runs := self._smooth(n))}
+    def _smoother(self) -> dict[float, list[Run]]:
+        """Runs by the width with which noise is taken off their inputs, if only noise is."""
+        found = {0.0: self.recorded}
+        for width in _WIDTHS[1:]:
+            runs = [replace(r, u=without_noise(r.u, width)) for r in self.recorded]
+            if all(e[1:] @ e[:-1] <= _WHITE * (e @ e) for e in self._taken_off(runs)):
+                found[width] = runs
+        return found
 
-    def _takes_noise(self, runs: Sequence[Run]) -> bool:
-        """Whether the part of the inputs that smoothing removes is white."""
-        off = [one.u - smooth.u for one, smooth in zip(self.recorded, runs, strict=True)]
-        return all(e[1:] @ e[:-1] <= _WHITE * (e @ e) for e in off)
+    def _taken_off(self, runs: Sequence[Run]) -> list[FloatArray]:
+        """What the inputs as recorded have more than those of some runs."""
+        return [one.u - smooth.u for one, smooth in zip(self.recorded, runs, strict=True)]
+
+    @property
+    def input_noise(self) -> float:
+        """RMS of the noise that is taken off the inputs."""
+        return float(np.sqrt(np.mean(np.concatenate(self._taken_off(self.runs)) ** 2)))
 
     def as_recorded(self, fit: Solution) -> Solution:
         """The fit on inputs as recorded, with only the noises fitted again."""
-        if self.smooth == 1:
+        if self.width == 0.0:
             return fit
         problem, known = fit.problem.on(self.recorded), slice(len(fit.problem.names))
         problem.low, problem.high = problem.low.copy(), problem.high.copy()
@@ -373,9 +373,8 @@ class Search(Screening):
         A lag also filters noise that was recorded with the input, which is no evidence for
         it: in a comparison with a lag, every cause gets the input smoothing that suits it best.
         """
-        lags = [s for _, c, s in found if effect_class(c.slug).action == "lag"]
-        counts = {round(part * _time_of(s) / self.scales.step) for s in lags for part in _OVER}
-        versions = [self.runs, *map(self._smooth, counts)]
+        lags = any(effect_class(c.slug).action == "lag" for _, c, _ in found)
+        versions = list(self._smoother.values()) if lags else [self.runs]
 
         def whole(c: Candidate, s: Solution) -> float:
             noises = s.z[len(s.problem.names) :]
@@ -387,16 +386,6 @@ class Search(Screening):
         best = max(w for w, _, _ in found)
         found = [(best + g - max(gains), c, s) for g, (_, c, s) in zip(gains, found, strict=True)]
         return sorted(found, key=lambda one: -one[0])
-
-    def _smooth(self, count: int) -> list[Run]:
-        """Runs with inputs smoothed over `count` samples (Savitzky-Golay, order 2)."""
-        if count == 1:
-            return self.recorded
-        # The filter window must be odd and no longer than the record.
-        return [
-            replace(r, u=savgol_filter(r.u, max(min(count, r.u.size - 2), 2) | 1, 2))
-            for r in self.recorded
-        ]
 
     def _share(self, slug: str) -> float:
         return _HARD_SHARE if hard(slug) else _SHARE

@@ -30,7 +30,6 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, followed
-from dryfric_control.text import length_text
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -267,10 +266,10 @@ def answer(
         messages.append(IMPOSED)
         if search.steady and "viscous" not in search.known:
             messages.append(ONE_VELOCITY)
-    elif search.smooth > 1:
-        over = length_text(search.smooth * search.scales.step, "s")
-        messages.append(f"noise was recorded with the input: it was smoothed over {over}")
     unit = search.believed.units[1]
+    if search.width > 0.0:
+        messages.append(f"noise of {search.input_noise:.2g} {unit} RMS was recorded with the input "
+                        "and does not act on the axis: it was taken off")  # fmt: skip
     scores = {slug: -2.0 * gain / search.samples for slug, gain in state.first.items()}
     return Answer(
         _verdict(causes, left, messages), causes, final, motion, left,

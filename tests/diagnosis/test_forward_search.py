@@ -306,7 +306,7 @@ def test_noise_recorded_with_an_input_is_taken_off_where_that_is_the_likelier():
     search = Search(believed(case), [record(case)])
     loud = search.fit(search.believed, ())
     quiet = search.quieter(loud)
-    assert search.smooth > 1 and quiet.problem.runs[0] is search.few[0]
+    assert search.width > 0.0 and quiet.problem.runs[0] is search.few[0]
     assert quiet.cost < loud.cost - EQUAL
     assert quiet.random_force() < 0.9 * loud.random_force()
     # It pushes nothing, but free runs are driven by what was recorded.
@@ -315,7 +315,7 @@ def test_noise_recorded_with_an_input_is_taken_off_where_that_is_the_likelier():
 
     clean = Search(believed(case), [record(make_case("viscous", 40, "exact"))])
     fit = clean.fit(clean.believed, ())
-    assert clean.quieter(fit) is fit and clean.smooth == 1 and clean.as_recorded(fit) is fit
+    assert clean.quieter(fit) is fit and clean.width == 0.0 and clean.as_recorded(fit) is fit
 
 
 @pytest.mark.slow

@@ -72,18 +72,6 @@ def test_of_a_share_alone_there_is_no_net():
     assert in_valleys(guesses, NAMES[2:], never, ()) is guesses
 
 
-@pytest.mark.parametrize("samples", [400, 401])
-def test_inputs_are_smoothed_over_no_more_than_the_record(samples):
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    t = 1e-3 * np.arange(samples)
-    u = 20.0 * np.sin(40.0 * t)
-    search = Search(axis, [dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0])])
-    (short,), (long,) = search._smooth(5), search._smooth(1600)
-    assert short.u.size == long.u.size == samples
-    np.testing.assert_allclose(short.u, u, atol=0.05)
-    assert np.ptp(long.u) < np.ptp(u)
-
-
 @pytest.mark.parametrize("share", [1e-5, 1.0 - 1e-5])
 def test_a_part_too_light_to_be_seen_is_not_tried(share):
     """It would rattle by the thousand where the other stands."""

@@ -1,0 +1,47 @@
+"""Noise is taken off an input, and nothing else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+from dryfric_control.estimation.input_noise import without_noise
+
+T = 1e-3 * np.arange(8000)
+# A smooth drive with jumps, as of steps of a reference.
+U = 6.0 * np.sin(9.0 * T) + 4.0 * np.sign(np.sin(5.0 * T)) + 0.5 * np.sin(60.0 * T)
+
+
+def heard(seed: int = 0) -> np.ndarray:
+    return U + 0.3 * np.random.default_rng(seed).standard_normal(T.size)
+
+
+def test_it_errs_less_than_any_window_of_one_length():
+    left = np.std(without_noise(heard(), 1.5) - U)
+    fixed = min(np.std(savgol_filter(heard(), n, 2) - U) for n in range(5, 131, 4))
+    assert left < 0.7 * fixed
+
+
+def test_what_it_takes_off_is_white():
+    off = heard() - without_noise(heard(), 1.5)
+    assert abs(off[1:] @ off[:-1]) < 0.1 * (off @ off)
+    assert np.std(off) == pytest.approx(0.3, rel=0.1)
+
+
+def test_an_input_without_noise_stays():
+    held = np.repeat(U[::50], 50)
+    np.testing.assert_array_equal(without_noise(held, 2.0), held)
+    np.testing.assert_array_equal(without_noise(heard(), 0.0), heard())
+    # Parabolas over the first samples bend by h^3 u'''/6, with h the few samples to the edge.
+    np.testing.assert_allclose(without_noise(U[200:600], 1.5), U[200:600], atol=5e-3)
+
+
+@pytest.mark.parametrize("samples", [3, 4, 5, 6, 64, 65])
+def test_short_inputs_keep_their_length(samples):
+    assert without_noise(heard()[:samples], 1.5).size == samples
+
+
+def test_scale_and_offset_carry_over():
+    one = without_noise(heard(), 1.5)
+    np.testing.assert_allclose(without_noise(1e6 * heard() + 1e4, 1.5), 1e6 * one + 1e4, rtol=1e-9)

@@ -15,6 +15,9 @@ from dryfric_control.records.record_warning import RecordWarning
 _BEYOND = 0.25
 # Ratio of the largest drive to the lowest Coulomb level below which it cannot move the axis.
 _WEAK = 0.5
+# Ratio of the force that the motion needs, exceeded in 5 % of the samples, to the largest drive
+# beyond which no mass, however wrong, but a unit is off.
+_STRONG = 30.0
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3) -> None:
@@ -33,7 +36,8 @@ def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3)
     -----
     RecordWarning
         If positions lie far outside the travel, or if the drive extracts energy from
-        the machine or is too weak to overcome the friction of the axis.
+        the machine or is too weak to overcome the friction of the axis or to
+        accelerate it as measured.
 
     Examples
     --------
@@ -72,9 +76,19 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
     strongest = float(np.abs(record.u).max())
     places = np.linspace(low, high, 33)
     least = min(float(axis.coulomb(places, s).min()) for s in (1, -1))
+    motion = record.derivatives()
+    inertial = np.abs(axis.mass * motion.a + axis.viscous * motion.v)
+    needed = float(np.quantile(inertial, 0.95))
+    scaled = any(effect.slug == "input_gain" for effect in axis.effects)
     if not axis.effects and strongest < _WEAK * least:
         found.append(
             f"the drive is at most {strongest:.3g} {force} and moves an axis whose Coulomb level "
             f"is at least {least:.3g} {force}: is u in another unit, such as V or kN (gain=...)?"
+        )
+    elif not scaled and needed > _STRONG * strongest:
+        found.append(
+            f"the motion needs about {needed:.3g} {force} for the mass and viscous friction of the "
+            f"axis, the drive is at most {strongest:.3g} {force}: is x in another unit, such as mm "
+            '(then read_record(..., units={"x": "mm"})), or u in another (gain=...)?'
         )
     return found

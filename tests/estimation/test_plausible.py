@@ -40,6 +40,16 @@ def test_swapped_columns_are_told():
         warn_if_implausible(AXIS.replace(travel=None, coulomb=0.1), dfc.Record(T, X, U))
 
 
+def test_a_motion_far_beyond_its_drive_is_told():
+    axis = AXIS.replace(travel=None)
+    with pytest.warns(dfc.RecordWarning, match=r"the motion needs about .* drive is at most 20 N"):
+        warn_if_implausible(axis, dfc.Record(T, U, 1e3 * X))
+    scaled = axis.replace(effects=(dfc.effects.InputGain(1e3),))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_if_implausible(scaled, dfc.Record(T, U, 1e3 * X))
+
+
 def test_diagnose_tells_too():
     with (
         pytest.warns(dfc.RecordWarning, match="such as mm"),

@@ -31,7 +31,7 @@ from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.estimation.parameters import checked_knowledge, typical, values_of, with_values
-from dryfric_control.estimation.plausibility import warn_if_implausible
+from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.identification.replay import replay
 from dryfric_control.model.axis import FrictionAxis
@@ -174,6 +174,7 @@ def diagnose(
         if len(records) == 1 or len(windows) >= _LEAST_WINDOWS:
             _check_motion(windows, roles(windows), name)
         cuts.append(windows)
+    check_distinct(records)
     if progress is None:
         # Other libraries import IPython too: show a bar only in a running shell.
         shell = sys.modules.get("IPython")

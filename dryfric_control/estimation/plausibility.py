@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -56,6 +58,22 @@ def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3)
     """
     for message in _messages(axis, record):
         warnings.warn(message, RecordWarning, stacklevel=stacklevel)
+
+
+def check_distinct(records: Sequence[Record]) -> None:
+    """Refuse a record that is given twice: it would count double.
+
+    Raises
+    ------
+    ValueError
+        If two records hold the same drive and positions.
+    """
+    for (i, one), (j, other) in combinations(enumerate(records), 2):
+        if np.array_equal(one.x, other.x) and np.array_equal(one.u, other.u):
+            raise ValueError(
+                f"record[{i}] and record[{j}] hold the same data, which would count double: give "
+                "each record once"
+            )
 
 
 def _messages(axis: FrictionAxis, record: Record) -> list[str]:

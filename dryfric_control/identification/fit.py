@@ -24,7 +24,7 @@ from dryfric_control.estimation.parameters import (
     choose,
     typical,
 )
-from dryfric_control.estimation.plausibility import warn_if_implausible
+from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
 from dryfric_control.estimation.problem import Problem, minimise
 from dryfric_control.estimation.uncertainty import (
     bootstrap,
@@ -457,6 +457,7 @@ def fit(
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
     parts = [cut(r, window, hold) for r in records]
+    check_distinct(records)
     for r in records:
         check_units(axis, r)
         warn_if_implausible(axis, r)

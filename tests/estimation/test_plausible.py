@@ -70,3 +70,10 @@ def test_a_wrong_model_is_no_wrong_record(machine):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_if_implausible(AXIS, dfc.Record(T, U, x))
+
+
+@pytest.mark.parametrize("estimate", [dfc.diagnose, dfc.fit])
+def test_a_record_given_twice_is_refused(estimate):
+    record = dfc.Record(T, U, X)
+    with pytest.raises(ValueError, match=r"record\[0\] and record\[2\] hold the same data"):
+        estimate(AXIS, [record, dfc.Record(T, U, X + 1e-6), dfc.Record(T, U, X)])

@@ -50,7 +50,7 @@ _SURE = 2.0
 _CLOSE = 0.25
 # Widths with which noise is taken off the recorded inputs, see `without_noise`, and the largest
 # lag-one autocorrelation of the removed part at which it counts as noise.
-_WIDTHS, _WHITE = (0.0, 1.0, 1.25, 1.5, 2.0), 0.1
+_WIDTHS, _WHITE = (0.0, 0.8, 1.0, 1.25), 0.1
 # Fraction of the gain on the subset of samples that is tested against LEAST to decide whether a
 # doubtful cause is refitted to all samples, and the iterations of these fits.
 _DOUBTED, _DOUBTED_TURNS = 0.2, 8
@@ -283,7 +283,7 @@ class Search(Screening):
     def still_early(self, fit: Solution) -> bool:
         """Whether held-out data still require inputs that act before their time stamps."""
         noises = fit.z[len(fit.problem.names) :]
-        shift, self.clock = self.shift, ()
+        shift, self.clock, self.shift = self.shift, (), 0.0
         less = self.fit(fit.axis, self.free_of(fit), noises)
         self.clock, self.shift = (SHIFT,), shift
         return self.held_out(less, fit).sure

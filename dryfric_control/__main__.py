@@ -65,6 +65,12 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--record", metavar="FILE", help="measured record (CSV or MAT); default: a simulated one"
     )
+    demo.add_argument(
+        "--dt",
+        type=float,
+        metavar="S",
+        help="step of its time, where rows were lost",
+    )
     demo.set_defaults(run=_demo, own=demo)
 
     diagnose = commands.add_parser(
@@ -240,7 +246,7 @@ def _say(words: str) -> None:
 def _demo(chosen: argparse.Namespace) -> None:
     from dryfric_control import demo
 
-    demo.run(chosen.out, chosen.record)
+    demo.run(chosen.out, chosen.record, dt=chosen.dt)
 
 
 def _diagnose(chosen: argparse.Namespace) -> None:

@@ -65,6 +65,29 @@ def sampling_time(dt: object, stacklevel: int = 3) -> float:
     return number
 
 
+def increment(value: object, unit: str, *, zero: bool = False, stacklevel: int = 3) -> float:
+    """`encoder_quantum` of a design, with a warning where counts may be meant.
+
+    Raises
+    ------
+    ValueError
+        If it is not a positive number (or zero, with `zero`).
+
+    Warns
+    -----
+    UserWarning
+        If it is half a metre or half a radian or more.
+    """
+    number = positive("encoder_quantum", value, unit=unit, zero=zero)
+    if number >= 0.5:
+        warnings.warn(
+            f"encoder_quantum = {number:g} {unit} is coarse for an axis: it is the length of one "
+            f"count in {unit}, not a number of counts",
+            stacklevel=stacklevel,
+        )
+    return number
+
+
 def whole(name: str, value: object, least: int = 1) -> int:
     """Convert to an integer not below `least`.
 

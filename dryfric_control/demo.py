@@ -106,10 +106,10 @@ def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController
 
 
 def measured(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str], dt: float | None = None
 ) -> tuple[FrictionAxis, Record, PositionController | None]:
     """A rough axis for a measured record, the record, its controller where that is known."""
-    record = read_record(path)
+    record = read_record(path, dt=dt)
     axis = FrictionAxis(
         mass=50.0, viscous=100.0, coulomb=CoulombMap.of(10.0), name=record.name or "axis"
     )
@@ -222,6 +222,7 @@ def run(
     out: str | os.PathLike[str],
     record_path: str | os.PathLike[str] | None = None,
     say: Callable[[str], None] = print,
+    dt: float | None = None,
 ) -> dict[str, Any]:
     """Run the demo: figures and a summary into a folder.
 
@@ -233,6 +234,8 @@ def run(
         A measured record.  Default: a simulated one.
     say : callable, optional
         Where the lines of the summary go.
+    dt : float, optional
+        Resample the time stamps of a measured record to this step [s], see `read_record`.
 
     Returns
     -------
@@ -244,7 +247,7 @@ def run(
     ValueError
         If the record cannot be read; nothing is written then.
     """
-    axis, record, controller = made_record() if record_path is None else measured(record_path)
+    axis, record, controller = made_record() if record_path is None else measured(record_path, dt)
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")

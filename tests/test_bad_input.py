@@ -1593,6 +1593,18 @@ SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
         ),
         "leaves out presliding",
     ),
+    "observer, counts for metres": (
+        lambda: dfc.design_pi_observer(AXIS, DT, encoder_quantum=1.0),
+        "one count in m, not a number of counts",
+    ),
+    "filter, counts for metres": (
+        lambda: dfc.hybrid_filter(AXIS, DT, encoder_quantum=1.0),
+        "one count in m, not a number of counts",
+    ),
+    "compensation, counts for metres": (
+        lambda: dfc.design_compensation(AXIS, DT, encoder_quantum=1.0),
+        "one count in m, not a number of counts",
+    ),
 }
 
 

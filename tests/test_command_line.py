@@ -231,6 +231,18 @@ def test_a_wrong_option_is_told_in_one_line(capsys):
     assert "--window" in line and "'abc'" in line and "--help" in line
 
 
+def test_a_demo_of_a_record_with_lost_rows_names_an_option_that_it_has(tmp_path, capsys):
+    t = np.delete(1e-3 * np.arange(3000), np.arange(500, 540))
+    rows = np.column_stack((t, 20.0 * np.sin(6.0 * t), 0.05 * np.sin(6.0 * t - 1.0)))
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,u,x", comments="")
+    out = str(tmp_path / "out")
+    assert main(["demo", "--record", str(tmp_path / "run.csv"), "--out", out]) == 2
+    assert "--dt 0.001" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["demo", "--help"])
+    assert "--dt" in capsys.readouterr().out
+
+
 def test_a_demo_does_not_take_a_file_for_its_folder(tmp_path, capsys):
     taken = tmp_path / "taken"
     taken.write_text("")

@@ -12,7 +12,7 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from dryfric_control.checks import finite, instance, positive
+from dryfric_control.checks import finite, increment, instance, positive
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import (
     DRIVE,
@@ -484,7 +484,7 @@ def design_compensation(
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
-    quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"), zero=True)
+    quantum = increment(encoder_quantum, axis.unit("m"), zero=True)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
     if not isinstance(law, str) or law not in tuned.LAWS:
         raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")

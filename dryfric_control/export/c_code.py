@@ -84,11 +84,14 @@ def export_c(
     made = exported(obj, name, dt)
     code = Code(made, precision)
     where = existing_folder(folder)
+    words, about = code.readme(), where / "README.md"
+    if about.is_file() and about.read_bytes().split(b"\n")[0] != words.split("\n")[0].encode():
+        about = where / f"README_{made.name}.md"  # that of another object stays
     texts = {
         where / f"{made.name}.h": code.header,
         where / f"{made.name}.c": code.source,
         where / f"{made.name}.json": None,
-        where / "README.md": code.readme(),
+        about: words,
     }
     for path in texts:
         if path.is_dir():

@@ -14,7 +14,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import positive, samples, sampling_time
+from dryfric_control.checks import increment, positive, samples, sampling_time
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
@@ -325,7 +325,7 @@ def hybrid_filter(
     acting = axis.effective()
     own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
     dt = sampling_time(dt)
-    quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"))
+    quantum = increment(encoder_quantum, axis.unit("m"))
     excess = positive("excess", excess)
     if excess_speed is None:
         excess_speed = own.stribeck.speed if own.stribeck else _STICK_SPEEDS * own.stick_speed

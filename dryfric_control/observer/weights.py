@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import finite, positive
+from dryfric_control.checks import finite, increment, positive
 
 #: Uncertain force as a fraction of the Coulomb level.
 UNCERTAIN_FRACTION = 0.2
@@ -148,7 +148,7 @@ def default_weights(
         bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
     elif encoder_quantum is not None:
-        quantum = positive("encoder_quantum", encoder_quantum, unit=axis.unit("m"))
+        quantum = increment(encoder_quantum, axis.unit("m"), stacklevel=4)
         bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
         bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2

@@ -281,6 +281,15 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()
 
 
+def test_a_second_object_leaves_the_first_ones_readme(tmp_path):
+    first, second = (dfc.FrictionAxis(2.0, 15.0, 8.0, name=name) for name in ("slide", "table"))
+    readme = export_c(first, tmp_path)[-1]
+    words = readme.read_text()
+    assert export_c(second, tmp_path)[-1].name == "README_table.md"
+    assert readme.read_text() == words
+    assert export_c(first, tmp_path)[-1] == readme
+
+
 def test_a_header_speaks_of_the_axis_and_keeps_the_lines_of_the_certificate(tmp_path):
     axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
     design = dfc.design_pi_observer(axis, dt=2e-3, encoder_quantum=1e-4)

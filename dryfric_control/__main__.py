@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from dryfric_control._version import __version__
+from dryfric_control.checks import positive
 from dryfric_control.store.files import replacing
 from dryfric_control.text import did_you_mean
 
@@ -252,6 +253,7 @@ def _demo(chosen: argparse.Namespace) -> None:
 def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
+    from dryfric_control.estimation.parameters import checked_knowledge
     from dryfric_control.records import Scaling, read_record
     from dryfric_control.records.scaling import read_sampling
     from dryfric_control.store.axis_file import read_axis, read_knowledge
@@ -269,6 +271,10 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     for name in ("known", "tolerance", "time_limit", "window"):
         if getattr(chosen, name) is not None:
             knowledge[name] = getattr(chosen, name)
+    checked_knowledge(knowledge.get("known", ()), knowledge.get("tolerance"))
+    for name in ("time_limit", "window"):
+        if name in knowledge:
+            positive(name, knowledge[name], unit="s")
     # A rate excludes dt and max_gap: an option also replaces what it excludes in the file.
     sampling: dict[str, Any] = {} if chosen.rate is not None else read_sampling(chosen.axis)
     if chosen.dt is not None:

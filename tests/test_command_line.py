@@ -18,10 +18,14 @@ def test_export_writes_c_of_what_was_saved(tmp_path, capsys):
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, name="stage")
     dfc.write_axis(axis, tmp_path / "stage.toml")
     dfc.design_pi_observer(axis, dt=1e-3).save(tmp_path / "observer.json")
-    for file, name in (("stage.toml", "stage"), ("observer.json", "stage_observer")):
+    # The second keeps the README of the first.
+    for file, name, about in (
+        ("stage.toml", "stage", "README.md"),
+        ("observer.json", "stage_observer", "README_stage_observer.md"),
+    ):
         out = str(tmp_path / "out")
         assert main(["export", str(tmp_path / file), "--to", "c", "--out", out]) == 0
-        assert f"{name}.h, {name}.c, {name}.json, README.md in" in capsys.readouterr().out
+        assert f"{name}.h, {name}.c, {name}.json, {about} in" in capsys.readouterr().out
         assert (tmp_path / "out" / f"{name}.c").stat().st_size > 1000
 
 
@@ -373,3 +377,18 @@ def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, writte
         gain={"u": 2.0}, counts_per_turn=4096, lead=5e-3, load_encoder=True
     )
     assert read_sampling(file) == {"dt": 1e-3, "max_gap": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (("--window", "-1"), "window must be more than zero [s], got -1.0"),
+        (("--time-limit", "0"), "time_limit must be more than zero [s], got 0.0"),
+        (("--known", "gravity"), "known: 'gravity' is no base parameter"),
+    ],
+)
+def test_arguments_are_refused_before_a_record_is_read(option, words, tmp_path, capsys):
+    axis = tmp_path / "axis.toml"
+    axis.write_text("mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n")
+    assert main(["diagnose", "nowhere.csv", "--axis", str(axis), *option]) == 2
+    assert words in capsys.readouterr().err

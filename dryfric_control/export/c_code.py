@@ -66,6 +66,8 @@ def export_c(
 
     The switched observer is exported with ``switching="reading"``, see `pi_observer`.
 
+    The README of another object in the folder stays: then that of this one has its name.
+
     Nothing is allocated, no variable is global, no function calls itself, and every loop is
     bounded.  Single precision shifts the tolerances of the axis from 3e-9 to 1e-4.
 

@@ -303,9 +303,11 @@ class Likelihood:
         """Axis of record i at search coordinates."""
         values = self._values(z, i)
         values.pop(SHIFT, None)
-        if self._made[0] != values:  # reuse the axis for records with equal values
-            self._made = values, with_values(self.axis, list(values), list(values.values()))
-        return self._made[1]
+        made = self._made  # reused for records with equal values; other threads may replace it
+        if made[0] != values:
+            made = values, with_values(self.axis, list(values), list(values.values()))
+            self._made = made
+        return made[1]
 
     def noises(self, z: FloatArray, i: int = 0) -> tuple[float, float]:
         """Variances of the random force, held over a sample, and of a reading."""

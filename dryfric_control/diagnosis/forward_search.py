@@ -186,6 +186,10 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
         ranked = search.extend(now, candidates, needed)
+        # Full fits, confirmed or not, tell the candidates' order better than the first ones.
+        full = [*search.unsure, *ranked]
+        fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in full}
+        candidates = sorted([fitted.get(c.slug, c) for c in candidates], key=lambda c: c.cost)
         better = _better(search, now, ranked)
         if better is not None:
             state.fit = better
@@ -211,7 +215,8 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
                     state.add(c, pair[1])
                     # Single gains say little about members of a pair: keep every candidate
                     # with no more parameters.
-                    state.close[c.slug] = _no_more(candidates, c)[:_REMEMBERED]
+                    others = [o for o in candidates if o.slug not in {m.slug for m in pair[0]}]
+                    state.close[c.slug] = _no_more(others, c)[:_REMEMBERED]
                 _tidy(search, state)
                 continue
         if least == 0.0:
@@ -225,7 +230,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
         state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
         state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
-        state.close[chosen.slug] = _close(search, now, chosen, candidates, ranked)
+        state.close[chosen.slug] = _close(search, now, fitted[chosen.slug], candidates)
         if len(state.causes) > 1:
             _tidy(search, state)
     return False
@@ -264,9 +269,9 @@ def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: 
 
 
 def _plainest(ranked):  # type: ignore[no-untyped-def]
-    """Of equally good fits, the one whose effect has the lowest rank."""
+    """Of equally good fits, the one with the fewest parameters, then of the lowest rank."""
     level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
-    return min(level, key=lambda one: effect_class(one[1].slug).rank)
+    return min(level, key=lambda one: (len(one[1].free), effect_class(one[1].slug).rank))
 
 
 def _tidy(search: Search, state: State) -> None:
@@ -357,19 +362,18 @@ def _apart(unsure):  # type: ignore[no-untyped-def]
     return some[:_UNSURE]
 
 
-def _close(search, now, chosen, candidates, ranked):  # type: ignore[no-untyped-def]
+def _close(search, now, chosen, candidates):  # type: ignore[no-untyped-def]
     """Candidates with no more parameters that may replace a cause once others are known.
 
     Unconfirmed ones are included: held-out data may confirm them beside further causes.
     """
-    fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in ranked}
 
     def worth(c: Candidate) -> float:
         return search.worth(now.cost - c.cost, len(c.free))
 
-    least = _CLOSE * worth(fitted[chosen.slug])
-    some = [fitted.get(c.slug, c) for c in _no_more(candidates, chosen)]
-    return sorted([c for c in some if worth(c) > least], key=worth, reverse=True)[:_REMEMBERED]
+    least = _CLOSE * worth(chosen)
+    some = [c for c in _no_more(candidates, chosen) if worth(c) > least]
+    return sorted(some, key=worth, reverse=True)[:_REMEMBERED]
 
 
 def _no_more(candidates: Sequence[Candidate], one: Candidate) -> list[Candidate]:
@@ -443,22 +447,25 @@ def _exchange(search: Search, state: State) -> None:
     their effect: gravity looks like a bias, cogging with one period per turn like gravity.
     """
     for slug in [one for one in state.causes if _may_go(state, one)]:
+        own, cost = state.free[slug], state.fit.cost
+        better: list[tuple[float, Candidate, Solution]] = []
         for other in state.close[slug]:
             found = _in_place(search, state, slug, other)
             if found is None:
                 continue
-            cost = state.fit.cost
-            ahead = _fewer(search, state.free[slug], other.free)
+            ahead = _fewer(search, own, other.free)
             if found.cost < cost + (ahead if ahead else -EQUAL) or (
                 found.cost < cost + EQUAL and _spares(search, state, found, slug)
             ):
-                place = state.causes.index(slug)
-                # The remaining alternatives may be better still once further causes are found.
-                left = [c for c in state.close[slug] if c is not other]
-                state.drop(slug, found)
-                state.add(other, found, place)
-                state.close[other.slug] = left
-                break
+                better.append((ahead - found.cost, other, found))
+        if better:
+            _, other, found = _plainest(sorted(better, key=lambda one: -one[0]))
+            place = state.causes.index(slug)
+            # The remaining alternatives may be better still once further causes are found.
+            left = [c for c in state.close[slug] if c is not other]
+            state.drop(slug, found)
+            state.add(other, found, place)
+            state.close[other.slug] = left
     _backward(search, state)
 
 

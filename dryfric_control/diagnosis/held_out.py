@@ -64,7 +64,11 @@ class HeldOut(NamedTuple):
         return cls(float(fall.sum()), error, float(norm.isf(chance)), usual, events)
 
     @property
+    def strength(self) -> float:
+        """Number of standard errors by which the gain differs from zero, by its best measure."""
+        return max(self.gain / max(self.error, 1e-300), self.order, self.usual)
+
+    @property
     def sure(self) -> bool:
         """Whether held-out data confirm the cause."""
-        often = max(self.gain / max(self.error, 1e-300), self.order, self.usual) > CLEAR
-        return self.gain > LEAST and (often or self.events >= _EVENTS)
+        return self.gain > LEAST and (self.strength > CLEAR or self.events >= _EVENTS)

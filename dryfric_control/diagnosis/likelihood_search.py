@@ -448,7 +448,9 @@ class Search(Screening):
         for name, value in own.items():
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
-            if name in hidden or (kind == "speed" and name in fit.at_bound):
+            # A peak narrower than the record shows still raises breakaway.
+            gone = kind == "speed" and not of_kind["breaks_away"] and name in fit.at_bound
+            if name in hidden or gone:
                 return False
             if kind == "place" and name in fit.at_bound and not edge:
                 return False

@@ -48,8 +48,8 @@ _RIGHT = 0.004
 # RMS force of a base-parameter error, as a fraction of the random force, from which it is named.
 _NOTABLE = 0.25
 # Factors of random force without a cause over that with it: the least for a cause where structure
-# is left in the residual; one that no false cause reaches, so that a held-out gain in total is
-# sufficient, however few blocks gain; and that gain, in standard errors.
+# is left in the residual; one that no false cause reaches; and the held-out gain in total, in
+# standard errors, that is sufficient there, however few blocks gain.
 _LOUDER, _MUCH_LOUDER, _ON_THE_WHOLE = 1.1, 2.0, 1.5
 # Free-run error, over that of the nominal axis, beyond which no cause is shown.
 _WORSE = 1.1
@@ -346,17 +346,29 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
             search.tell(f"{slug} confirmed")
             if search.late:
                 judged[slug] = Judged(True, HeldOut(0.0, 0.0, 0.0))
-                continue
-            judged[slug] = _judged(search, state, final, slug)
-            # The first of two effects of a kind stays as long as the second does.
-            second = followed(slug, state.causes) and not holds(search.believed, slug)
-            if not judged[slug].sure and not second:
-                state.drop(slug, without(search, state, slug))
-                break
-        else:
-            if not _gain_is_choice(search, state, final, kept, judged):
-                return final, kept, judged
+            else:
+                judged[slug] = _judged(search, state, final, slug)
+        weakest = _weakest(search, state, judged)
+        if weakest:
+            state.drop(weakest, without(search, state, weakest))
+        elif _gain_is_choice(search, state, final, kept, judged):
             state.drop(GAIN, without(search, state, GAIN))
+        else:
+            return final, kept, judged
+
+
+def _weakest(search: Search, state: State, judged: dict[str, Judged]) -> str | None:
+    """The cause to drop if held-out data leave any open; None if they confirm all.
+
+    Not simply the first one left open: two causes that share an effect weaken each other, and
+    the one with less evidence has to go.
+    """
+    # The first of two effects of a kind stays as long as the second does.
+    single = [s for s in state.causes if holds(search.believed, s) or not followed(s, state.causes)]
+    if all(judged[s].sure for s in single):
+        return None
+    weak = [s for s in single if not (judged[s].sure and judged[s].held_out.sure)]
+    return min(weak, key=lambda s: judged[s].held_out.strength)
 
 
 def _left_open(search: Search) -> bool:
@@ -403,11 +415,12 @@ def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
 def _sure(found: HeldOut, louder: float) -> bool:
     """Whether held-out data confirm a cause.
 
-    `louder`: ratio of the random force without it to that with it.  If this is large, a
-    smaller gain is sufficient: half of a short record determines several causes poorly.
+    `louder`: ratio of the random force without it to that with it.  The larger it is, the
+    smaller a gain is sufficient: half of a short record determines several causes poorly.
     """
-    much = louder > _MUCH_LOUDER and found.gain > _ON_THE_WHOLE * found.error
-    return found.sure or (much and found.gain > LEAST)
+    part = min(max(math.log(louder) / math.log(_MUCH_LOUDER), 0.0), 1.0)
+    needed = CLEAR + part * (_ON_THE_WHOLE - CLEAR)
+    return found.sure or (found.gain > LEAST and found.gain > needed * found.error)
 
 
 def _louder(less: Solution, fit: Solution) -> float:

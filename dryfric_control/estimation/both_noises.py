@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import block_labels, block_length
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.ties import ranked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -80,37 +81,47 @@ def by_free_runs(problem: Problem, z: FloatArray, block: float | None) -> tuple[
 
 def by_likelihood(
     problem: Problem,
-    z: FloatArray,
+    points: Sequence[FloatArray],
     nominal: FrictionAxis,
     tolerance: Mapping[str, float],
     block: float | None,
 ) -> Evidence | None:
-    """Evidence by likelihood with both noises, starting from the fit to free runs.
+    """Evidence by likelihood with both noises, the best that is reached from some points.
 
     None if the filter cannot simulate the axis or the fit fails.
     """
     windows = problem.windows
     records, hold = [w.record for w in windows], windows[0].hold
-    model = problem.model_at(z)
-    held = [n for n in tolerance if n in problem.names]
-    believed = with_values(model.axis, held, values_of(nominal, held))
     length = block_length(records) if block is None else block
     runs = [prepare(r, block=length) for r in records]
     n = len(problem.names)
-    try:
-        alone = Likelihood(model.axis, (), runs, hold=hold)
-        still = maximise(alone, alone.start(_FORCE), _ALONE)
-        if not problem.breaks_away.any():
-            runs = [away_from_rest(r, s) for r, s in zip(runs, still.point.states, strict=True)]
+
+    def noises_alone(z: FloatArray) -> Solution:
+        alone = Likelihood(problem.model_at(z).axis, (), runs, hold=hold)
+        return maximise(alone, alone.start(_FORCE), _ALONE)
+
+    def from_point(z: FloatArray, still: Solution) -> Solution:
+        model = problem.model_at(z)
+        held = [n for n in tolerance if n in problem.names]
         full = Likelihood(
-            model.axis, problem.names, runs, believed=believed, tolerance=tolerance, hold=hold,
-            scales=typical(records),
+            model.axis, problem.names, runs, hold=hold, scales=typical(records),
+            believed=with_values(model.axis, held, values_of(nominal, held)), tolerance=tolerance,
         )  # fmt: skip
-        values = list(problem.values(z).values())
-        start = [p.search(v) for p, v in zip(full.parameters, values, strict=True)]
-        found = maximise(full, np.concatenate((start, still.z)), _ITERATIONS)
+        start = [
+            p.search(v) for p, v in zip(full.parameters, problem.values(z).values(), strict=True)
+        ]
+        return maximise(full, np.concatenate((start, still.z)), _ITERATIONS)
+
+    try:
+        stills = [noises_alone(z) for z in points]
+        if not problem.breaks_away.any():
+            states = stills[0].point.states
+            runs = [away_from_rest(r, s) for r, s in zip(runs, states, strict=True)]
+        ends = list(map(from_point, points, stills))
     except ValueError:  # a contact far too stiff for the sampling time
         return None
+    found = ends[ranked([s.cost for s in ends])[0]]
+    full = found.problem
     if not math.isfinite(found.cost) or found.gradients.size == 0:
         return None
     count = range(len(runs))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import savgol_coeffs
 
 from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_and_encoder
@@ -408,14 +409,23 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
             return np.full(sum(p.t.size for p in parts), 1e3)
         return np.concatenate([p.force_residual(axis) for p in parts]) / scale
 
-    inside = np.clip(z, problem.low, problem.high)
-    found = least_squares(
-        residual,
-        inside,
-        bounds=(problem.low, problem.high),
-        loss="soft_l1",
-        f_scale=0.1,
-        max_nfev=30,
-        diff_step=1e-4,
-    )
+    def searched(start: FloatArray) -> OptimizeResult:
+        return least_squares(
+            residual,
+            np.clip(start, problem.low, problem.high),
+            bounds=(problem.low, problem.high),
+            loss="soft_l1",
+            f_scale=0.1,
+            max_nfev=30,
+            diff_step=1e-4,
+        )
+
+    found, start = searched(z), z
+    # Of a sine only the part in phase is seen: from the wrong side its amplitude falls to zero.
+    for i in (i for i, p in enumerate(problem.parameters) if p.kind == "angle"):
+        for turn in (0.5, 1.0, 1.5):
+            tried = np.where(np.arange(z.size) == i, z[i] + turn * math.pi, start)
+            again = searched(tried)
+            if again.cost < found.cost:
+                found, start = again, tried
     return np.asarray(found.x)

@@ -151,6 +151,23 @@ def test_a_cogging_that_the_axis_lacks_is_said():
     assert np.max(np.abs(off(case, found))) < 4.0
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_a_cogging_is_found_from_the_opposite_phase(noise):
+    case = cogged(6, 1.0)
+    shape, level = case.truth["cogging"], case.actual["coulomb"]
+    u = case.u + noise * level * np.random.default_rng(4).standard_normal(case.u.size)
+    wrong = dfc.effects.Cogging(0.1, shape["pitch"], shape["phase"] + np.pi)
+    axis = axis_of(case, mass=1.1).replace(effects=(wrong,))
+    free = ("mass", "viscous", "coulomb", "cogging.amplitude", "cogging.phase")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # of the large noise
+        found = fit(axis, Record(case.t, u, case.x, quantum=case.quantum), free)
+    # A noise as large as the cogging leaves 2 % of the amplitude and 0.02 rad.
+    assert found.parameters["cogging.amplitude"] == pytest.approx(shape["amplitude"], rel=0.06)
+    away = np.angle(np.exp(1j * (found.parameters["cogging.phase"] - shape["phase"])))
+    assert abs(away) < 0.06
+
+
 def test_records_at_the_noise_of_the_readings_are_left_to_free_runs():
     case = truth.make_null(2, "short")
     found = fit(axis_of(case), record_of(case), starts=1)

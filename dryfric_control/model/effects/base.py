@@ -187,7 +187,7 @@ class StribeckPeak(Effect):
     )  # fmt: skip
     speed: float = parameter(
         "m/s", "velocity over which it decays", bounds=(1e-300, math.inf), breaks_away=True,
-        logarithmic=True,
+        logarithmic=True, kind="speed",
     )  # fmt: skip
 
     slug = "stribeck"

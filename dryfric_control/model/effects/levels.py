@@ -292,7 +292,7 @@ class StribeckAsymmetry(Effect):
     )  # fmt: skip
     speed: float = parameter(
         "m/s", "velocity over which it decays", bounds=(1e-300, math.inf), breaks_away=True,
-        logarithmic=True,
+        logarithmic=True, kind="speed",
     )  # fmt: skip
 
     slug = "stribeck_asymmetry"

@@ -15,7 +15,7 @@ from dryfric_control.diagnosis.candidates import (
     own_names,
     with_effect,
 )
-from dryfric_control.diagnosis.likelihood_fits import LATE
+from dryfric_control.diagnosis.likelihood_fits import LATE, hard
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.solution import Solution
@@ -58,6 +58,8 @@ class State:
         Gain of log-likelihood of every candidate in the first round, after a quick fit.
     refuted : set of str
         Causes that were dropped after others had joined; they are not tried again.
+    settled : set of str
+        Causes with a memory that were compared with all others that have one.
     late : bool
         Whether time ran out.
     """
@@ -70,6 +72,7 @@ class State:
     close: dict[str, list[Candidate]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
     refuted: set[str] = field(default_factory=set)
+    settled: set[str] = field(default_factory=set)
     late: bool = False
 
     @property
@@ -155,7 +158,7 @@ def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bo
     while True:
         if _added(search, state, most, end, alone):
             return True
-        if not _sift(search, state, edge=False):
+        if not (_sift(search, state, edge=False) or _other_memory(search, state)):
             return False
 
 
@@ -467,6 +470,34 @@ def _exchange(search: Search, state: State) -> None:
             state.add(other, found, place)
             state.close[other.slug] = left
     _backward(search, state)
+
+
+def _other_memory(search: Search, state: State) -> bool:
+    """Replace a cause with a memory by another that is better beside all other causes.
+
+    Play, compliance and elastic contact look alike while other causes are missing, and have
+    different numbers of parameters; each is started anew.  Returns whether any was replaced.
+    """
+    for slug in [s for s in state.causes if hard(s) and _may_go(state, s)]:
+        if len(state.causes) < 2 or slug in state.settled or search.late:
+            continue
+        search.tell(f"{slug} or another memory")
+        state.settled.add(slug)
+        less = without(search, state, slug)
+        gain = less.cost - state.fit.cost
+        mine = search.worth(gain, len(state.free[slug]))
+        others = search.screen(less, False, True, gain, thorough=True)
+        others = [c for c in others if c.slug != slug]
+        ranked = search.extend(less, others, gain)
+        if ranked and ranked[0][0] > mine + EQUAL:
+            _, other, fit = ranked[0]
+            place = state.causes.index(slug)
+            state.drop(slug, fit)
+            state.add(other, fit, place)
+            state.settled.add(other.slug)
+            _tidy(search, state)
+            return True
+    return False
 
 
 def _in_time(search: Search, state: State) -> None:

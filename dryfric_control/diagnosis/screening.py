@@ -114,16 +114,19 @@ class Screening(Fits):
         return self._seen[now]
 
     def screen(
-        self, now: Solution, first: bool = True, stiff: bool = False, notable: float = 0.0
-    ) -> list[Candidate]:
+        self, now: Solution, first: bool = True, stiff: bool = False, notable: float = 0.0,
+        thorough: bool = False,
+    ) -> list[Candidate]:  # fmt: skip
         """Effects of the catalogue added to a model, quickly refined, best first.
 
         `stiff`: the effects that are `hard`, else all others.  `hard` effects take as long as
         all others and are given up where their expected gain is below half of `notable`.
         `first`: whether the model has no causes yet.
+        `thorough`: `hard` effects are fitted from as many guesses as a first cause.
         """
         if (now, stiff) not in self._screened:
-            self._screened[now, stiff] = self._screen(now, first, stiff, 0.5 * notable)
+            least = 0.5 * notable
+            self._screened[now, stiff] = self._screen(now, first, stiff, least, thorough or first)
         return self._screened[now, stiff]
 
     def _effects(self, now: Solution, stiff: bool) -> tuple[str, ...]:
@@ -143,7 +146,9 @@ class Screening(Fits):
             effects = tuple(e for e in effects if effect_class(e).action not in LATE)
         return tuple(e for e in effects if hard(e) is stiff)
 
-    def _screen(self, now: Solution, first: bool, stiff: bool, least: float) -> list[Candidate]:
+    def _screen(
+        self, now: Solution, first: bool, stiff: bool, least: float, thorough: bool
+    ) -> list[Candidate]:
         found: list[Candidate | None] = [] if stiff else [*self.glance(now)]
         effects = self._effects(now, stiff)
         # Base values may be biased only because the cause is still missing.
@@ -152,7 +157,9 @@ class Screening(Fits):
             # With causes found, the model is nearly right even if its base values have moved.
             beside = self._at_nominal(now) if bent and first else now
             starts = self._guessed(beside, effects)
-            found = self._parallel([(self._patiently, (now, one, first, least)) for one in starts])
+            found = self._parallel(
+                [(self._patiently, (now, one, thorough, least)) for one in starts]
+            )
         elif bent:
             found = found + self._easily(now, self._at_nominal(now), effects)
         return _best_of(found)
@@ -262,17 +269,17 @@ class Screening(Fits):
         return [c for c, _, _ in [*ahead, *runs[_AHEAD:]]]
 
     def _patiently(
-        self, now: Solution, guessed: Sequence[Start], first: bool, least: float
+        self, now: Solution, guessed: Sequence[Start], thorough: bool, least: float
     ) -> Candidate | None:
         """A candidate from many guesses; only promising ones are fitted to the end.
 
-        With a cause found the model is nearly right: an effect that gains nothing with all
-        other parameters fixed will hardly gain with them free.
+        With a cause found the model is nearly right: unless `thorough`, an effect is given up
+        that gains nothing with all other parameters fixed.
         """
         own = [n for n in guessed[0].problem.names if n not in now.problem.names]
         guessed = in_valleys(guessed, own, lambda: self.late, self.fewer)
-        guessed = guessed[: _HARD_TRIED[0 if first else 1]]
-        if not first and not self.own:  # `_helps` would use one record's own values for all
+        guessed = guessed[: _HARD_TRIED[0 if thorough else 1]]
+        if not thorough and not self.own:  # `_helps` would use one record's own values for all
             guessed = [one for one in guessed if not self.late and self._helps(now, one, least)]
         return self._fitted(now, [] if self.late else guessed, _HARD_TURNS[0], now.cost - least)
 

@@ -10,10 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import (
-    effect_class,
-    placed,
-)
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, placed, with_effect
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import BIAS, ITERATIONS, LATE, hard
 from dryfric_control.diagnosis.screening import Candidate, Screening, hidden_shares
@@ -302,14 +299,14 @@ class Search(Screening):
         names = [n for n in self.base if n in now.problem.names]
         bent = list(map(now.values().__getitem__, names))
 
-        def one(c: Candidate) -> Solution:
+        def one(c: Candidate) -> tuple[Candidate, Solution]:
             # Start from the candidate's base values and from those of the present fit: from
             # far away, the prior may hold a parameter near its nominal value.
             free = (*self.free_of(now), *c.free)
             other = with_values(c.axis, names, bent)
             starts = [c.axis, *([other] if self.possible(other, free) else [])]
             fits = [self.fit(axis, free, noises, ITERATIONS) for axis in starts]
-            return min(fits, key=lambda s: s.cost)
+            return self._simplest(now, c, min(fits, key=lambda s: s.cost))
 
         left = [c for c in candidates[:_FITTED] if self._may_gain(now, c, notable)]
         self.unsure = []
@@ -322,10 +319,12 @@ class Search(Screening):
             ]  # fmt: skip
             if not chosen:
                 break
-            fits = self._parallel([(one, (c,)) for c in chosen])
+            fits = sorted(self._parallel([(one, (c,)) for c in chosen]), key=lambda f: -f[1].cost)
+            # The best fit of each effect, which may come from another that it is nested in.
+            best_of = {c.slug: (c, s) for c, s in fits}
             whole = [
                 (self.worth(now.cost - s.cost, len(c.free)), c, s)
-                for c, s in zip(chosen, fits, strict=True)
+                for c, s in best_of.values()
                 if self.sound(s, c.slug, c.free)
             ]
             found = [
@@ -339,6 +338,19 @@ class Search(Screening):
             # All these were rejected: compare the others with the best of the rest.
             left = [c for c in left if c not in chosen]
         return []
+
+    def _simplest(self, now: Solution, c: Candidate, fit: Solution) -> tuple[Candidate, Solution]:
+        """A candidate and its fit; if a mass share vanishes, the simpler effect that it is then."""
+        other = named(fit.axis)[c.slug].nested(fit.axis) if hidden_shares(fit) else None
+        if other is None or other[0] in named(now.axis) or other[0] not in catalogue(now.axis):
+            return c, fit
+        try:
+            start = with_effect(self.less(fit.axis, c.slug), *other)
+        except ValueError:  # a contact beside another transmission
+            return c, fit
+        free = (*self.free_of(now), *start.free)
+        found = self.fit(start.axis, free, fit.z[len(fit.problem.names) :], ITERATIONS)
+        return Candidate(other[0], start.free, found.axis, found.cost), found
 
     def _may_gain(self, now: Solution, c: Candidate, least: float) -> bool:
         """Whether a full fit of a candidate may gain `least`, on the subset or on all samples."""

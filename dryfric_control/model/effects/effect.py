@@ -447,6 +447,21 @@ class Effect:
         """
         return 0.0, 0.0
 
+    def nested(self, axis: BaseAxis) -> tuple[str, dict[str, float]] | None:
+        """The simpler effect that it is where its mass share vanishes.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has it.
+
+        Returns
+        -------
+        tuple of str and dict, or None
+            Name and values of the other effect; None if there is none.
+        """
+        return None
+
     def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
         """Whether it changes inputs by more than their noise.
 

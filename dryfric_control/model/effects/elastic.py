@@ -21,6 +21,12 @@ from dryfric_control.model.effects.guesses import Guess, View
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 
 
+def _level(axis: BaseAxis) -> float:
+    """Coulomb level, the mean of both directions in the middle of the travel."""
+    middle = 0.5 * sum(axis.travel or (0.0, 0.0))
+    return 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
+
+
 def _elastic_length(view: View) -> float:
     """Length over which a contact or a play acts, from resolution and travel."""
     return max(3.0 * view.quantum, 5e-5 * view.span)
@@ -80,9 +86,7 @@ class Presliding(Effect):
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Stiffness of the contact, none without a Coulomb level.
-        middle = 0.5 * sum(axis.travel or (0.0, 0.0))
-        level = 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
-        return Inner(contact=level / self.distance)
+        return Inner(contact=_level(axis) / self.distance)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # From one sign of the Coulomb level to the other.
@@ -287,6 +291,13 @@ class Compliance(Effect):
         # A period of the swing of motor against load.
         reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
         return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
+
+    def nested(self, axis: BaseAxis) -> tuple[str, dict[str, float]] | None:
+        # A load without mass only rubs: the spring is an elastic contact.
+        level = _level(axis)
+        if self.load_fraction > 0.5 or level <= 0.0:
+            return None
+        return Presliding.slug, {"distance": level / self.stiffness}
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:

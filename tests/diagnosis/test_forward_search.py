@@ -19,6 +19,7 @@ from dryfric_control.diagnosis.forward_search import (
     _exchange,
     _from_nominal,
     _in_time,
+    _other_memory,
     _sift,
     _spares,
     forward,
@@ -227,14 +228,36 @@ def test_what_unseen_data_do_not_confirm_yet_is_remembered(lopsided):
     slugs = ("spring", {"stiffness": 10.0, "rest": 0.0}), ("bias_force", BIAS), ("stribeck", PEAK)
     spring, bias, peak = (tried(search, first, *one) for one in slugs)
     gain = first.cost - bias.cost
-    fit = search.fit(spring.axis, spring.free)
-    # Nothing but the spring was confirmed; of the others, what gains little is no stand-in.
-    ranked = [(1.5 * gain, spring, fit)]
+    # Of the others, what gains little is no stand-in.
+    chosen = Candidate("spring", spring.free, spring.axis, first.cost - 1.5 * gain)
     small = Candidate("drift", ("drift.rate",), first.axis, first.cost - 0.1 * gain)
     many = Candidate("cogging", own_names("cogging"), first.axis, first.cost - 2.0 * gain)
-    near = _close(search, first, spring, [spring, many, bias, peak, small], ranked)
+    near = _close(search, first, chosen, [chosen, many, bias, peak, small])
     slugs = [c.slug for c in near]
     assert "bias_force" in slugs and not {"drift", "cogging", "spring"} & {*slugs}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "beside", "named"),
+    [
+        ("compliance", "bias_force", ("load_encoder_backlash", 1e-4)),
+        ("presliding", "dead_zone", ("backlash", 3e-4)),
+        ("backlash", "bias_force", ("backlash", 3e-4)),
+    ],
+)
+def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, named):
+    case = make_machine(2, (hidden, beside))[0]
+    search = Search(believed(case), [record(case)])
+    first = search.fit(search.believed, ())
+    other = {"bias_force": {"force": 1.0}, "dead_zone": {"width": 1.0}}[beside]
+    slug, gap = named
+    with among(beside, "compliance", "presliding", "backlash", "load_encoder_backlash"):
+        play = (slug, {"gap": gap, "load_fraction": 0.5})
+        state = state_with(search, first, (beside, other), play)
+        changed = _other_memory(search, state)
+    assert state.causes == [beside, hidden] and changed is (slug != hidden)
+    assert not _other_memory(search, state)  # settled
 
 
 @pytest.mark.slow
@@ -371,3 +394,13 @@ def test_a_base_that_has_bent_is_searched_with_as_believed_too():
     assert search.bold(bent) and not search.bold(state.fit)
     assert {"mass", "viscous", "coulomb"} <= {*state.fit.values()}
     assert state.first == {"drift": 1.0}
+
+
+def test_peaks_far_narrower_than_an_increment_a_sample_are_not_searched():
+    # Beside a play the load would break away hundreds of times in each sample.
+    case = make_machine(2, ("stribeck",))[0]
+    search = Search(believed(case), [record(case)])
+    problem = search.problem(search.believed, ("stribeck.excess", "stribeck.speed"))
+    j = problem.names.index("stribeck.speed")
+    slowest = problem.parameters[j].value(problem.low[j])
+    assert slowest == pytest.approx(0.1 * case.quantum / search.records[0].dt, rel=0.01)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import truth
@@ -12,7 +14,14 @@ from dryfric_control.diagnosis.forward_search import State, forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.random_force import LINE, _or_a_gain, _sure, _wrong_base
+from dryfric_control.diagnosis.random_force import (
+    LINE,
+    Judged,
+    _or_a_gain,
+    _sure,
+    _weakest,
+    _wrong_base,
+)
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
@@ -208,6 +217,8 @@ def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):
     [
         (1337.0, 722.0, 38.0, True),  # a compliance on 8 s, whose halves tell it badly
         (1337.0, 722.0, 1.3, False),
+        (106.0, 36.7, 1.55, True),  # load-dependent friction beside a play, on four short logs
+        (106.0, 36.7, 1.0, False),
         (1337.0, 1000.0, 38.0, False),
         (3.0, 1.0, 38.0, False),
         (3000.0, 722.0, 1.0, True),
@@ -216,6 +227,26 @@ def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):
 def test_what_most_of_the_random_force_was_is_a_cause(gain, error, louder, sure):
     usual = gain / error if sure and louder < 2.0 else 0.0
     assert _sure(HeldOut(gain, error, 1.0, usual), louder) is sure
+
+
+def test_of_causes_that_weaken_each_other_the_one_with_less_evidence_goes():
+    def judged(strength, louder):
+        found = HeldOut(100.0, 100.0 / strength, 0.0)
+        return Judged(_sure(found, louder), found, louder=louder)
+
+    search = SimpleNamespace(believed=AXIS)
+    state = SimpleNamespace(causes=["load_dependence", "stribeck", "backlash"])
+    evidence = {
+        "load_dependence": judged(2.5, 1.1), "stribeck": judged(6.0, 1.1),
+        "backlash": judged(1.8, 2.5),
+    }  # fmt: skip
+    # The play is sure for its share of the random force alone, and has less evidence.
+    assert evidence["backlash"].sure and not evidence["load_dependence"].sure
+    assert _weakest(search, state, evidence) == "backlash"
+    evidence["backlash"] = judged(2.9, 2.5)
+    assert _weakest(search, state, evidence) == "load_dependence"
+    evidence["load_dependence"] = judged(3.5, 1.1)
+    assert _weakest(search, state, evidence) is None
 
 
 def test_no_records_are_refused():

@@ -138,7 +138,9 @@ class Screening(Fits):
         if self.imposed:
             # Of effects with memory only a contact follows from the motion since the last reversal.
             shown = [e for e in effects if not hard(e) or effect_class(e).action == "contact"]
-            effects = tuple(e for e in shown if effect_class(e).action in _FORCES)
+            forces = (e for e in shown if effect_class(e).action in _FORCES)
+            # The drive follows the friction there: as the load it would explain itself.
+            effects = tuple(e for e in forces if not effect_class(e).loaded())
             if self.steady:
                 effects = tuple(e for e in effects if not effect_class(e).needs_velocities())
         if self.clock:

@@ -119,6 +119,23 @@ def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None
     assert ONE_VELOCITY in d.messages
 
 
+@pytest.mark.slow
+def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
+    # The drive balances the friction, so that the friction follows its own load.
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+    records = []
+    for i, level in enumerate((5.4, 8.8)):
+        one = walked(level, seed=i, round_=1.5e-3)
+        less = -0.15 * np.exp(-one.t / 15.0) * level * np.sign(np.gradient(one.x))
+        records.append(one.replace(u=one.u + less))
+    with among("warm_up", "load_dependence", "load_asymmetry", "bias_force", "spring"):
+        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+    assert [cause.effect for cause in d.main_causes] == ["warm_up"]
+    assert "spring" in d.scores and not {"load_dependence", "load_asymmetry"} & set(d.scores)
+    assert d.causes[0].parameters["rise"] == pytest.approx(-0.15, abs=0.02)
+    assert d.varies["coulomb"]["values"] == pytest.approx((5.4, 8.8), rel=0.02)
+
+
 def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     records = []

@@ -253,7 +253,8 @@ class Effect:
     depends_on_place: ClassVar[bool] = True
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
-    #: Whether a friction law reads u; one that does not costs less.
+    #: Whether a friction law reads u; one that does not costs less, and is tried by a diagnosis
+    #: also where the motion is imposed.
     depends_on_load: ClassVar[bool] = True
     #: Whether it differs between the directions of motion beyond its sign.
     depends_on_direction: ClassVar[bool] = False
@@ -344,6 +345,17 @@ class Effect:
     def named_parameters(cls) -> tuple[str, ...]:
         """Free parameters that the name of the effect includes."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
+
+    @classmethod
+    def loaded(cls) -> bool:
+        """Whether it is a friction that depends on the load of the transmission.
+
+        Returns
+        -------
+        bool
+            True for load-dependent friction, false for a friction of position.
+        """
+        return cls.action == "friction" and cls.depends_on_load
 
     @classmethod
     def needs_velocities(cls) -> bool:

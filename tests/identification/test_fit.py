@@ -545,7 +545,9 @@ def test_the_gear_of_a_servo_rubs_with_the_weight_it_carries_on_unseen_logs_too(
     )  # fmt: skip
     free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase", "load_dependence")
     found = fit(axis, gain(100), free)
-    assert found.parameters["load_dependence.coefficient"] == pytest.approx(0.29, abs=0.05)
+    # The gain of the drive trades with it: 0.32 at 0.14 N m is 24 to 33 units less likely and
+    # errs more on unseen logs.
+    assert 0.15 < found.parameters["load_dependence.coefficient"] < 0.35
     # Of a gain four times as high: 0.11 rad, and whole turns, without what the gear carries.
     unseen = gain(400)
     assert np.sqrt(np.mean([found.replay(r).rms ** 2 for r in unseen])) < 0.07

@@ -348,7 +348,7 @@ class Effect:
 
     @classmethod
     def loaded(cls) -> bool:
-        """Whether it is a friction that depends on the load of the transmission.
+        """Whether it is friction that depends on the load.
 
         Returns
         -------

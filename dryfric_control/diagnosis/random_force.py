@@ -327,6 +327,12 @@ class Judged(NamedTuple):
     others: str = ""
     louder: float = math.inf
 
+    @property
+    def by_size_alone(self) -> bool:
+        """Whether it is sure only for its share of the random force."""
+        confirmed = self.held_out.sure or bool(self.others)
+        return self.sure and not confirmed and self.held_out.gain > LEAST
+
 
 def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[str, Judged]]:
     """The fit with the causes that held-out data confirm, and the evidence for each.
@@ -367,7 +373,7 @@ def _weakest(search: Search, state: State, judged: dict[str, Judged]) -> str | N
     single = [s for s in state.causes if holds(search.believed, s) or not followed(s, state.causes)]
     if all(judged[s].sure for s in single):
         return None
-    weak = [s for s in single if not (judged[s].sure and judged[s].held_out.sure)]
+    weak = [s for s in single if not judged[s].sure or judged[s].by_size_alone]
     return min(weak, key=lambda s: judged[s].held_out.strength)
 
 

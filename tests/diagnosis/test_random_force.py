@@ -245,6 +245,10 @@ def test_of_causes_that_weaken_each_other_the_one_with_less_evidence_goes():
     assert _weakest(search, state, evidence) == "backlash"
     evidence["backlash"] = judged(2.9, 2.5)
     assert _weakest(search, state, evidence) == "load_dependence"
+    # What time did not suffice to judge, and what several parameters may replace, stays.
+    evidence["backlash"] = Judged(True, HeldOut(0.0, 0.0, 0.0))
+    evidence["stribeck"] = judged(1.0, 1.1)._replace(sure=True, others="inertia+viscous")
+    assert _weakest(search, state, evidence) == "load_dependence"
     evidence["load_dependence"] = judged(3.5, 1.1)
     assert _weakest(search, state, evidence) is None
 

@@ -87,13 +87,20 @@ class State:
             table.pop(slug)
         self.fit = less
 
-    def add(self, candidate: Candidate, fit: Solution, at: int | None = None) -> None:
-        """Add a cause, at the end or at index `at`."""
+    def add(self, candidate: Candidate, fit: Solution) -> None:
+        """Add a cause."""
         slug = candidate.slug
-        self.causes.insert(len(self.causes) if at is None else at, slug)
+        self.causes.append(slug)
         self.free[slug] = candidate.free
         self.alternatives[slug], self.rivals[slug], self.close[slug] = (), {}, []
         self.fit = fit
+
+    def swap(self, slug: str, candidate: Candidate, fit: Solution) -> None:
+        """Put another cause in the place of one."""
+        place = self.causes.index(slug)
+        self.drop(slug, fit)
+        self.add(candidate, fit)
+        self.causes.insert(place, self.causes.pop())
 
 
 #: Callback that may end the search; called with the state and the candidates of each round.
@@ -463,11 +470,9 @@ def _exchange(search: Search, state: State) -> None:
                 better.append((ahead - found.cost, other, found))
         if better:
             _, other, found = _plainest(sorted(better, key=lambda one: -one[0]))
-            place = state.causes.index(slug)
             # The remaining alternatives may be better still once further causes are found.
             left = [c for c in state.close[slug] if c is not other]
-            state.drop(slug, found)
-            state.add(other, found, place)
+            state.swap(slug, other, found)
             state.close[other.slug] = left
     _backward(search, state)
 
@@ -491,9 +496,7 @@ def _other_memory(search: Search, state: State) -> bool:
         ranked = search.extend(less, others, gain)
         if ranked and ranked[0][0] > mine + EQUAL:
             _, other, fit = ranked[0]
-            place = state.causes.index(slug)
-            state.drop(slug, fit)
-            state.add(other, fit, place)
+            state.swap(slug, other, fit)
             state.settled.add(other.slug)
             _tidy(search, state)
             return True
@@ -518,9 +521,7 @@ def _in_time(search: Search, state: State) -> None:
         level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
         _, chosen, best = _plainest(level)
         if chosen.slug != slug:
-            place = state.causes.index(slug)
-            state.drop(slug, best)
-            state.add(chosen, best, place)
+            state.swap(slug, chosen, best)
         equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
         state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
 

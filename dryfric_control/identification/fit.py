@@ -535,8 +535,8 @@ def fit_windows(
         # Free runs that a random force drives apart say little of a phase, on whose wrong side
         # an amplitude falls to zero: what explains the drive force is tried as well.
         phased = any(p.kind == "angle" for p in parameters)
-        ends = [z, *points[1:2]] if phased else [z]
-        likely = by_likelihood(problem, ends, nominal, tolerance or {}, block)
+        also = points[1:2] if phased else []
+        likely = by_likelihood(problem, [z, *also], nominal, tolerance or {}, block)
         evidence = evidence if likely is None else likely
     return _result(problem, first, evidence, window, nominal=noises)
 

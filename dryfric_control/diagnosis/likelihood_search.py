@@ -344,11 +344,10 @@ class Search(Screening):
         other = named(fit.axis)[c.slug].nested(fit.axis) if hidden_shares(fit) else None
         if other is None or other[0] in named(now.axis) or other[0] not in catalogue(now.axis):
             return c, fit
-        try:
-            start = with_effect(self.less(fit.axis, c.slug), *other)
-        except ValueError:  # a contact beside another transmission
-            return c, fit
+        start = with_effect(self.less(fit.axis, c.slug), *other)
         free = (*self.free_of(now), *start.free)
+        if not self.possible(start.axis, free):
+            return c, fit
         found = self.fit(start.axis, free, fit.z[len(fit.problem.names) :], ITERATIONS)
         return Candidate(other[0], start.free, found.axis, found.cost), found
 

@@ -422,9 +422,10 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
 
     found, start = searched(z), z
     # Of a sine only the part in phase is seen: from the wrong side its amplitude falls to zero.
-    for i in (i for i, p in enumerate(problem.parameters) if p.kind == "angle"):
+    for i in np.flatnonzero([p.kind == "angle" for p in problem.parameters]):
         for turn in (0.5, 1.0, 1.5):
-            tried = np.where(np.arange(z.size) == i, z[i] + turn * math.pi, start)
+            tried = start.copy()
+            tried[i] = z[i] + turn * math.pi
             again = searched(tried)
             if again.cost < found.cost:
                 found, start = again, tried

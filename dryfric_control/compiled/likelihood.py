@@ -146,6 +146,8 @@ def _coarse(plant, held, t, h, x, v, rest, fall):
     return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
 
 
+# Places in the play at which a record that begins at rest may start.
+_PLACES = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
 # Bounds of a state: distance from the start over the travel of the record, and velocity over
 # the fastest readings, or that many times as many cells.  Beyond, the filter gives up: an
 # axis that accelerates by itself, as with negative friction, would be integrated through every
@@ -184,6 +186,25 @@ def _random_force(plant, t, dt, memory, u, deviation):
         if margin < _SAFE * deviation:
             total += _escape(margin, deviation)
     return min(total, deviation * deviation)
+
+
+@step.internal
+def _touching(plant, memory):
+    """Whether motor and load touch across a play and move together."""
+    reach = plant.numbers[step.HALF_GAP] * (1.0 - 1e-9)
+    return abs(memory[step.OFFSET]) >= reach and memory[step.SLIP] == 0.0
+
+
+@step.internal
+def _pulled_off(plant, t, dt, memory, u, deviation):
+    """Variance of the random force that can pull the motor off a resting load.
+
+    Referred to the sum of both masses, as it then moves the motor alone.
+    """
+    drive = step.drive_now(plant, t, dt, memory, u)
+    press = -math.copysign(1.0, memory[step.OFFSET]) * drive
+    more = plant.numbers[step.INVERSE_MOTOR] / plant.numbers[step.INVERSE_MASS]
+    return _escape(press, deviation) * more * more
 
 
 @step.internal
@@ -241,6 +262,9 @@ def innovations(
 ):
     """Innovations and their variances over a whole record.
 
+    A record that begins at rest does not show where in its play a mass rests: of several
+    places, the one that makes the readings likeliest until the play is crossed is taken.
+
     Parameters
     ----------
     numbers, integers, size : arrays and length of memory of the axis
@@ -266,18 +290,45 @@ def innovations(
     out : ndarray, shape (2, n)
         Receives innovations and their variances; variance 0 where there is none.
     """
+    n, place = y.shape[0], np.nan
+    alike = max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    if integers[step.STRUCTURE] & step.PLAY and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
+        across = 2.0 * numbers[step.HALF_GAP] + alike
+        stop = 0
+        while stop < n and abs(y[stop] - y[0]) <= across:
+            stop += 1
+        stop = min(stop + FIRST, n)
+        least = np.inf
+        for one in _PLACES:
+            _innovations(
+                numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span,
+                state, out, stop, one,
+            )  # fmt: skip
+            here = _cost(out, good, FIRST + 1, stop)
+            if here < least:
+                least, place = here, one
+    _innovations(
+        numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span,
+        state, out, n, place,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _innovations(
+    numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out,
+    n, place,
+):  # fmt: skip
+    """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
     plant = step.point(numbers, integers)
     memory = np.zeros(size)
     m = step.pointer(memory)
     events = np.empty(step.ROOM)
     count = step.tally(events, step.FEW_SWITCHES)
-    n = y.shape[0]
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
     on_load = structure & step.ON_LOAD != 0
-    two = structure & (step.PLAY | step.SPRING) != 0 and not on_load
+    play, spring = structure & step.PLAY != 0, structure & step.SPRING != 0 and not on_load
     plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
-    inverse = numbers[step.INVERSE_MOTOR] if two else numbers[step.INVERSE_MASS]
     points = np.empty((2, 5))
     deviation = math.sqrt(force)
     dx = 1e-6 * span
@@ -294,14 +345,23 @@ def innovations(
     still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     if structure != 0:
         _settle(plant, t0, dt, m, u[0], y, 0, alike)
+        if not math.isnan(place):
+            memory[step.OFFSET], memory[step.SLIP] = place * numbers[step.HALF_GAP], 0.0
     step.place(plant, t0, dt, y[0], m)
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
+    two = spring or (play and not on_load)
+    inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     row, side, kept = 0, 0.0, False
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
+    # At the start of a record it may have any strain that friction holds: a uniform distribution.
+    unknown = 0.0
+    if contact and memory[step.MODE] == 0.0:
+        strain = step.base_level(plant, y[0], 1.0) / numbers[step.CONTACT_STIFFNESS]
+        unknown = strain * strain / 3.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -310,7 +370,10 @@ def innovations(
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
         if on_load:
             v += memory[step.SLIP]
-        if mode == 0 and abs(v) > numbers[step.STICK_SPEED]:
+        # Motor and load that touch across a play are one mass.
+        two = spring or (play and not on_load and not _touching(plant, m))
+        inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
+        if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
         sliding = mode != 0
         total = d + g * g * p
@@ -319,6 +382,8 @@ def innovations(
         variance = force
         if not sliding and not near and not contact and not kept:
             variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+            if play and not on_load:
+                variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
         if kept:
             # Advance the drive; the axis stays at rest.
@@ -382,6 +447,7 @@ def innovations(
             by_x, by_v, k1 = 0.0, 0.0, 0.0
             if sliding and not two:
                 held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
+                x += memory[step.OFFSET]  # of the load, on which all forces act
                 k1 = _rate(plant, held, t, x, v, float(mode))
                 by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
             calm = False
@@ -422,8 +488,9 @@ def innovations(
             h = min(max(by_x * dt * dt, -1.0), 1.0)
             f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
             sticking = contact and not sliding and not two
+            unknown = 0.0 if sliding else unknown
             if sticking and not strained:
-                c0, c1, anchor = p, g * p, p
+                c0, c1, anchor, unknown = p, g * p, p + unknown, 0.0
             strained = sticking
             along, across = f00 + f01 * g, f10 + f11 * g
             m00 = along * along * p + f01 * f01 * d
@@ -514,6 +581,14 @@ def innovations(
             p = gain * noise
             x += gain * e
             v += gain * g * e
+            if play and not _touching(plant, m):
+                # The reading says nothing about the mass without the encoder.
+                moved, turned = gain * e, gain * g * e
+                if on_load:
+                    x, v = x - moved, v - turned
+                    moved, turned = -moved, -turned
+                memory[step.OFFSET] -= moved
+                memory[step.SLIP] -= turned
             memory[step.X], memory[step.V] = x, v
             if contact and memory[step.MODE] == 0.0:
                 memory[step.DEFLECTION] += gain * e - to_anchor * outside

@@ -34,19 +34,22 @@ _QUIETER = (0.5, 0.2, 0.07)
 
 
 def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """The best of a point and those with less random force, as the cost may have two minima.
+    """A point with as much random force in each record as is best, as the cost may have two minima.
 
     With a large random force the filter follows the readings, even where the model
     alone would predict them.
     """
-    n = len(problem.names)
-    for part in _QUIETER:
-        new = z.copy()
-        new[n::2] += 2.0 * math.log(part)
-        new = np.clip(new, problem.low, problem.high)
-        tried = problem.at(new)
-        if tried.cost < point.cost:
-            z, point = new, tried
+    n, quiet = len(problem.names), z.copy()
+    for i, run in enumerate(problem.runs):
+        least = compiled.cost(point.out[i], run.active)
+        for part in _QUIETER:
+            new = z.copy()
+            new[n + 2 * i] = max(z[n + 2 * i] + 2.0 * math.log(part), problem.low[n + 2 * i])
+            cost = compiled.cost(problem._filter(new, i)[0], run.active)
+            if cost < least:
+                least, quiet[n + 2 * i] = cost, new[n + 2 * i]
+    if np.any(quiet != z):
+        z, point = quiet, problem.at(quiet)
     return z, point
 
 
@@ -115,7 +118,7 @@ def maximise(
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.at(z)
-    if problem.names and iterations:
+    if iterations:
         z, point = _noises(problem, z, point)
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
     quiet = stalled = False

@@ -12,6 +12,7 @@ from diagnosis_cases import believed, record
 
 import dryfric_control as dfc
 from dryfric_control.compiled import likelihood as compiled
+from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     Likelihood,
@@ -437,6 +438,23 @@ def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
         found = maximise(problem, problem.start(1.0))
         ratios.append(found.random_force() / (0.03 * case.actual["coulomb"]))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.16)
+
+
+@pytest.mark.parametrize(
+    ("effects", "seed"),
+    [(("presliding",), 2), (("backlash",), 2), (("drift", "backlash", "saturation"), 70)],
+)
+def test_what_the_true_model_leaves_is_the_noise_of_the_input(effects, seed):
+    # The bench's records: masses start anywhere in their play, contacts with any strain.
+    cases = truth.make_machine(seed, effects)
+    axis = believed(replace(cases[0], believed=cases[0].actual))
+    for slug in effects:
+        axis = with_effect(axis, slug, cases[0].truth[slug]).axis
+    problem = Likelihood(axis, (), [prepare(record(case)) for case in cases])
+    found = maximise(problem, problem.start(1.0))
+    noise = 0.02 * cases[0].actual["coulomb"]
+    left = [found.random_force(i) / noise for i in range(len(cases))]
+    assert left == pytest.approx([1.0] * len(cases), abs=0.3)
 
 
 def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_followed():

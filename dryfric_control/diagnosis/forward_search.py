@@ -29,6 +29,8 @@ _FURTHER, _QUIETER = 0.02, 0.02
 # Number of best candidates that are combined into pairs, before the first cause and later, and
 # the largest expected ratio of a pair's gain to the sum of its members' single gains.
 _PAIRED, _HOPE = (5, 3), 3.0
+# Largest number of causes.  A false one that joined before the others may have to go at the end.
+_MOST = 6
 # Number of causes not confirmed individually from which the search looks one round ahead.
 _UNSURE = 2
 # Number of alternatives of a chosen cause that are tried in its place later, and the fraction of
@@ -107,7 +109,7 @@ class State:
 Ends = Callable[[State, Sequence[Candidate]], bool]
 
 
-def forward(search: Search, most: int = 4, end: Ends | None = None) -> State | None:
+def forward(search: Search, most: int = _MOST, end: Ends | None = None) -> State | None:
     """Add causes one at a time, or two at once, while the likelihood gains enough.
 
     Returns None if `end`, which is called with the candidates of each round, reports
@@ -202,9 +204,14 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         candidates = sorted([fitted.get(c.slug, c) for c in candidates], key=lambda c: c.cost)
         better = _better(search, now, ranked)
         if better is not None:
-            state.fit = better
+            ranked = [(w - (now.cost - better.cost), c, s) for w, c, s in ranked]
+            state.fit = now = better
             first = first if state.causes else better.cost
-            continue
+            _, _, fit = ranked[0]
+            if ranked[0][0] < 0.0 or not (
+                search.simpler(fit, now) or search.held_out(now, fit).sure
+            ):
+                continue
         early = search.earlier(now)
         if early is not None:
             gain = search.worth(now.cost - early.cost, 1)
@@ -422,13 +429,12 @@ def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solu
     if search.late or other.slug in state.causes or effect_class(other.slug).action in LATE:
         return None
     fit, own = state.fit, state.free[slug]
-    try:
-        less = search.less(fit.axis, slug)
-        axis = put(less, other.slug, named(other.axis)[other.slug])
-    except (ValueError, KeyError):
-        return None
     free = (*names_without(search, fit, slug, own), *other.free)
     noises = fit.z[len(fit.problem.names) :]
+    # Its values of the first round absorbed part of the causes that were missing then.
+    axis = search.nearest(search.less(fit.axis, slug), other, free, noises)
+    if axis is None:
+        return None
     found = search.fit(axis, free, noises, _SOME_TURNS)
     if found.cost - found.promised > fit.cost + EQUAL + _fewer(search, own, other.free):
         return None
@@ -457,24 +463,33 @@ def _exchange(search: Search, state: State) -> None:
     their effect: gravity looks like a bias, cogging with one period per turn like gravity.
     """
     for slug in [one for one in state.causes if _may_go(state, one)]:
-        own, cost = state.free[slug], state.fit.cost
-        better: list[tuple[float, Candidate, Solution]] = []
-        for other in state.close[slug]:
-            found = _in_place(search, state, slug, other)
-            if found is None:
-                continue
-            ahead = _fewer(search, own, other.free)
-            if found.cost < cost + (ahead if ahead else -EQUAL) or (
-                found.cost < cost + EQUAL and _spares(search, state, found, slug)
-            ):
-                better.append((ahead - found.cost, other, found))
-        if better:
-            _, other, found = _plainest(sorted(better, key=lambda one: -one[0]))
-            # The remaining alternatives may be better still once further causes are found.
-            left = [c for c in state.close[slug] if c is not other]
-            state.swap(slug, other, found)
-            state.close[other.slug] = left
+        # Beside the new one, another may be better still, as may any once more causes are found.
+        cause: str | None = slug
+        while cause is not None:
+            cause = _replaced(search, state, cause)
     _backward(search, state)
+
+
+def _replaced(search: Search, state: State, slug: str) -> str | None:
+    """The close alternative that has taken the place of a cause, if one is better."""
+    own, cost = state.free[slug], state.fit.cost
+    better: list[tuple[float, Candidate, Solution]] = []
+    for other in state.close[slug]:
+        found = _in_place(search, state, slug, other)
+        if found is None:
+            continue
+        ahead = _fewer(search, own, other.free)
+        if found.cost < cost + (ahead if ahead else -EQUAL) or (
+            found.cost < cost + EQUAL and _spares(search, state, found, slug)
+        ):
+            better.append((ahead - found.cost, other, found))
+    if not better:
+        return None
+    _, other, found = _plainest(sorted(better, key=lambda one: -one[0]))
+    left = [c for c in state.close[slug] if c is not other]
+    state.swap(slug, other, found)
+    state.close[other.slug] = left
+    return str(other.slug)
 
 
 def _other_memory(search: Search, state: State) -> bool:

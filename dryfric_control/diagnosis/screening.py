@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named
+from dryfric_control.model.effects.naming import named, put
 
 # Number of guesses per candidate that are refined, and of candidates refined for all iterations.
 _REFINED, _AHEAD = 2, 10
@@ -41,8 +41,8 @@ _TURNS = 4
 # Iterations of a fit that starts from the nominal base.
 _LED_TURNS = 8
 # Deviation of ln(base value / nominal) beyond which missing causes may have biased the base
-# values, before the first cause and later.
-_BENT, _BOLD = 0.1, math.log(2.0)
+# values: before the first cause, where no candidate gains enough, and always.
+_BENT, _AWAY, _BOLD = 0.1, 0.3, math.log(2.0)
 # Number of force corrections from which first guesses are made.
 _SEEN = 8000
 # Actions of effects that are visible as a force in an imposed motion.
@@ -125,8 +125,7 @@ class Screening(Fits):
         `thorough`: `hard` effects are fitted from as many guesses as a first cause.
         """
         if (now, stiff) not in self._screened:
-            least = 0.5 * notable
-            self._screened[now, stiff] = self._screen(now, first, stiff, least, thorough or first)
+            self._screened[now, stiff] = self._screen(now, first, stiff, notable, thorough or first)
         return self._screened[now, stiff]
 
     def _effects(self, now: Solution, stiff: bool) -> tuple[str, ...]:
@@ -149,18 +148,19 @@ class Screening(Fits):
         return tuple(e for e in effects if hard(e) is stiff)
 
     def _screen(
-        self, now: Solution, first: bool, stiff: bool, least: float, thorough: bool
+        self, now: Solution, first: bool, stiff: bool, notable: float, thorough: bool
     ) -> list[Candidate]:
         found: list[Candidate | None] = [] if stiff else [*self.glance(now)]
         effects = self._effects(now, stiff)
         # Base values may be biased only because the cause is still missing.
-        bent = effects and self._bent(now, _BENT if first else _BOLD)
+        stalled = not stiff and all(now.cost - c.cost < notable for c in self.glance(now))
+        bent = effects and self._bent(now, _BENT if first else _AWAY if stalled else _BOLD)
         if stiff:
             # With causes found, the model is nearly right even if its base values have moved.
             beside = self._at_nominal(now) if bent and first else now
             starts = self._guessed(beside, effects)
             found = self._parallel(
-                [(self._patiently, (now, one, thorough, least)) for one in starts]
+                [(self._patiently, (now, one, thorough, 0.5 * notable)) for one in starts]
             )
         elif bent:
             found = found + self._easily(now, self._at_nominal(now), effects)
@@ -246,6 +246,26 @@ class Screening(Fits):
                 tried.append(Start(cost, problem, np.clip(z, problem.low, problem.high), effect))
         tried.sort(key=lambda one: one.cost)
         return tried
+
+    def nearest(
+        self, less: FrictionAxis, one: Candidate, free: Sequence[str], noises: Any
+    ) -> FrictionAxis | None:
+        """An axis with a candidate added, at its own values or the likeliest guess for the axis."""
+        best: tuple[float, FrictionAxis | None] = (math.inf, None)
+        view = View(less, self.records[0], self.nominal)
+        mine = named(one.axis)[one.slug]
+        for effect in (mine, *(replace(mine, **v) for v, _ in guesses(one.slug, view))):
+            try:
+                axis = put(less, one.slug, effect)
+                problem = self.problem(axis, free)
+            except (ValueError, KeyError):
+                continue
+            z = problem.start()
+            z[len(problem.names) :] = noises
+            cost = problem.tried(np.clip(z, problem.low, problem.high)).cost
+            if cost < best[0]:
+                best = cost, axis
+        return best[1]
 
     def _refine(self, now: Solution, terms, guessed, turns: int):  # type: ignore[no-untyped-def]
         """The best of several guesses after a quick refinement."""

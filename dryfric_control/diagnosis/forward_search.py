@@ -30,7 +30,7 @@ _FURTHER, _QUIETER = 0.02, 0.02
 # the largest expected ratio of a pair's gain to the sum of its members' single gains.
 _PAIRED, _HOPE = (5, 3), 3.0
 # Largest number of causes.  A false one that joined before the others may have to go at the end.
-_MOST = 6
+_MOST = 5
 # Number of causes not confirmed individually from which the search looks one round ahead.
 _UNSURE = 2
 # Number of alternatives of a chosen cause that are tried in its place later, and the fraction of
@@ -62,6 +62,8 @@ class State:
         Causes that were dropped after others had joined; they are not tried again.
     settled : set of str
         Causes with a memory that were compared with all others that have one.
+    asked : set of str
+        What was refuted when the search last looked for others.
     late : bool
         Whether time ran out.
     """
@@ -75,6 +77,7 @@ class State:
     first: dict[str, float] = field(default_factory=dict)
     refuted: set[str] = field(default_factory=set)
     settled: set[str] = field(default_factory=set)
+    asked: set[str] = field(default_factory=set)
     late: bool = False
 
     @property
@@ -125,11 +128,32 @@ def forward(search: Search, most: int = _MOST, end: Ends | None = None) -> State
         return None
     if search.bold(state.fit) and not search.late:
         state = _from_nominal(search, state, most)
+    _end(search, state)
+    return state
+
+
+def _end(search: Search, state: State) -> None:
+    """Compare the causes found with what does the same."""
     if len(state.causes) > 1:
         _in_time(search, state)
         _compare(search, state)
-    state.late = search.late
-    return state
+    state.late, state.asked = search.late, {*state.refuted}
+
+
+def resumed(search: Search, state: State, until: float) -> bool:
+    """Whether more causes were found in the place of some that were refuted since.
+
+    `until`: reading of `time.monotonic` at which the search ends.
+    """
+    before = {*state.causes}
+    if state.asked == state.refuted:
+        return False
+    search.until, end = until, search.until
+    if not search.late:
+        _rounds(search, state, _MOST, None)
+        _end(search, state)
+    search.until = end
+    return {*state.causes} != before
 
 
 def _from_nominal(search: Search, state: State, most: int) -> State:

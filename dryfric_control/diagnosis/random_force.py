@@ -15,7 +15,7 @@ from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_effect
 from dryfric_control.diagnosis.causes import cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
-from dryfric_control.diagnosis.forward_search import State, forward, names_without, without
+from dryfric_control.diagnosis.forward_search import State, forward, names_without, resumed, without
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import hard
@@ -51,6 +51,9 @@ _NOTABLE = 0.25
 # is left in the residual; one that no false cause reaches; and the held-out gain in total, in
 # standard errors, that is sufficient there, however few blocks gain.
 _LOUDER, _MUCH_LOUDER, _ON_THE_WHOLE = 1.1, 2.0, 1.5
+# Random force without an unconfirmed cause, over that with it, above which another cause must
+# have its place: the search looks for it again.
+_MISSED = 1.25
 # Free-run error, over that of the nominal axis, beyond which no cause is shown.
 _WORSE = 1.1
 # Fraction of the windows that may have larger errors than all their replays, and excess of the
@@ -228,12 +231,15 @@ def answer(
     if state is None:
         return None
     messages: list[str] = []
-    search.until = search.end
+    until, search.until = search.until, search.end
+    references = search.references()
+    final, kept, judged = _confirmed(search, state)
+    # In the place of a cause that unseen data do not confirm, another may be.
+    while not state.late and resumed(search, state, until):
+        final, kept, judged = _confirmed(search, state)
     if state.late:
         messages.append(LATE)
-    references = search.references()
     while True:
-        final, kept, judged = _confirmed(search, state)
         search.tell("replays")
         windows = cut(search.shift)
         heard = search.as_recorded(final)
@@ -244,6 +250,7 @@ def answer(
             break
         fallen = min(quiet, key=lambda c: judged[c].louder)
         state.drop(fallen, without(search, state, fallen))
+        final, kept, judged = _confirmed(search, state)
     better = [name for name, cost in references.items() if cost < final.cost]
     if worse:
         better.append("free runs of the nominal axis")
@@ -356,6 +363,8 @@ def _confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[
                 judged[slug] = _judged(search, state, final, slug)
         weakest = _weakest(search, state, judged)
         if weakest:
+            if judged[weakest].louder > _MISSED:
+                state.refuted.add(weakest)
             state.drop(weakest, without(search, state, weakest))
         elif _gain_is_choice(search, state, final, kept, judged):
             state.drop(GAIN, without(search, state, GAIN))

@@ -1,5 +1,7 @@
 """Causes one after the other: what takes another's place, and what is too small to name."""
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +26,7 @@ from dryfric_control.diagnosis.forward_search import (
     _spares,
     forward,
     notable,
+    resumed,
 )
 from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
 from dryfric_control.diagnosis.screening import Candidate
@@ -70,6 +73,47 @@ def test_a_cause_chosen_in_haste_makes_room(hidden, named, close):
     true = case.truth["stribeck"]["excess"]
     assert values["stribeck.excess"] == pytest.approx(true, rel=0.05)
     assert set(state.names) < set(values)
+
+
+def test_a_replacement_starts_from_what_it_would_be_beside_the_others():
+    case = make_case("coulomb_asymmetry", 3)
+    search = Search(believed(case), [record(case)])
+    now = search.fit(search.believed, (), iterations=6)
+    free, noises = own_names("coulomb_asymmetry"), now.z[len(now.problem.names) :]
+    true = case.truth["coulomb_asymmetry"]["asymmetry"] * case.actual["coulomb"]
+    # Three times its value: what was missing when it was tried first is in it.
+    far = with_effect(now.axis, "coulomb_asymmetry", {"force": 3.0 * true}).axis
+    candidate = Candidate("coulomb_asymmetry", free, far, 0.0)
+    axis = search.nearest(now.axis, candidate, free, noises)
+    assert axis.effects[-1].force == pytest.approx(true, rel=0.3)
+
+
+@pytest.mark.parametrize("notable", [0.0, 1e9])
+def test_where_nothing_gains_enough_a_moved_base_is_left_too(notable, monkeypatch):
+    case = make_case("bias_force", 4)
+    moved = replace(believed(case), mass=0.65 * case.believed["mass"])
+    search = Search(believed(case), [record(case)])
+    now = search.fit(moved, (), iterations=0)
+    asked = []
+    monkeypatch.setattr(search, "_at_nominal", lambda fit: asked.append(fit) or fit)
+    with among("bias_force"):
+        search.screen(now, first=False, notable=notable)
+    assert bool(asked) == (notable > 0.0)
+
+
+def test_an_unconfirmed_cause_with_a_large_share_makes_the_search_go_on(monkeypatch):
+    case = make_case("bias_force", 4)
+    search = Search(believed(case), [record(case)])
+    state = State(search.fit(search.believed, (), iterations=6))
+    state.refuted.add("saturation")
+    with among("bias_force", "saturation"):
+        assert resumed(search, state, math.inf)
+        assert state.causes == ["bias_force"]
+        # Not twice for the same.
+        assert not resumed(search, state, math.inf)
+        # Nor once the time of the search is over.
+        state.refuted.add("spring")
+        assert not resumed(search, state, 0.0)
 
 
 @pytest.mark.slow

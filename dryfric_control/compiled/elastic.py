@@ -478,7 +478,7 @@ def _push(plant, drive, t, state, side):
 
 
 @internal
-def _meeting(plant, memory):
+def meeting(plant, memory):
     """Side on which motor and load touch without moving apart, 0 for none."""
     half = plant.numbers[HALF_GAP]
     if abs(memory[OFFSET]) < half * (1.0 - 1e-12):
@@ -526,7 +526,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
     scratch = spare_memory()
     tau = 0.0
-    side = _meeting(plant, memory)
+    side = meeting(plant, memory)
     if side != 0.0:
         _impact(plant, memory, side)
     seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
@@ -676,7 +676,7 @@ def _outputs_structure(plant, drive, t, memory):
     """Velocity of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]
     if kind & PLAY:
-        v, friction, mode, _ = _seen_play(plant, drive, t, memory, _meeting(plant, memory))
+        v, friction, mode, _ = _seen_play(plant, drive, t, memory, meeting(plant, memory))
         return v, friction, mode
     two = kind & SPRING != 0
     x, v, mode = memory[X], memory[V], int(memory[MODE])

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from dryfric_control.compiled import axis_step as step
+from dryfric_control.compiled import elastic
 
 #: Degrees of freedom of the innovations.
 FREEDOM = 4.0
@@ -191,8 +192,7 @@ def _random_force(plant, t, dt, memory, u, deviation):
 @step.internal
 def _touching(plant, memory):
     """Whether motor and load touch across a play and move together."""
-    reach = plant.numbers[step.HALF_GAP] * (1.0 - 1e-9)
-    return abs(memory[step.OFFSET]) >= reach and memory[step.SLIP] == 0.0
+    return elastic.meeting(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
 
 
 @step.internal

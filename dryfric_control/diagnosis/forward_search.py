@@ -62,8 +62,6 @@ class State:
         Causes that were dropped after others had joined; they are not tried again.
     settled : set of str
         Causes with a memory that were compared with all others that have one.
-    asked : set of str
-        What was refuted when the search last looked for others.
     late : bool
         Whether time ran out.
     """
@@ -77,7 +75,6 @@ class State:
     first: dict[str, float] = field(default_factory=dict)
     refuted: set[str] = field(default_factory=set)
     settled: set[str] = field(default_factory=set)
-    asked: set[str] = field(default_factory=set)
     late: bool = False
 
     @property
@@ -137,17 +134,15 @@ def _end(search: Search, state: State) -> None:
     if len(state.causes) > 1:
         _in_time(search, state)
         _compare(search, state)
-    state.late, state.asked = search.late, {*state.refuted}
+    state.late = search.late
 
 
 def resumed(search: Search, state: State, until: float) -> bool:
-    """Whether more causes were found in the place of some that were refuted since.
+    """Whether other causes were found in the place of some that have been refuted.
 
     `until`: reading of `time.monotonic` at which the search ends.
     """
     before = {*state.causes}
-    if state.asked == state.refuted:
-        return False
     search.until, end = until, search.until
     if not search.late:
         _rounds(search, state, _MOST, None)

@@ -177,10 +177,7 @@ class Fits:
     ) -> Solution:  # fmt: skip
         """Most likely parameters, starting from the values of an axis."""
         problem = self.problem(axis, free, **settings)
-        z = problem.start(1.0)
-        if noises is not None:
-            z[len(problem.names) :] = noises
-        found = maximise(problem, z, iterations, self.until)
+        found = maximise(problem, problem.start(1.0, noises), iterations, self.until)
         rough = self.rough(found)
         if not rough or iterations < ITERATIONS or self.late:
             return found

@@ -209,9 +209,7 @@ class Search(Screening):
         for samples in _EARLIER:
             self.shift = -samples * self.scales.step
             problem = self.problem(now.axis, self.free_of(now))
-            z = problem.start()
-            z[len(problem.names) :] = noises
-            costs[self.shift] = problem.at(z).cost
+            costs[self.shift] = problem.at(problem.start(noises=noises)).cost
         # Parameters may have compensated for the lead, so no cost needs to be lower yet.
         self.shift = min(costs, key=costs.__getitem__)
         fit = self.fit(now.axis, self.free_of(now), noises, ITERATIONS)

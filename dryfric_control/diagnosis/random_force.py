@@ -233,10 +233,12 @@ def answer(
     messages: list[str] = []
     until, search.until = search.until, search.end
     references = search.references()
-    final, kept, judged = _confirmed(search, state)
-    # In the place of a cause that unseen data do not confirm, another may be.
-    while not state.late and resumed(search, state, until):
+    while True:
+        refuted = {*state.refuted}
         final, kept, judged = _confirmed(search, state)
+        # In the place of a cause that unseen data do not confirm, another may be.
+        if state.late or state.refuted == refuted or not resumed(search, state, until):
+            break
     if state.late:
         messages.append(LATE)
     while True:

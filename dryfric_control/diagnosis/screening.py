@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, put
+from dryfric_control.model.effects.naming import named
 
 # Number of guesses per candidate that are refined, and of candidates refined for all iterations.
 _REFINED, _AHEAD = 2, 10
@@ -238,12 +238,11 @@ class Screening(Fits):
                     start = with_effect(beside, effect, dict(values))
                     free = (*self.free_of(now), *(n for n in start.free if n not in held))
                     problem = self.problem(start.axis, free)
-                    z = problem.start()
-                    z[len(problem.names) :] = noises
-                    cost = problem.at(np.clip(z, problem.low, problem.high)).cost
+                    z = problem.start(noises=noises)
+                    cost = problem.at(z).cost
                 except ValueError:
                     continue
-                tried.append(Start(cost, problem, np.clip(z, problem.low, problem.high), effect))
+                tried.append(Start(cost, problem, z, effect))
         tried.sort(key=lambda one: one.cost)
         return tried
 
@@ -253,16 +252,15 @@ class Screening(Fits):
         """An axis with a candidate added, at its own values or the likeliest guess for the axis."""
         best: tuple[float, FrictionAxis | None] = (math.inf, None)
         view = View(less, self.records[0], self.nominal)
-        mine = named(one.axis)[one.slug]
-        for effect in (mine, *(replace(mine, **v) for v, _ in guesses(one.slug, view))):
+        mine = asdict(named(one.axis)[one.slug])
+        for values in (mine, *(guess for guess, _ in guesses(one.slug, view))):
+            fixed = {n: v for n, v in mine.items() if f"{one.slug}.{n}" not in one.free}
             try:
-                axis = put(less, one.slug, effect)
+                axis = with_effect(less, one.slug, mine | values | fixed).axis
                 problem = self.problem(axis, free)
-            except (ValueError, KeyError):
+            except ValueError:
                 continue
-            z = problem.start()
-            z[len(problem.names) :] = noises
-            cost = problem.tried(np.clip(z, problem.low, problem.high)).cost
+            cost = problem.tried(problem.start(noises=noises)).cost
             if cost < best[0]:
                 best = cost, axis
         return best[1]
@@ -310,8 +308,7 @@ class Screening(Fits):
         problem, z = start.problem, start.z
         own = [n for n in problem.names if n not in now.problem.names]
         alone = self.problem(problem.axis_at(z), own, base=())
-        begin = alone.start()
-        begin[len(alone.names) :] = z[len(problem.names) :]
+        begin = alone.start(noises=z[len(problem.names) :])
         fit = maximise(alone, begin, _HARD_TURNS[0], self.until)
         return fit.cost - fit.promised < now.cost - now.problem.prior(now.z) - least
 

@@ -279,8 +279,11 @@ class Likelihood:
         other.runs, other.steps, other.bends = tuple(runs), self.steps.copy(), self.bends.copy()
         return other
 
-    def start(self, force: float = 0.1) -> FloatArray:
-        """Search coordinates of the axis; `force`: random force over the RMS drive."""
+    def start(self, force: float = 0.1, noises: FloatArray | None = None) -> FloatArray:
+        """Search coordinates of the axis; `force`: random force over the RMS drive.
+
+        `noises`: search coordinates of the noises, those of another problem's result.
+        """
         here = {n: float(values_of(self.axis, [n])[0]) for n in self.names if n != SHIFT}
         here[SHIFT] = self.shift
         z = [
@@ -292,6 +295,8 @@ class Likelihood:
                 2.0 * math.log(force * run.drive),
                 math.log(max(run.floor, (run.record.noise) ** 2)),
             ]
+        if noises is not None:
+            z[len(self.names) :] = noises
         return np.clip(z, self.low, self.high)
 
     def _values(self, z: FloatArray, i: int) -> dict[str, float]:

@@ -101,7 +101,7 @@ def test_where_nothing_gains_enough_a_moved_base_is_left_too(notable, monkeypatc
     assert bool(asked) == (notable > 0.0)
 
 
-def test_an_unconfirmed_cause_with_a_large_share_makes_the_search_go_on(monkeypatch):
+def test_an_unconfirmed_cause_with_a_large_share_makes_the_search_go_on():
     case = make_case("bias_force", 4)
     search = Search(believed(case), [record(case)])
     state = State(search.fit(search.believed, (), iterations=6))

@@ -448,3 +448,25 @@ def test_peaks_far_narrower_than_an_increment_a_sample_are_not_searched():
     j = problem.names.index("stribeck.speed")
     slowest = problem.parameters[j].value(problem.low[j])
     assert slowest == pytest.approx(0.1 * case.quantum / search.records[0].dt, rel=0.01)
+
+
+def test_a_fit_that_has_arrived_is_not_left_for_those_that_promise_more(monkeypatch):
+    case = make_machine(2, ("bias_force",))[0]
+    search = Search(believed(case), [record(case)])
+
+    def fitted(cost, promised):
+        gap = SimpleNamespace(kind="length")
+        problem = SimpleNamespace(names=["backlash.gap"], parameters=[gap])
+        return SimpleNamespace(
+            problem=problem, z=cost, cost=cost, promised=promised, at_bound=(), axis=cost
+        )
+
+    # Two that promise much, and stay; one that has arrived.
+    guesses = [fitted(-10.0, 50.0), fitted(-20.0, 40.0), fitted(-60.0, 0.0)]
+    monkeypatch.setattr(
+        "dryfric_control.diagnosis.screening.maximise",
+        lambda problem, z, turns, until: next(one for one in guesses if one.z == z),
+    )
+    now = SimpleNamespace(problem=SimpleNamespace(names=[]))
+    starts = [SimpleNamespace(problem=one.problem, z=one.z, slug="backlash") for one in guesses]
+    assert search._fitted(now, starts, 3, below=0.0).cost == -60.0

@@ -326,11 +326,10 @@ class Screening(Fits):
             ahead = [(len(hidden_shares(f)), f.cost - _AHEAD_OF * f.promised, f) for f in fits]
             ahead.sort(key=lambda one: one[:2])
             fits = [f for _, cost, f in ahead if cost < below]
-            # One that has arrived is predicted to gain nothing more, and may still be the best.
-            arrived = fits[_HARD_REFINED:]
-            fits = [
+            # The others stay: one that has arrived promises nothing more, and may be the best.
+            fits[:_HARD_REFINED] = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
-            ] + arrived
+            ]
         fits = [f for f in fits if not hidden_shares(f)]
         if not fits:
             return None

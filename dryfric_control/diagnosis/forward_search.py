@@ -212,11 +212,13 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
             likely = [c for c in some if stiff or now.cost - c.cost >= needed]
             if end is not None and end(state, likely):
                 return True
-            candidates += some
-        candidates.sort(key=lambda c: c.cost)
+            candidates = sorted([*candidates, *some], key=lambda c: c.cost)
+            ranked = search.extend(now, candidates, needed)
+            # Beside a cause that leaves no structure, they are asked in the next round.
+            if not stiff and ranked and search.nothing_left(ranked[0][2]):
+                break
         if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
-        ranked = search.extend(now, candidates, needed)
         # Full fits, confirmed or not, tell the candidates' order better than the first ones.
         full = [*search.unsure, *ranked]
         fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in full}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -71,6 +71,10 @@ class Search(Screening):
         self._whole: dict[Solution, Solution] = {}
         # Candidates of the last round that held-out data do not confirm: worth, candidate, fit.
         self.unsure: list[tuple[float, Candidate, Solution]] = []
+        # Whether a fit leaves no structure in free runs; set by the caller that has these.
+        self.nothing_left: Callable[[Solution], bool] = lambda fit: False
+        # Full fits of candidates beside a model.
+        self._full: dict[tuple[Solution, Candidate], tuple[Candidate, Solution]] = {}
 
     def _less_dry(self) -> dict[str, float]:
         """Base values with 80 % of the dry friction replaced by viscous friction."""
@@ -317,7 +321,10 @@ class Search(Screening):
             ]  # fmt: skip
             if not chosen:
                 break
-            fits = sorted(self._parallel([(one, (c,)) for c in chosen]), key=lambda f: -f[1].cost)
+            new = [c for c in chosen if (now, c) not in self._full]
+            full = self._parallel([(one, (c,)) for c in new])
+            self._full |= {(now, c): fit for c, fit in zip(new, full, strict=True)}
+            fits = sorted((self._full[now, c] for c in chosen), key=lambda f: -f[1].cost)
             # The best fit of each effect, which may come from another that it is nested in.
             best_of = {c.slug: (c, s) for c, s in fits}
             whole = [

@@ -227,6 +227,10 @@ def answer(
         judged = gate is not None and not search.imposed
         return judged and gate(search.shift).opens(state, candidates)  # type: ignore[misc]
 
+    def nothing_left(fit: Solution) -> bool:
+        return not _judge(search)(search, cut(search.shift), search.as_recorded(fit))[1].significant
+
+    search.nothing_left = nothing_left
     state = forward(search, end=ends)
     if state is None:
         return None

@@ -470,3 +470,23 @@ def test_a_fit_that_has_arrived_is_not_left_for_those_that_promise_more(monkeypa
     now = SimpleNamespace(problem=SimpleNamespace(names=[]))
     starts = [SimpleNamespace(problem=one.problem, z=one.z, slug="backlash") for one in guesses]
     assert search._fitted(now, starts, 3, below=0.0).cost == -60.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("leaves", [False, True])
+def test_effects_with_a_memory_wait_where_another_cause_leaves_nothing(monkeypatch, leaves):
+    case = make_machine(2, ("bias_force",))[0]
+    search = Search(believed(case), [record(case)])
+    monkeypatch.setattr(search, "nothing_left", lambda fit: leaves)
+    asked, screen = [], search.screen
+
+    def noted(now, first=True, stiff=False, *rest, **settings):
+        if stiff:
+            asked.append(len(now.axis.effects))
+        return screen(now, first, stiff, *rest, **settings)
+
+    monkeypatch.setattr(search, "screen", noted)
+    with among("bias_force", "backlash"):
+        assert forward(search).causes == ["bias_force"]
+    # Beside the bias they are asked anyway.
+    assert asked == ([1] if leaves else [0, 1])

@@ -31,6 +31,9 @@ _OUTSIDE = 0.1
 # A characteristic speed beyond _FASTER times the largest of the records (the quantile
 # _NEARLY_ALL of |v|) has no visible effect: the record looks the same for all such values.
 _FASTER, _NEARLY_ALL = 3.0, 0.995
+# Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
+# narrower play the filter differs from that without one, but not the machine.
+_FINER = 0.1
 # Shortest time, as a fraction of the sampling time, that counts as a delay or time constant.
 _SOONEST = 0.02
 # Actions of which an axis has at most one effect.
@@ -107,19 +110,22 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
 
 
 def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
-    """Whether a cause acts at positions, speeds and times that the records cover.
+    """Whether a cause acts at positions, lengths, speeds and times that the records show.
 
     `values`: by the full names of its free parameters, such as "cogging_2.amplitude".
     """
     kinds = effect_class(name).parameters()
     low, high = travelled(records)
     shortest = _SOONEST * float(np.median([r.dt for r in records]))
+    finest = _FINER * min(r.resolution.step for r in records)
     for own, value in values.items():
         of_kind = kinds[own.partition(".")[2]]
         kind = of_kind["kind"]
         if kind == "place" and not low <= value <= high:
             return False
         if kind == "time" and value < shortest:
+            return False
+        if of_kind["unit"] == "m" and kind == "amount" and abs(value) < finest:
             return False
         if of_kind["unit"] == "m/s" and value > _FASTER * max(_fastest(r) for r in records):
             return False

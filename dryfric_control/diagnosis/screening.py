@@ -15,6 +15,7 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     guesses,
     own_names,
+    placed,
     with_effect,
 )
 from dryfric_control.diagnosis.likelihood_fits import LATE, Fits, hard
@@ -330,12 +331,18 @@ class Screening(Fits):
             fits[:_HARD_REFINED] = [
                 maximise(f.problem, f.z, _HARD_TURNS[1], self.until) for f in fits[:_HARD_REFINED]
             ]
+            fits = [f for f in fits if self._shown(now, f, guessed[0].slug)]
         fits = [f for f in fits if not hidden_shares(f)]
         if not fits:
             return None
         best, slug = min(fits, key=lambda f: f.cost), guessed[0].slug
         free = tuple(n for n in best.problem.names if n not in now.problem.names)
         return Candidate(slug, free, best.axis, best.cost)
+
+    def _shown(self, now: Solution, fit: Solution, slug: str) -> bool:
+        """Whether the records show an effect where a fit has put it, see `placed`."""
+        own = {n: v for n, v in fit.values().items() if n not in now.problem.names}
+        return placed(slug, own, self.records)
 
     def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
         """A few joint steps: new slopes of the candidate, constant slopes of the rest."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.estimation.likelihood import Likelihood, Run
 
-# Grid step as a fraction of the distance between two guesses, and shares tried at each point.
-_RUNG, _SHARES = 0.25, np.arange(0.05, 0.96, 0.06)
+# Grid step as a fraction of the distance between two guesses, shares tried at each point, and the
+# step of a second grid at the best share.
+_RUNG, _SHARES, _FINE = 0.25, np.arange(0.05, 0.96, 0.06), 0.05
+# Standard deviations of the random force tried at each point, over the present one: fitted without
+# the effect it makes up for it, and hides it where it is too large.
+_QUIETER = (1.0, 0.2)
 # Number of best grid points that are refined, scales of the line searches around them, and the
 # changes tried: of the logarithm of a parameter; of a share, a fifth of them.
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
@@ -52,6 +56,18 @@ class Start(NamedTuple):
         j = p.names.index(name)
         z[j] = np.clip(p.parameters[j].search(value), p.low[j], p.high[j])
         return self._replace(cost=math.inf, z=z)
+
+    def quieter(self, part: float) -> Start:
+        """The start with a fraction of its random forces; its cost is not computed (inf)."""
+        p, z = self.problem, self.z.copy()
+        forces = slice(len(p.names), None, 2)
+        z[forces] = np.clip(z[forces] + 2.0 * math.log(part), p.low[forces], p.high[forces])
+        return self._replace(cost=math.inf, z=z)
+
+    def evaluated(self, problem: Likelihood | None = None) -> Start:
+        """The start with its cost, that of another problem with the same coordinates if given."""
+        problem = problem or self.problem
+        return self._replace(cost=problem.tried(self.z).cost, problem=problem)
 
     def best_of(self, name: str, values: Iterable[float]) -> Start:
         """The best of this start and those with other values of one parameter."""
@@ -115,34 +131,69 @@ def in_valleys(
         return starts
     values = [[one.value(n) for n in others] for one in starts]
     rows = np.log(np.unique(np.maximum(values, 1e-300), axis=0))
-    best: list[Start] = []
     whole, few = starts[0].problem, starts[0].problem.on(runs)
     net = few.on([replace(run, pieces=run.pieces[::_STRETCHES]) for run in runs])
-    for place in np.arange(0.0, len(rows) - 1 + 1e-9, _RUNG):
-        if late():
-            break
-        k = min(int(place), max(len(rows) - 2, 0))
-        row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
-        one = starts[0]._replace(problem=net)
-        for name, value in zip(others, np.exp(row), strict=True):
-            one = one.moved(name, value)
-        if shares:
-            best.append(one.best_of(shares[0], _SHARES))
-        else:
-            best.append(one._replace(cost=net.tried(one.z).cost))
-    # At some grid points the coupling may be too stiff for the sampling time: infinite cost.
-    best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
-    best = [one._replace(cost=few.tried(one.z).cost, problem=few) for one in best[: 2 * _VALLEYS]]
-    best = sorted((one for one in best if math.isfinite(one.cost)), key=lambda one: one.cost)
-    best = best[:_VALLEYS]
-    for i, one in enumerate(best):
+    best: list[tuple[float, Start]] = []
+    for place, one in _between(starts[0]._replace(problem=net), others, rows, _RUNG):
+        for quiet in map(one.quieter, _QUIETER):
+            if late():
+                break
+            if shares:
+                best.append((place, quiet.best_of(shares[0], _SHARES)))
+            else:
+                best.append((place, quiet.evaluated()))
+    best = _lowest(best)[: 2 * _VALLEYS]
+    best = _lowest((place, one.evaluated(few)) for place, one in best)
+    if shares and best:
+        # The share is nearly the same in every valley.
+        top = best[0][1]
         for part in _CLOSER:
+            top = top.best_of(shares[0], top.value(shares[0]) + 0.2 * part * _ASIDE)
+        fine = (o for o in _between(top, others, rows, _FINE) if not late())
+        best = _lowest([*best, *((place, one.evaluated()) for place, one in fine)])
+    best = _apart(best)
+    valleys = [one for _, one in best]
+    for i, one in enumerate(valleys):
+        # All samples show a valley more narrowly than a few.
+        for problem, part in (*((few, part) for part in _CLOSER), (whole, _CLOSER[-1])):
+            one = one.evaluated(problem)
             for name in (*others, *shares):
                 if late():
                     break
                 value, by = one.value(name), part * _ASIDE
                 close = value + 0.2 * by if name in shares else value * np.exp(by)
                 one = one.best_of(name, close)
-        best[i] = one._replace(cost=whole.tried(one.z).cost, problem=whole)
-    best = [one for one in best if math.isfinite(one.cost)]  # finite on all samples too
-    return sorted([*best, *starts], key=lambda one: one.cost)
+        valleys[i] = one.evaluated(whole)
+    valleys = [one for one in valleys if math.isfinite(one.cost)]  # finite on all samples too
+    return sorted([*valleys, *starts], key=lambda one: one.cost)
+
+
+def _between(
+    start: Start, names: Sequence[str], rows: NDArray[np.float64], rung: float
+) -> Iterator[tuple[float, Start]]:
+    """Starts on the line through the logarithms of the guesses, with their places on it."""
+    for place in np.arange(0.0, len(rows) - 1 + 1e-9, rung):
+        k = min(int(place), max(len(rows) - 2, 0))
+        row = rows[k] + (place - k) * (rows[min(k + 1, len(rows) - 1)] - rows[k])
+        one = start
+        for name, value in zip(names, np.exp(row), strict=True):
+            one = one.moved(name, value)
+        yield place, one
+
+
+def _lowest(points: Iterable[tuple[float, Start]]) -> list[tuple[float, Start]]:
+    """Points of the grid by cost.
+
+    Where the coupling is too stiff for the sampling time the cost is infinite.
+    """
+    finite = (point for point in points if math.isfinite(point[1].cost))
+    return sorted(finite, key=lambda point: point[1].cost)
+
+
+def _apart(points: Sequence[tuple[float, Start]]) -> list[tuple[float, Start]]:
+    """The lowest few of sorted points, of neighbours only the lowest."""
+    some: list[tuple[float, Start]] = []
+    for place, one in points:
+        if all(abs(place - other) > _RUNG for other, _ in some):
+            some.append((place, one))
+    return some[:_VALLEYS]

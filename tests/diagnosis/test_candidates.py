@@ -32,12 +32,14 @@ def test_a_record_without_sliding_gives_no_guesses(name):
         ("stribeck", {"stribeck.excess": 0.3, "stribeck.speed": 0.44}, True),
         ("stribeck_asymmetry", {"stribeck_asymmetry.speed": 0.47}, False),
         ("cogging_2", {"cogging_2.amplitude": 9.0, "cogging_2.phase": 50.0}, True),
+        ("backlash", {"backlash.gap": 1.1e-6, "backlash.load_fraction": 0.5}, True),
+        ("backlash", {"backlash.gap": 0.9e-6, "backlash.load_fraction": 0.5}, False),
     ],
 )
-def test_a_cause_acts_where_the_machine_has_been_and_over_a_time_that_shows(name, values, expected):
+def test_a_cause_acts_where_the_machine_has_been_and_as_the_record_can_show(name, values, expected):
     t = 1e-3 * np.arange(400)
     x = np.linspace(0.0, 0.06, 400)
-    records = [dfc.Record(t, np.sin(t), one) for one in (x, x + 0.04)]
+    records = [dfc.Record(t, np.sin(t), one, quantum=1e-5) for one in (x, x + 0.04)]
     assert placed(name, values, records) is expected
 
 

@@ -454,15 +454,15 @@ def test_a_fit_that_has_arrived_is_not_left_for_those_that_promise_more(monkeypa
     case = make_machine(2, ("bias_force",))[0]
     search = Search(believed(case), [record(case)])
 
-    def fitted(cost, promised):
-        gap = SimpleNamespace(kind="length")
-        problem = SimpleNamespace(names=["backlash.gap"], parameters=[gap])
+    def fitted(cost, promised, gap=1e-3):
+        problem = SimpleNamespace(names=["backlash.gap"], parameters=[SimpleNamespace(kind="")])
         return SimpleNamespace(
-            problem=problem, z=cost, cost=cost, promised=promised, at_bound=(), axis=cost
-        )
+            problem=problem, z=cost, cost=cost, promised=promised, at_bound=(), axis=cost,
+            values=lambda: {"backlash.gap": gap},
+        )  # fmt: skip
 
-    # Two that promise much, and stay; one that has arrived.
-    guesses = [fitted(-10.0, 50.0), fitted(-20.0, 40.0), fitted(-60.0, 0.0)]
+    # Two that promise much, and stay; one that has arrived, and one with a play too narrow to see.
+    guesses = [fitted(-10.0, 50.0), fitted(-20.0, 40.0), fitted(-60.0, 0.0), fitted(-80.0, 0, 1e-8)]
     monkeypatch.setattr(
         "dryfric_control.diagnosis.screening.maximise",
         lambda problem, z, turns, until: next(one for one in guesses if one.z == z),

@@ -15,15 +15,17 @@ from dryfric_control.diagnosis.starts import Start, beside_jumps, in_valleys
 NAMES = ["mass", "backlash.gap", "backlash.load_fraction"]
 
 
-def start(cost_of, gap, share):
-    """A start of a backlash whose cost is a function of gap and share."""
+def start(cost_of, gap, share, noises=()):
+    """A start of a backlash whose cost is a function of gap, share and noises."""
     same = SimpleNamespace(search=lambda v: v, value=lambda z: z)
+    n = 3 + len(noises)
     problem = SimpleNamespace(
-        names=NAMES, parameters=[same] * 3, low=np.zeros(3), high=np.full(3, 10.0),
-        tried=lambda z: SimpleNamespace(cost=cost_of(z[1], z[2])),
+        names=NAMES, parameters=[same] * 3, low=np.r_[np.zeros(3), np.full(n - 3, -30.0)],
+        high=np.full(n, 10.0), tried=lambda z: SimpleNamespace(cost=cost_of(*z[1:])),
     )  # fmt: skip
     problem.on = lambda runs: problem
-    return Start(cost_of(gap, share), problem, np.array([1.0, gap, share]), "backlash")
+    z = np.array([1.0, gap, share, *noises])
+    return Start(cost_of(*z[1:]), problem, z, "backlash")
 
 
 def never():
@@ -41,6 +43,52 @@ def test_a_net_finds_a_valley_between_the_guesses(gap, share):
     assert best.cost < -90.0
     assert best.value(NAMES[1]) == pytest.approx(gap, rel=0.05)
     assert best.value(NAMES[2]) == pytest.approx(share, abs=0.02)
+
+
+def test_a_net_finds_a_valley_that_a_large_random_force_hides():
+    # The force was fitted without the effect, and made up for it.
+    def cost(g, s, force, reading):
+        depth = 100.0 if force < -2.0 else 0.0
+        wrong = 20.0 * math.exp(-((math.log(g / 0.03) / 0.3) ** 2))
+        there = math.exp(-((math.log(g / 0.013) / 0.1) ** 2) - ((s - 0.44) / 0.04) ** 2)
+        return -wrong - depth * there
+
+    guesses = [start(cost, 0.004 * 2.0**k, s, (0.0, -20.0)) for k in range(4) for s in (0.35, 0.65)]
+    best = in_valleys(guesses, NAMES[1:], never, ())[0]
+    assert best.value(NAMES[1]) == pytest.approx(0.013, rel=0.05)
+    assert best.z[3] < -2.0
+    assert best.z[4] == -20.0  # the noise of the readings stays
+
+
+def test_a_net_finds_a_narrow_valley_beside_a_wide_one():
+    # At another share, the narrow one is not seen.
+    def cost(g, s):
+        near = math.exp(-(((s - 0.44) / 0.05) ** 2))
+        wide = 50.0 * math.exp(-((math.log(g / 0.026) / 0.5) ** 2)) * near
+        return -wide - 100.0 * math.exp(
+            -((math.log(g / 0.0123) / 0.05) ** 2) - ((s - 0.44) / 0.008) ** 2
+        )
+
+    guesses = [start(cost, 0.004 * 2.0**k, s) for k in range(4) for s in (0.35, 0.65)]
+    best = in_valleys(guesses, NAMES[1:], never, ())
+    assert best[0].value(NAMES[1]) == pytest.approx(0.0123, rel=0.02)
+    assert best[0].value(NAMES[2]) == pytest.approx(0.44, abs=0.005)
+    # The wide one is among the starts too.
+    assert any(abs(math.log(one.value(NAMES[1]) / 0.026)) < 0.1 for one in best[1:3])
+
+
+def test_all_samples_show_a_valley_more_narrowly_than_a_few():
+    few_say = lambda g, s: -100.0 * math.exp(-(((s - 0.446) / 0.05) ** 2))  # noqa: E731
+    guesses = [
+        start(lambda g, s: -100.0 * math.exp(-(((s - 0.4376) / 0.003) ** 2)), 0.004 * 2.0**k, 0.35)
+        for k in range(3)
+    ]
+    whole = guesses[0].problem
+    few = SimpleNamespace(**vars(whole))
+    few.tried, few.on = lambda z: SimpleNamespace(cost=few_say(z[1], z[2])), lambda runs: few
+    whole.on = lambda runs: few
+    best = in_valleys(guesses, NAMES[1:], never, ())[0]
+    assert best.value(NAMES[2]) == pytest.approx(0.4376, abs=0.002)
 
 
 def test_a_net_that_hangs_nowhere_leaves_the_guesses():

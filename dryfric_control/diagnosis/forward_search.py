@@ -116,8 +116,8 @@ def forward(search: Search, most: int = _MOST, end: Ends | None = None) -> State
     that free runs decide instead of the likelihood.
     """
     # Ask with quickly fitted candidates first: they show most records that free runs decide.
-    if end and not search.clock and search.driven:
-        if end(State(search.begun), search.glance(search.begun)):
+    if not search.clock and search.driven:
+        if _ended(search, State(search.begun), search.glance(search.begun), end):
             return None
     # A lead of the inputs that was found earlier is kept.
     state = State(search.alone() if search.clock else search.first[0])
@@ -190,6 +190,19 @@ def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bo
             return False
 
 
+def _ended(
+    search: Search, state: State, candidates: Sequence[Candidate], end: Ends | None
+) -> bool:
+    """Whether `end` ends the search, for a reason other than inputs that act early.
+
+    Free runs take the inputs as they are, and would name what imitates the lead.
+    """
+    if end is None or not end(state, candidates):
+        return False
+    early = search.earlier(state.fit)
+    return early is None or any(c.cost < early.cost for c in candidates)
+
+
 def _added(search: Search, state: State, most: int, end: Ends | None, alone: bool) -> bool:
     """Add causes to a state while they gain enough; whether `end` ended the search."""
     first = state.fit.cost
@@ -210,7 +223,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
             some = [c for c in some if c.slug not in state.refuted]
             # A candidate that brings free runs down to the noise of the readings gains a lot.
             likely = [c for c in some if stiff or now.cost - c.cost >= needed]
-            if end is not None and end(state, likely):
+            if _ended(search, state, likely, end):
                 return True
             candidates = sorted([*candidates, *some], key=lambda c: c.cost)
             ranked = search.extend(now, candidates, needed)

@@ -669,7 +669,8 @@ class Record:
             Step of the grid [s]; the median step when left out.
         hold : {"zero", "first"}
             How ``u`` runs between stamps. Held (``"zero"``), a new sample is the
-            mean of the held input over its step, which keeps the impulse.
+            mean of the held input over its step, which keeps the impulse; where
+            samples were lost, values in between are linear.
             Linear (``"first"``), it is the value at the new stamp.
         interpolation : {"monotone", "linear", "cubic"}
             For ``x`` and ``reference``. ``"monotone"`` (PCHIP) does not overshoot,

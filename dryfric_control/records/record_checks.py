@@ -465,6 +465,20 @@ def decimal_grid(x: FloatArray, factor: float = 1.0) -> float | None:
     return None
 
 
+def _with_lost(t: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Stamps and inputs with the samples in between that were lost.
+
+    The drive has changed there as elsewhere: a value held over several steps would be an
+    impulse that did not act.
+    """
+    steps = np.diff(t)
+    counts = np.maximum(np.rint(steps / np.median(steps)), 1.0).astype(np.int64)
+    first = np.repeat(np.arange(counts.size), counts)
+    share = (np.arange(first.size) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[first]
+    more = t[first] + share * steps[first], u[first] + share * np.diff(u)[first]
+    return np.append(more[0], t[-1]), np.append(more[1], u[-1])
+
+
 def resample(
     t: FloatArray,
     u: FloatArray,
@@ -498,11 +512,12 @@ def resample(
     if hold == "first":
         held = np.interp(inside, t, u)
     else:
+        at, drive = _with_lost(t, u)
         slack = 1e-6 * dt  # a stamp this close to the grid counts as on it
-        first = np.searchsorted(t, grid + slack, side="right") - 1
-        last = np.searchsorted(t, grid + dt - slack, side="left") - 1
-        impulse = np.concatenate(([0.0], np.cumsum(u[:-1] * np.diff(t))))
-        upto = np.interp(grid, t, impulse), np.interp(grid + dt, t, impulse)
+        first = np.searchsorted(at, grid + slack, side="right") - 1
+        last = np.searchsorted(at, grid + dt - slack, side="left") - 1
+        impulse = np.concatenate(([0.0], np.cumsum(drive[:-1] * np.diff(at))))
+        upto = np.interp(grid, at, impulse), np.interp(grid + dt, at, impulse)
         beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
-        held = np.where(first == last, u[first], (upto[1] + beyond - upto[0]) / dt)
+        held = np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
     return grid, held, {name: smooth(values) for name, values in others.items()}

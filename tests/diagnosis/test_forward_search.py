@@ -18,6 +18,7 @@ from dryfric_control.diagnosis.forward_search import (
     _better,
     _close,
     _compare,
+    _ended,
     _exchange,
     _from_nominal,
     _in_time,
@@ -125,6 +126,18 @@ def test_a_search_goes_on_with_inputs_that_act_early():
         state = forward(search, most=1)
     assert state.causes == ["bias_force"]
     assert abs(state.fit.values()[SHIFT]) < 0.1 * DT
+
+
+@pytest.mark.parametrize(("early", "ended"), [(None, True), (-50.0, True), (-150.0, False)])
+def test_free_runs_do_not_judge_inputs_that_act_early(early, ended):
+    # They take the inputs as they are, and what imitates the lead reaches the noise.
+    lead = None if early is None else SimpleNamespace(cost=early)
+    search = SimpleNamespace(earlier=lambda now: lead)
+    state = SimpleNamespace(fit=None)
+    candidates = [Candidate(s, (), None, c) for s, c in (("lag", -100.0), ("spring", -20.0))]
+    assert _ended(search, state, candidates, lambda state, some: True) is ended
+    assert not _ended(search, state, candidates, lambda state, some: False)
+    assert not _ended(search, state, candidates, None)
 
 
 def test_beside_inputs_that_act_early_candidates_are_weighed_on_all_samples():

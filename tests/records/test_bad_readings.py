@@ -148,6 +148,15 @@ def test_lost_samples_are_filled_and_masked():
     assert np.flatnonzero(~record.good).tolist() == [500, 501, 502]
 
 
+def test_the_drive_changes_where_samples_were_lost():
+    # Held for four samples, the input before the gap would act as an impulse.
+    keep = np.ones(T.size, bool)
+    keep[500:503] = False
+    with pytest.warns(dfc.RecordWarning, match="3 filled"):
+        record = dfc.Record.from_irregular(T[keep], 5.0 * T[keep], X[keep])
+    assert record.u == pytest.approx(5.0 * T, abs=1e-12)
+
+
 def test_jumps_do_not_spoil_a_resampled_record():
     record = quiet(T, U, spoiled(), make=dfc.Record.from_irregular)
     assert np.abs(record.x - X).max() < QUANTUM

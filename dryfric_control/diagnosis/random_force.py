@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidate_fits import Fitted, Race
 from dryfric_control.diagnosis.candidates import SLUGS, catalogue, holds, with_effect
 from dryfric_control.diagnosis.causes import cause_of, hardly_determined
+from dryfric_control.diagnosis.causes_found import State, names_without, without
 from dryfric_control.diagnosis.evidence import where
-from dryfric_control.diagnosis.forward_search import State, forward, names_without, resumed, without
+from dryfric_control.diagnosis.forward_search import forward, resumed
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_open, or_a_gain
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import hard

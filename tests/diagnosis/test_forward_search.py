@@ -6,25 +6,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_cases import among, believed, record
+from diagnosis_cases import among, believed, record, tried
 from truth import make_case, make_machine
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
+from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.forward_search import (
-    State,
     _ahead,
     _apart,
     _better,
     _close,
-    _compare,
     _ended,
-    _exchange,
     _from_nominal,
-    _in_time,
-    _other_memory,
-    _sift,
-    _spares,
     forward,
     notable,
     resumed,
@@ -36,44 +30,6 @@ from dryfric_control.estimation.parameters import SHIFT
 DT = 1e-3
 PEAK = {"excess": 0.3, "speed": 0.02}
 BIAS = {"force": 1.0}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hidden", "named", "close"),
-    [
-        # Nearly a constant force on a short way, with a parameter more.
-        (
-            "bias_force",
-            ("gravity", {"amplitude": 1.0, "phase": -1.6}),
-            ("bias_force", {"force": -1.0}),
-        ),
-        # As many parameters; the peak grows with the level of each direction.
-        ("coulomb_asymmetry", ("bias_force", BIAS), ("coulomb_asymmetry", BIAS)),
-        # The right one stays.
-        ("coulomb_asymmetry", ("coulomb_asymmetry", BIAS), ("bias_force", {"force": -1.0})),
-    ],
-)
-def test_a_cause_chosen_in_haste_makes_room(hidden, named, close):
-    # The stand-in was chosen before the peak was there.
-    case = make_machine(2, (hidden, "stribeck"))[0]
-    search = Search(believed(case), [record(case)])
-    state = State(search.fit(search.believed, ()))
-
-    def candidate(slug, values):
-        return Candidate(slug, own_names(slug), with_effect(state.fit.axis, slug, values).axis, 0.0)
-
-    before = candidate(*close)
-    for slug, values in (named, ("stribeck", PEAK)):
-        one = candidate(slug, dict(values))
-        state.add(one, search.fit(one.axis, (*state.names, *one.free)))
-    state.close[named[0]] = [before]
-    _exchange(search, state)
-    assert state.causes == [hidden, "stribeck"]
-    values = state.fit.values()
-    true = case.truth["stribeck"]["excess"]
-    assert values["stribeck.excess"] == pytest.approx(true, rel=0.05)
-    assert set(state.names) < set(values)
 
 
 def test_a_replacement_starts_from_what_it_would_be_beside_the_others():
@@ -204,82 +160,6 @@ def test_what_gains_most_and_is_refused_is_no_measure_for_others(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("last", "spared"),
-    [
-        # It mended what another in place of the asymmetry left.
-        (("stribeck_asymmetry", {"difference": 0.05, "speed": 0.02}), True),
-        (("stribeck", PEAK), False),
-    ],
-)
-def test_what_an_earlier_choice_is_mended_by_goes_with_it(last, spared):
-    case = make_machine(2, ("coulomb_asymmetry", "stribeck"))[0]
-    search = Search(believed(case), [record(case)])
-    peak = ("stribeck", PEAK)
-    state = State(search.fit(search.believed, ()))
-    for slug, values in dict([peak, ("coulomb_asymmetry", BIAS), last]).items():
-        one = with_effect(state.fit.axis, slug, dict(values))
-        free = (*state.names, *one.free)
-        fit = search.fit(one.axis, free)
-        state.add(Candidate(slug, own_names(slug), one.axis, fit.cost), fit)
-    state.causes.remove(last[0])
-    state.causes.append(last[0])
-    assert _spares(search, state, state.fit, "coulomb_asymmetry") is spared
-
-
-@pytest.fixture(scope="module")
-def lopsided():
-    """A search on a record with an asymmetry and a peak, and the fit without either."""
-    case = make_machine(2, ("coulomb_asymmetry", "stribeck"))[0]
-    search = Search(believed(case), [record(case)])
-    return search, search.fit(search.believed, ())
-
-
-def state_with(search, first, *causes):
-    """What a search has found so far, by slug and first values."""
-    state = State(first)
-    for slug, values in causes:
-        one = with_effect(state.fit.axis, slug, dict(values))
-        fit = search.fit(one.axis, (*state.names, *one.free))
-        state.add(Candidate(slug, own_names(slug), one.axis, fit.cost), fit)
-    return state
-
-
-def tried(search, first, slug, values):
-    """A candidate as a screening leaves it: a guess, and its cost."""
-    one = with_effect(first.axis, slug, dict(values))
-    return Candidate(slug, one.free, one.axis, search.fit(one.axis, one.free).cost)
-
-
-@pytest.mark.slow
-def test_what_does_the_same_is_stated_beside_all_the_others():
-    # Without a peak a bias changes both levels by as much as an asymmetry.
-    t = DT * np.arange(6000)
-    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    machine = axis.replace(
-        effects=(dfc.effects.CoulombAsymmetry(force=1.0), dfc.effects.QuadraticDrag(drag=20.0))
-    )
-    x = 1e-6 * np.round(machine.simulate(u, DT).y[0] * 1e6)
-    search = Search(
-        axis, [dfc.Record(t, u + 0.1 * np.random.default_rng(0).standard_normal(t.size), x)]
-    )
-    first = search.fit(axis, ())
-    drag = ("quadratic_drag", {"drag": 10.0})
-    state = state_with(search, first, ("coulomb_asymmetry", BIAS), drag)
-    state.close["coulomb_asymmetry"] = [
-        tried(search, first, "bias_force", {"force": -1.0}),
-        tried(search, first, "viscous_asymmetry", {"viscous": 1.0}),
-    ]
-    # Found when it was chosen, and no longer so.
-    state.alternatives["quadratic_drag"] = ("drift",)
-    _compare(search, state)
-    assert state.alternatives == {"coulomb_asymmetry": ("bias_force",), "quadratic_drag": ()}
-    rival = dict(state.rivals["coulomb_asymmetry"]["bias_force"].named_effects())["bias_force"]
-    assert rival.force == pytest.approx(-1.0, rel=0.02)
-
-
-@pytest.mark.slow
 def test_what_unseen_data_do_not_confirm_yet_is_remembered(lopsided):
     search, first = lopsided
     slugs = ("spring", {"stiffness": 10.0, "rest": 0.0}), ("bias_force", BIAS), ("stribeck", PEAK)
@@ -292,42 +172,6 @@ def test_what_unseen_data_do_not_confirm_yet_is_remembered(lopsided):
     near = _close(search, first, chosen, [chosen, many, bias, peak, small])
     slugs = [c.slug for c in near]
     assert "bias_force" in slugs and not {"drift", "cogging", "spring"} & {*slugs}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hidden", "beside", "named"),
-    [
-        ("compliance", "bias_force", ("load_encoder_backlash", 1e-4)),
-        ("presliding", "dead_zone", ("backlash", 3e-4)),
-        ("backlash", "bias_force", ("backlash", 3e-4)),
-    ],
-)
-def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, named):
-    case = make_machine(2, (hidden, beside))[0]
-    search = Search(believed(case), [record(case)])
-    first = search.fit(search.believed, ())
-    other = {"bias_force": {"force": 1.0}, "dead_zone": {"width": 1.0}}[beside]
-    slug, gap = named
-    with among(beside, "compliance", "presliding", "backlash", "load_encoder_backlash"):
-        play = (slug, {"gap": gap, "load_fraction": 0.5})
-        state = state_with(search, first, (beside, other), play)
-        changed = _other_memory(search, state)
-    assert state.causes == [beside, hidden] and changed is (slug != hidden)
-    assert not _other_memory(search, state)  # settled
-
-
-@pytest.mark.slow
-def test_a_place_that_further_causes_move_out_of_the_travel_is_none(lopsided):
-    search, first = lopsided
-    far = {"stiffness": 0.5, "rest": 2.0 * float(np.abs(search.records[0].x).max())}
-    state = state_with(search, first, ("stribeck", PEAK), ("spring", far))
-    assert not search.sound(state.fit, "spring", state.free["spring"])
-    # At the edge it may wait for a further cause that brings it back, but no longer.
-    assert search.sound(state.fit, "spring", state.free["spring"], edge=True)
-    assert not _sift(search, state) and state.causes == ["stribeck", "spring"]
-    assert _sift(search, state, edge=False)
-    assert state.causes == ["stribeck"] and state.refuted == {"spring"}
 
 
 @pytest.mark.slow
@@ -360,25 +204,6 @@ def test_two_causes_that_only_together_are_sure_come_before_a_lesser_one(monkeyp
         assert [c.slug for _, c, _ in ranked] == ["coulomb_asymmetry"]
         assert search.unsure[0][0] > ranked[0][0]
         assert sorted(forward(search).causes) == ["bias_force", "stribeck"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 0.5])
-@pytest.mark.parametrize("found", ["actuator_lag", "input_delay"])
-def test_a_lag_found_beside_other_causes_may_be_a_delay(found, noise):
-    # Noise that was recorded with the input, not acted: the lag takes it off.
-    case = make_machine(2, ("bias_force", "input_delay"))[0]
-    measured = record(case)
-    heard = noise * np.random.default_rng(1).normal(size=len(measured))
-    search = Search(believed(case), [measured.replace(u=measured.u + heard)])
-    time = case.truth["input_delay"]["delay"]
-    late = {"actuator_lag": "time_constant", "input_delay": "delay"}
-    causes = ("bias_force", BIAS), (found, {late[found]: time})
-    state = state_with(search, search.fit(search.believed, ()), *causes)
-    _in_time(search, state)
-    assert state.causes == ["bias_force", "input_delay"]
-    right = pytest.approx(time, rel=0.1 if noise else 0.02)
-    assert state.fit.values()["input_delay.delay"] == right
 
 
 def test_noise_recorded_with_an_input_is_taken_off_where_that_is_the_likelier():

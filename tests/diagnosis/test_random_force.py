@@ -10,7 +10,8 @@ import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.forward_search import State, forward
+from dryfric_control.diagnosis.causes_found import State
+from dryfric_control.diagnosis.forward_search import forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search

@@ -1,0 +1,93 @@
+"""The causes that a search has found so far, and its fit with and without one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dryfric_control.diagnosis.candidates import holds
+from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.diagnosis.screening import Candidate
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import renumbered
+
+
+@dataclass(eq=False)
+class State:
+    """Causes found so far, and the fit that includes them.
+
+    Attributes
+    ----------
+    fit : Solution
+    causes : list of str
+    free : dict of str to tuple of str
+        Free parameters of each cause.
+    alternatives : dict of str to tuple of str
+        Effects that fit equally well in place of each cause.
+    rivals : dict of str to dict of str to FrictionAxis
+        The axes fitted with these alternatives.
+    close : dict of str to list of Candidate
+        Candidates that were nearly as good when the cause was chosen, with no more parameters.
+    first : dict of str to float
+        Gain of log-likelihood of every candidate in the first round, after a quick fit.
+    refuted : set of str
+        Causes that were dropped after others had joined; they are not tried again.
+    settled : set of str
+        Causes with a memory that were compared with all others that have one.
+    late : bool
+        Whether time ran out.
+    """
+
+    fit: Solution
+    causes: list[str] = field(default_factory=list)
+    free: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
+    close: dict[str, list[Candidate]] = field(default_factory=dict)
+    first: dict[str, float] = field(default_factory=dict)
+    refuted: set[str] = field(default_factory=set)
+    settled: set[str] = field(default_factory=set)
+    late: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters of all causes."""
+        return tuple(n for slug in self.causes for n in self.free[slug])
+
+    def drop(self, slug: str, less: Solution) -> None:
+        """Remove a cause; `less` is the fit without it."""
+        self.causes.remove(slug)
+        for table in (self.free, self.alternatives, self.rivals, self.close):
+            table.pop(slug)
+        self.fit = less
+
+    def add(self, candidate: Candidate, fit: Solution) -> None:
+        """Add a cause."""
+        slug = candidate.slug
+        self.causes.append(slug)
+        self.free[slug] = candidate.free
+        self.alternatives[slug], self.rivals[slug], self.close[slug] = (), {}, []
+        self.fit = fit
+
+    def swap(self, slug: str, candidate: Candidate, fit: Solution) -> None:
+        """Put another cause in the place of one."""
+        place = self.causes.index(slug)
+        self.drop(slug, fit)
+        self.add(candidate, fit)
+        self.causes.insert(place, self.causes.pop())
+
+
+def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
+    """Free parameters other than the base, by their names in the axis without a cause."""
+    names = [n for n in search.free_of(fit) if n not in own]
+    return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
+
+
+def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:
+    """Fit without one cause."""
+    fit = state.fit
+    axis = search.less(fit.axis, slug)
+    free = names_without(search, fit, slug, state.free[slug])
+    return search.fit(axis, free, **settings)

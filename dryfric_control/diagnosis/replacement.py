@@ -1,0 +1,192 @@
+"""Causes found reconsidered: which are redundant, and which effect takes the place of another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, own_names, with_effect
+from dryfric_control.diagnosis.causes_found import State, names_without, without
+from dryfric_control.diagnosis.likelihood_fits import LATE, hard
+from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
+from dryfric_control.diagnosis.screening import Candidate
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.effects.naming import followed
+
+#: Iterations after which a trial fit is abandoned unless it is predicted to be better.
+SOME_TURNS = 5
+
+
+def tidy(search: Search, state: State) -> None:
+    """Reconsider all causes after one has been added."""
+    _backward(search, state)
+    _exchange(search, state)
+    sift(search, state)
+
+
+def sift(search: Search, state: State, edge: bool = True) -> bool:
+    """Drop causes that are no longer determined or have left the travelled range.
+
+    `edge`: whether a cause may lie at the edge of the range.  Returns whether any was dropped.
+    """
+    before = len(state.causes)
+    for slug in list(state.causes):
+        if followed(slug, state.causes) or search.late:
+            continue
+        if not search.sound(state.fit, slug, state.free[slug], edge):
+            state.refuted.add(slug)
+            state.drop(slug, without(search, state, slug))
+    return len(state.causes) < before
+
+
+def _backward(search: Search, state: State) -> None:
+    """Drop causes that a later one has made redundant."""
+    for slug in list(state.causes):
+        if followed(slug, state.causes) or search.late:
+            continue
+        less = without(search, state, slug)
+        gain = less.cost - state.fit.cost
+        if search.worth(gain, len(state.free[slug])) < 0.0:
+            state.drop(slug, less)
+
+
+def _exchange(search: Search, state: State) -> None:
+    """Replace causes by close alternatives that are better beside the other causes.
+
+    The first cause is chosen while the others are missing, and its parameters absorb some of
+    their effect: gravity looks like a bias, cogging with one period per turn like gravity.
+    """
+    for slug in [one for one in state.causes if _may_go(state, one)]:
+        # Beside the new one, another may be better still, as may any once more causes are found.
+        cause: str | None = slug
+        while cause is not None:
+            cause = _replaced(search, state, cause)
+    _backward(search, state)
+
+
+def _replaced(search: Search, state: State, slug: str) -> str | None:
+    """The close alternative that has taken the place of a cause, if one is better."""
+    own, cost = state.free[slug], state.fit.cost
+    better: list[tuple[float, Candidate, Solution]] = []
+    for other in state.close[slug]:
+        found = _in_place(search, state, slug, other)
+        if found is None:
+            continue
+        ahead = _fewer(search, own, other.free)
+        if found.cost < cost + (ahead if ahead else -EQUAL) or (
+            found.cost < cost + EQUAL and _spares(search, state, found, slug)
+        ):
+            better.append((ahead - found.cost, other, found))
+    if not better:
+        return None
+    _, other, found = plainest(sorted(better, key=lambda one: -one[0]))
+    left = [c for c in state.close[slug] if c is not other]
+    state.swap(slug, other, found)
+    state.close[other.slug] = left
+    return str(other.slug)
+
+
+def _spares(search: Search, state: State, fit: Solution, slug: str) -> bool:
+    """Whether replacing `slug` makes the last cause redundant, which only compensated for it."""
+    last = state.causes[-1]
+    if last == slug or followed(last, state.causes):
+        return False
+    own = state.free[last]
+    names = names_without(search, fit, last, own)
+    less = search.fit(search.less(fit.axis, last), names, fit.z[len(fit.problem.names) :])
+    return search.worth(less.cost - fit.cost, len(own)) < 0.0
+
+
+def other_memory(search: Search, state: State) -> bool:
+    """Replace a cause with a memory by another that is better beside all other causes.
+
+    Play, compliance and elastic contact look alike while other causes are missing, and have
+    different numbers of parameters; each is started anew.  Returns whether any was replaced.
+    """
+    for slug in [s for s in state.causes if hard(s) and _may_go(state, s)]:
+        if len(state.causes) < 2 or slug in state.settled or search.late:
+            continue
+        search.tell(f"{slug} or another memory")
+        state.settled.add(slug)
+        less = without(search, state, slug)
+        gain = less.cost - state.fit.cost
+        mine = search.worth(gain, len(state.free[slug]))
+        others = search.screen(less, False, True, gain, thorough=True)
+        others = [c for c in others if c.slug != slug]
+        ranked = search.extend(less, others, gain)
+        if ranked and ranked[0][0] > mine + EQUAL:
+            _, other, fit = ranked[0]
+            state.swap(slug, other, fit)
+            state.settled.add(other.slug)
+            tidy(search, state)
+            return True
+    return False
+
+
+def delay_or_lag(search: Search, state: State) -> None:
+    """Decide between delay and lag, with all other causes in the model."""
+    for slug in [one for one in state.causes if effect_class(one).action in LATE]:
+        fit, own = state.fit, state.free[slug]
+        less, time = search.less(fit.axis, slug), fit.values()[own[0]]
+        ranked = [(0.0, Candidate(slug, own, fit.axis, fit.cost), fit)]
+        for other in [one for one in catalogue(less) if effect_class(one).action in LATE]:
+            if other == slug or other in state.causes or search.late:
+                continue
+            start = with_effect(less, other, {n.partition(".")[2]: time for n in own_names(other)})
+            free = (*names_without(search, fit, slug, own), *start.free)
+            found = search.fit(start.axis, free, fit.z[len(fit.problem.names) :])
+            if search.sound(found, other, start.free):
+                ranked.append((0.0, Candidate(other, start.free, found.axis, found.cost), found))
+        ranked = search.weighed(ranked)
+        level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+        _, chosen, best = plainest(level)
+        if chosen.slug != slug:
+            state.swap(slug, chosen, best)
+        equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
+        state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
+
+
+def compare_alternatives(search: Search, state: State) -> None:
+    """Find equally good alternatives of each cause, with all others in the model."""
+    search.tell("alternatives")
+    for slug in [one for one in state.causes if _may_go(state, one)]:
+        fits = {other.slug: _in_place(search, state, slug, other) for other in state.close[slug]}
+        equal = {s: f.axis for s, f in fits.items() if f and f.cost < state.fit.cost + EQUAL}
+        state.alternatives[slug], state.rivals[slug] = tuple(equal), equal
+
+
+def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solution | None:
+    """Fit with another effect in place of a cause; None if it is predicted to be worse."""
+    if search.late or other.slug in state.causes or effect_class(other.slug).action in LATE:
+        return None
+    fit, own = state.fit, state.free[slug]
+    free = (*names_without(search, fit, slug, own), *other.free)
+    noises = fit.z[len(fit.problem.names) :]
+    # Its values of the first round absorbed part of the causes that were missing then.
+    axis = search.nearest(search.less(fit.axis, slug), other, free, noises)
+    if axis is None:
+        return None
+    found = search.fit(axis, free, noises, SOME_TURNS)
+    if found.cost - found.promised > fit.cost + EQUAL + _fewer(search, own, other.free):
+        return None
+    found = search.fit(found.axis, free, found.z[len(found.problem.names) :])
+    return found if search.sound(found, other.slug, other.free) else None
+
+
+def _fewer(search: Search, own: Sequence[str], others: Sequence[str]) -> float:
+    """Cost by which a replacement may be higher because it has fewer parameters."""
+    return search.penalty(len(own)) - search.penalty(len(others))
+
+
+def _may_go(state: State, slug: str) -> bool:
+    """Whether another effect may replace a cause.
+
+    Delay and lag are compared separately, see `delay_or_lag`: a lag also smooths noise of the
+    recorded input, and that gain is no evidence for it.
+    """
+    return not followed(slug, state.causes) and effect_class(slug).action not in LATE
+
+
+def plainest(ranked):  # type: ignore[no-untyped-def]
+    """Of equally good fits, the one with the fewest parameters, then of the lowest rank."""
+    level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+    return min(level, key=lambda one: (len(one[1].free), effect_class(one[1].slug).rank))

@@ -153,7 +153,17 @@ MAX_SWITCHES = 100_000
 # are equal up to round-off; after MOST_CLOSE successive ones the mode is held for a pause, which
 # grows each time.
 CLOSE, MOST_CLOSE = 1e-6, 64
-TOO_MANY = "one sample holds more than 100 000 switches: take a shorter dt, or check the units"
+
+
+class TooManySwitchesError(ValueError):
+    """A sample that cannot be simulated."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "one sample holds more than 100 000 switches: take a shorter dt, or check the units"
+        )
+
+
 #: Least free room of a list of switches before each sample, in numbers.
 ROOM = 3 * 400
 #: Largest room; a sample that needs more has too many switches.
@@ -1176,7 +1186,7 @@ def run(numbers, integers, memory, u, dt, first, t0, out):
         if count[LOST] == 0:
             break
         if 8 * room > MOST_ROOM:
-            raise ValueError(TOO_MANY)
+            raise TooManySwitchesError
         # A sample had more switches than the list has room for: repeat with more room.
         memory[:] = start
         room *= 8

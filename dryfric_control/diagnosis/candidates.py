@@ -34,7 +34,8 @@ _FASTER, _NEARLY_ALL = 3.0, 0.995
 # Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
 # narrower play the filter differs from that without one, but not the machine.
 _FINER = 0.1
-# Shortest time, as a fraction of the sampling time, that counts as a delay or time constant.
+# Shortest time, as a fraction of the sampling time, that counts as a delay or a lag of the drive;
+# anything else that is over within a sample has no visible course.
 _SOONEST = 0.02
 # Actions of which an axis has at most one effect.
 _SINGLE = ("delay", "lag", "contact", "transmission")
@@ -116,14 +117,14 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
     """
     kinds = effect_class(name).parameters()
     low, high = travelled(records)
-    shortest = _SOONEST * float(np.median([r.dt for r in records]))
+    dt = float(np.median([r.dt for r in records]))
     finest = _FINER * min(r.resolution.step for r in records)
     for own, value in values.items():
         of_kind = kinds[own.partition(".")[2]]
         kind = of_kind["kind"]
         if kind == "place" and not low <= value <= high:
             return False
-        if kind == "time" and value < shortest:
+        if of_kind["unit"] == "s" and value < (_SOONEST * dt if kind == "time" else dt):
             return False
         if of_kind["unit"] == "m" and kind == "amount" and abs(value) < finest:
             return False

@@ -516,6 +516,9 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
             best, kept = selector.base(found, floor)
             if selector.late or not selector.refutes(found, best, kept, floor):
                 break
+        else:
+            floor = selector.without_refuted(found)
+            best, kept = selector.base(found, floor)
         if not found.causes and not kept:
             best = before
         best, kept = selector.without_a_gain(found, best, kept, floor)
@@ -601,14 +604,7 @@ def _causes(
     selector: Selector, found: Selection, best: Fitted, final: Fitted, kept: list[str],
     alike: Sequence[str],
 ) -> list[Cause]:  # fmt: skip
-    race, bench = selector.race, selector.bench
-    at = bench.evaluate(final.axis, selector.known, None, final.starts)
-    errors: dict[str, float] = {}
-    if final.z.size:
-        h = final.hypothesis
-        spread = np.sqrt(np.diag(selector.covariance(final, at)))
-        for p, c, s in zip(h.parameters, final.z, spread, strict=True):
-            errors[p.name] = float(s * p.slope(p.value(c)))
+    race, errors = selector.race, selector.standard_errors(final)
     values = final.hypothesis.values(final.z)
     units = {p.name: p.unit for p in final.hypothesis.parameters}
     open_gain = left_open(selector.axis, {*race.known, *race.tolerance})

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from dryfric_control.diagnosis.candidates import catalogue, effect_class, own_names, with_effect
 from dryfric_control.diagnosis.causes_found import State, names_without, without
 from dryfric_control.diagnosis.likelihood_fits import LATE, hard
-from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
+from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.effects.naming import followed
@@ -57,9 +58,14 @@ def _exchange(search: Search, state: State) -> None:
     """
     for slug in [one for one in state.causes if _may_go(state, one)]:
         # Beside the new one, another may be better still, as may any once more causes are found.
+        gone: list[Candidate] = []
         cause: str | None = slug
         while cause is not None:
+            last, old = cause, Candidate(cause, state.free[cause], state.fit.axis, state.fit.cost)
             cause = _replaced(search, state, cause)
+            gone += [old] if cause is not None else []
+        # What was replaced may do the same, but must not come back at once.
+        state.close[last] += gone
     _backward(search, state)
 
 
@@ -136,22 +142,37 @@ def delay_or_lag(search: Search, state: State) -> None:
             found = search.fit(start.axis, free, fit.z[len(fit.problem.names) :])
             if search.sound(found, other, start.free):
                 ranked.append((0.0, Candidate(other, start.free, found.axis, found.cost), found))
-        ranked = search.weighed(ranked)
-        level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
-        _, chosen, best = plainest(level)
-        if chosen.slug != slug:
-            state.swap(slug, chosen, best)
-        equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
-        state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
+        _decide(search, state, slug, ranked)
 
 
 def compare_alternatives(search: Search, state: State) -> None:
     """Find equally good alternatives of each cause, with all others in the model."""
     search.tell("alternatives")
     for slug in [one for one in state.causes if _may_go(state, one)]:
-        fits = {other.slug: _in_place(search, state, slug, other) for other in state.close[slug]}
-        equal = {s: f.axis for s, f in fits.items() if f and f.cost < state.fit.cost + EQUAL}
-        state.alternatives[slug], state.rivals[slug] = tuple(equal), equal
+        fit, close = state.fit, state.close[slug]
+        ranked = [(0.0, Candidate(slug, state.free[slug], fit.axis, fit.cost), fit)]
+        for other in close:
+            found = _in_place(search, state, slug, other)
+            # On all samples the two may be closer.
+            if found is not None and found.cost < fit.cost + SLACK:
+                one = Candidate(other.slug, other.free, found.axis, found.cost)
+                ranked.append((0.0, one, found))
+        _decide(search, state, slug, ranked)
+
+
+def _decide(search: Search, state: State, slug: str, ranked: Sequence[Any]) -> None:
+    """Of effects in the place of a cause that are equal on all samples, name the plainest.
+
+    `ranked`: worth, candidate and fit of the cause and of those in its place.
+    """
+    if len(ranked) > 1:
+        ranked = search.weighed(ranked)
+    level = [one for one in ranked if one[0] > ranked[0][0] - EQUAL]
+    _, chosen, best = plainest(level)
+    if chosen.slug != slug:
+        state.swap(slug, chosen, best)
+    equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
+    state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
 
 
 def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solution | None:

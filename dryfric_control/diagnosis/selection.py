@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -138,6 +138,15 @@ class Selector:
         if not np.all(np.isfinite(covariance)):
             covariance = np.diag(1.0 / (normal.sum(axis=0).diagonal() + prior))
         return covariance
+
+    def standard_errors(self, fitted: Fitted) -> dict[str, float]:
+        """Standard errors of the free parameters, by name."""
+        if not fitted.z.size:
+            return {}
+        at = self.bench.evaluate(fitted.axis, self.known, None, fitted.starts)
+        spread = np.sqrt(np.diag(self.covariance(fitted, at)))
+        rows = zip(fitted.hypothesis.parameters, fitted.z, spread, strict=True)
+        return {p.name: float(s * p.slope(p.value(c))) for p, c, s in rows}
 
     def gain(self, before: FloatArray, after: FloatArray) -> tuple[float, float]:
         """Mean fall of the held-out scores, and its standard error from blocks."""
@@ -297,6 +306,19 @@ class Selector:
         values = fitted.hypothesis.values(fitted.z)
         return placed(slug, {n: values[n] for n in own}, [self.bench.record])
 
+    def _determined(
+        self, slug: str, fitted: Fitted, own: Sequence[str], errors: Mapping[str, float]
+    ) -> bool:
+        """Whether any amount of a cause exceeds its standard error."""
+        kinds, values = effect_class(slug).parameters(), fitted.hypothesis.values(fitted.z)
+        there = []
+        for name in own:
+            of_kind = kinds[name.partition(".")[2]]
+            smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
+            if of_kind["kind"] == "amount" and smooth:
+                there.append(abs(values[name] - of_kind["neutral"]) > errors[name])
+        return any(there) or not there
+
     def _own(self, fitted: Fitted) -> tuple[str, ...]:
         return tuple(n for n in fitted.hypothesis.names if n.partition(".")[0] == fitted.slug)
 
@@ -382,6 +404,14 @@ class Selector:
                     break
         return floor
 
+    def without_refuted(self, found: Selection) -> Floor:
+        """Drop the causes that have been refuted, where no search takes their place."""
+        for slug in [s for s in found.causes if s in self.refuted]:
+            names = self.names(found, slug)
+            found.best = self.race.alone(self.without(found.best.axis, slug), names)
+            found.drop(slug)
+        return self.floor_of(found.best)
+
     def _swap(self, found: Selection, floor: Floor) -> Floor:
         """Compare each cause with its alternatives once the others are known."""
         count = len(found.causes)
@@ -462,14 +492,15 @@ class Selector:
     def refutes(self, found: Selection, best: Fitted, kept: Sequence[str], floor: Floor) -> bool:
         """Whether a cause is refuted once only the needed base parameters are free.
 
-        A cause that has left the travelled range is refuted too.  Refuted causes are not
-        proposed again.
+        So is a cause that has left the travelled range or that nothing determines.  Refuted
+        causes are not proposed again.
         """
-        fallen = set()
+        fallen, errors = set(), self.standard_errors(best) if found.causes else {}
         for slug in found.causes:
             if self.followed(slug, found):
                 continue
-            if not self._placed(slug, best, found.free[slug]):
+            own = found.free[slug]
+            if not (self._placed(slug, best, own) and self._determined(slug, best, own, errors)):
                 fallen.add(slug)
                 continue
             self.tell(f"{slug} confirmed")

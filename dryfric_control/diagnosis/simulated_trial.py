@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
 from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
@@ -192,7 +193,10 @@ def staged(
         )
         trials = []
         for axis in changed:
-            trial = simulate(axis, controller, reference, force, quantum)
+            try:
+                trial = simulate(axis, controller, reference, force, quantum)
+            except TooManySwitchesError:
+                break  # the loop runs away with this hypothesis
             inside = low <= trial.x.min() and trial.x.max() <= high
             if not (inside and np.abs(trial.v).max() <= limits.speed):
                 break

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, positive, samples
-from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TOO_MANY
+from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.compiled.loop import (
     LONGEST_SPAN,
     READINGS,
@@ -377,7 +377,7 @@ def simulate_loop(
     lost, room = 1, ROOM
     while lost:
         if room > MOST_ROOM:
-            raise ValueError(TOO_MANY)
+            raise TooManySwitchesError
         memory = np.zeros(arrays.memory)
         memory[:2] = x0, v0
         located, lost = controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))

@@ -32,6 +32,8 @@ def test_a_record_without_sliding_gives_no_guesses(name):
         ("stribeck", {"stribeck.excess": 0.3, "stribeck.speed": 0.44}, True),
         ("stribeck_asymmetry", {"stribeck_asymmetry.speed": 0.47}, False),
         ("cogging_2", {"cogging_2.amplitude": 9.0, "cogging_2.phase": 50.0}, True),
+        ("dwell_time", {"dwell_time.rise": 0.1, "dwell_time.time_constant": 1.1e-3}, True),
+        ("dwell_time", {"dwell_time.rise": 0.1, "dwell_time.time_constant": 0.9e-3}, False),
         ("backlash", {"backlash.gap": 1.1e-6, "backlash.load_fraction": 0.5}, True),
         ("backlash", {"backlash.gap": 0.9e-6, "backlash.load_fraction": 0.5}, False),
     ],

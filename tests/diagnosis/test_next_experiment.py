@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
+from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
@@ -261,6 +262,17 @@ def test_limits_that_no_experiment_keeps_are_told():
     assert experiment.tried == {}
     assert experiment.separates == ()
     assert "widen them" in experiment.description
+
+
+def test_a_hypothesis_with_which_the_loop_runs_away_is_no_error(monkeypatch):
+    """Its trial cannot be simulated: too many switches in a sample."""
+    machine, rival, record, limits = delay_or_lag()
+
+    def runs_away(*args):
+        raise TooManySwitchesError
+
+    monkeypatch.setattr("dryfric_control.diagnosis.simulated_trial.simulate", runs_away)
+    assert next_experiment(machine, [rival], record, limits=limits).tried == {}
 
 
 def test_it_does_not_change_its_arguments():

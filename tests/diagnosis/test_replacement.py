@@ -1,5 +1,7 @@
 """Causes found reconsidered: what takes another's place, and what goes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_cases import among, believed, record, tried
@@ -10,6 +12,7 @@ from dryfric_control.diagnosis.candidates import own_names, with_effect
 from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.replacement import (
+    _decide,
     _exchange,
     _spares,
     compare_alternatives,
@@ -66,6 +69,9 @@ def test_a_cause_chosen_in_haste_makes_room(hidden, named, close):
     state.close[named[0]] = [before]
     _exchange(search, state)
     assert state.causes == [hidden, "stribeck"]
+    # What had its place is not forgotten: it may do the same.
+    if named[0] != hidden:
+        assert named[0] in [c.slug for c in state.close[hidden]]
     values = state.fit.values()
     true = case.truth["stribeck"]["excess"]
     assert values["stribeck.excess"] == pytest.approx(true, rel=0.05)
@@ -96,6 +102,30 @@ def test_what_an_earlier_choice_is_mended_by_goes_with_it(last, spared):
     assert _spares(search, state, state.fit, "coulomb_asymmetry") is spared
 
 
+@pytest.mark.parametrize(
+    ("asymmetry", "named", "others"),
+    # Costs on all samples: of equals the plainest is named, and the other stated.
+    [(-102.0, "bias_force", ("coulomb_asymmetry",)), (-110.0, "coulomb_asymmetry", ())],
+)
+def test_effects_that_are_equal_on_all_samples_are_told_by_their_plainness(
+    asymmetry, named, others
+):
+    costs = {"coulomb_asymmetry": asymmetry, "bias_force": -100.0}
+    state = State(SimpleNamespace(axis="asymmetry", cost=-50.0))
+    cause = Candidate("coulomb_asymmetry", ("coulomb_asymmetry.force",), None, -50.0)
+    state.add(cause, state.fit)
+    rival = Candidate("bias_force", ("bias_force.force",), None, -45.0)
+    search = SimpleNamespace(
+        weighed=lambda ranked: sorted(
+            ((-costs[c.slug], c, f) for _, c, f in ranked), key=lambda one: -one[0]
+        )
+    )
+    ranked = [(0.0, cause, state.fit), (0.0, rival, SimpleNamespace(axis="bias", cost=-45.0))]
+    _decide(search, state, "coulomb_asymmetry", ranked)
+    assert state.causes == [named]
+    assert state.alternatives == {named: others}
+
+
 @pytest.mark.slow
 def test_what_does_the_same_is_stated_beside_all_the_others():
     # Without a peak a bias changes both levels by as much as an asymmetry.
@@ -119,9 +149,10 @@ def test_what_does_the_same_is_stated_beside_all_the_others():
     # Found when it was chosen, and no longer so.
     state.alternatives["quadratic_drag"] = ("drift",)
     compare_alternatives(search, state)
-    assert state.alternatives == {"coulomb_asymmetry": ("bias_force",), "quadratic_drag": ()}
-    rival = dict(state.rivals["coulomb_asymmetry"]["bias_force"].named_effects())["bias_force"]
-    assert rival.force == pytest.approx(-1.0, rel=0.02)
+    # Of the two the plainer is named.
+    assert state.alternatives == {"bias_force": ("coulomb_asymmetry",), "quadratic_drag": ()}
+    named = dict(state.fit.axis.named_effects())["bias_force"]
+    assert named.force == pytest.approx(-1.0, rel=0.02)
 
 
 @pytest.mark.slow

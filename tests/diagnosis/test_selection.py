@@ -493,10 +493,38 @@ def test_a_cause_at_a_place_where_nothing_has_been_is_not_judged(sprung):
 @pytest.mark.slow
 def test_a_cause_that_has_left_the_travel_is_refuted(sprung, both):
     fresh = Selector(sprung.race, sprung.axis, lambda word: None)
+    fresh.standard_errors = lambda best: dict.fromkeys(SPRING, 0.0)
     values = {**both.hypothesis.values(both.z), "spring.rest": 50.0}
     gone = SimpleNamespace(hypothesis=SimpleNamespace(values=lambda z: values), z=None)
     assert fresh.refutes(selection(both, spring=SPRING), gone, [], None)
     assert fresh.refuted == {"spring"}
+
+
+@pytest.mark.parametrize(
+    ("slug", "errors", "expected"),
+    [
+        ("warm_up", (0.011, 380.0), False),
+        ("warm_up", (0.002, 380.0), True),
+        ("dwell_time", (1.0, 1.0), True),  # acts only at breakaway: its gain alone decides
+    ],
+)
+def test_a_cause_of_which_nothing_is_determined_is_none(sprung, slug, errors, expected):
+    names = [f"{slug}.rise", f"{slug}.time_constant"]
+    values = dict(zip(names, (0.005, 4.0), strict=True))
+    fitted = SimpleNamespace(hypothesis=SimpleNamespace(values=lambda z: values), z=None)
+    found = sprung._determined(slug, fitted, names, dict(zip(names, errors, strict=True)))
+    assert found is expected
+
+
+@pytest.mark.slow
+def test_a_refuted_cause_goes_where_no_search_takes_its_place(sprung, both):
+    fresh = Selector(sprung.race, sprung.axis, lambda word: None)
+    found = selection(both, quadratic_drag=DRAG, spring=SPRING)
+    fresh.refuted.add("quadratic_drag")
+    floor = fresh.without_refuted(found)
+    assert found.causes == ["spring"]
+    assert [e.slug for e in found.best.axis.effects] == ["spring"]
+    np.testing.assert_array_equal(floor.scores, fresh.floor_of(found.best).scores)
 
 
 def test_a_search_finds_the_spring_and_stops(sprung):

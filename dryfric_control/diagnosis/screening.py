@@ -341,8 +341,9 @@ class Screening(Fits):
 
     def _shown(self, now: Solution, fit: Solution, slug: str) -> bool:
         """Whether the records show an effect where a fit has put it, see `placed`."""
-        own = {n: v for n, v in fit.values().items() if n not in now.problem.names}
-        return placed(slug, own, self.records)
+        values = fit.values()  # without those that each record has of its own
+        names = [n for n in fit.problem.names if n in values and n not in now.problem.names]
+        return placed(slug, {n: values[n] for n in names}, self.records)
 
     def _quick(self, now, terms, slug, problem: Likelihood, z, turns):  # type: ignore[no-untyped-def]
         """A few joint steps: new slopes of the candidate, constant slopes of the rest."""

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.estimation.likelihood import Likelihood, Run
 
-# Grid step as a fraction of the distance between two guesses, shares tried at each point, and the
-# step of a second grid at the best share.
-_RUNG, _SHARES, _FINE = 0.25, np.arange(0.05, 0.96, 0.06), 0.05
-# Standard deviations of the random force tried at each point, over the present one: fitted without
-# the effect it makes up for it, and hides it where it is too large.
-_QUIETER = (1.0, 0.2)
+# Grid step as a fraction of the distance between two guesses, and the step of a second grid at the
+# best share.
+_RUNG, _FINE = 0.25, 0.05
+# Standard deviations of the random force tried at each point, over the present one, with the shares
+# tried at each.  Fitted without the effect the random force makes up for it, and hides it where it
+# is too large.
+_SHARES = np.arange(0.05, 0.96, 0.06)
+_QUIETER = ((1.0, _SHARES), (0.2, _SHARES[::2]))
 # Number of best grid points that are refined, scales of the line searches around them, and the
 # changes tried: of the logarithm of a parameter; of a share, a fifth of them.
 _VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
@@ -135,11 +137,12 @@ def in_valleys(
     net = few.on([replace(run, pieces=run.pieces[::_STRETCHES]) for run in runs])
     best: list[tuple[float, Start]] = []
     for place, one in _between(starts[0]._replace(problem=net), others, rows, _RUNG):
-        for quiet in map(one.quieter, _QUIETER):
+        for part, tried in _QUIETER:
             if late():
                 break
+            quiet = one.quieter(part)
             if shares:
-                best.append((place, quiet.best_of(shares[0], _SHARES)))
+                best.append((place, quiet.best_of(shares[0], tried)))
             else:
                 best.append((place, quiet.evaluated()))
     best = _lowest(best)[: 2 * _VALLEYS]

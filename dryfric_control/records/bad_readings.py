@@ -7,6 +7,7 @@ left alone.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +138,8 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     A single reading x[k] jumps if the lines through the two readings on either side
     and the cubic through all four miss it by nearly the same, and by more than noise,
     quantum and the motion nearby explain.  The reading x[k-1] is repeated m times
-    if x[k-1+m] equals it and the next step makes up for all m.
+    if x[k-1+m] equals it and the next step makes up for all m.  Readings that were found
+    to be bad are no neighbours for the next ones.
 
     Examples
     --------
@@ -150,7 +152,8 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     found: dict[int, str] = {}
     path = x
     for _ in range(_PASSES):
-        new = dict.fromkeys(_jumps(path, noise, quantum), JUMP)
+        good = np.flatnonzero(without(x.size, found))
+        new = dict.fromkeys(_jumps(good, x[good], noise, quantum), JUMP)
         new |= dict.fromkeys(_repeats(path, noise, quantum), REPEATED)
         new = {k: why for k, why in new.items() if k not in found}
         if not new:
@@ -178,11 +181,20 @@ def bridged(x: FloatArray, good: BoolArray) -> FloatArray:
     return path
 
 
-def _jumps(x: FloatArray, noise: float, quantum: float) -> list[int]:
-    """Samples of single jumps; of neighbours the one that jumps further."""
-    left = x[2:-2] - (2.0 * x[1:-3] - x[:-4])
-    right = x[2:-2] - (2.0 * x[3:-1] - x[4:])
-    miss = x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6.0
+def _jumps(at: NDArray[np.int64], x: FloatArray, noise: float, quantum: float) -> list[int]:
+    """Samples of single jumps; of neighbours the one that jumps further.
+
+    `at`: samples that are not known to be bad, shape (n,); `x`: their readings.
+    """
+    a, b, c, d = (at[k : at.size - 4 + k] - at[2:-2] for k in (0, 1, 3, 4))
+    left = x[2:-2] - (b * x[:-4] - a * x[1:-3]) / (b - a)
+    right = x[2:-2] - (c * x[4:] - d * x[3:-1]) / (c - d)
+    cubic = sum(
+        x[k : at.size - 4 + k] * math.prod(o / (o - own) for o in others)
+        for k, own, others in ((0, a, (b, c, d)), (1, b, (a, c, d)), (3, c, (a, b, d)),
+                               (4, d, (a, b, c)))
+    )  # fmt: skip
+    miss = x[2:-2] - cubic
     least = np.minimum(np.minimum(np.abs(left), np.abs(right)), np.abs(miss))
     spread = np.ptp(np.stack((left, right, miss)), axis=0)
     least[spread > _AGREED * least] = 0.0
@@ -195,7 +207,7 @@ def _jumps(x: FloatArray, noise: float, quantum: float) -> list[int]:
         usual = float(np.median(np.sort(near)[: max(near.size - 5, 1)]))
         if least[k] > _LOCAL * usual and not any(abs(k + 2 - other) <= 2 for other in found):
             found.append(int(k) + 2)
-    return found
+    return at[found].tolist()
 
 
 def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
@@ -208,10 +220,11 @@ def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
     ends = same[np.diff(same, append=x.size + 2) > 1]
     for a, b in zip(starts, ends, strict=True):  # steps[a..b] are zero: x[a+1..b+1] repeat x[a]
         m = b - a + 1
-        if m > _LONGEST or a < 2 or b + 3 >= x.size:
+        if m > _LONGEST or a < 3 or b + 5 >= x.size:
             continue
-        around = np.array((steps[a - 2], steps[a - 1], steps[b + 2]))
-        low, high = around.min(), around.max()
+        # Another reading may be repeated nearby: least and greatest step do not count.
+        around = np.sort((*steps[a - 3 : a], *steps[b + 2 : b + 5]))[1:-1]
+        low, high = around[0], around[-1]
         if low < 0.0 < high or min(abs(low), abs(high)) <= least:
             continue
         made_up = steps[b + 1] / np.median(around)

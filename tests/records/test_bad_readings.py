@@ -75,7 +75,7 @@ def test_motion_is_not_taken_for_bad_readings(what):
 
 
 def test_what_a_logger_spoils_is_found():
-    for seed in (0, 1, 3):
+    for seed in (0, 1, 2, 3):
         sound, case = truth.make_null(seed), truth.make_null(seed, "outliers")
         record = quiet(case.t, case.u, case.x)
         off = np.abs(case.x - sound.x) / case.quantum
@@ -83,6 +83,24 @@ def test_what_a_logger_spoils_is_found():
         # What is missed is as small as what the encoder leaves open.
         assert np.mean(off[record.good] > 5.0) < 3e-4
         assert off[record.good].max() < 10.0 < off.max()
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ({600: "jump", 601: "jump"}, "two jumps side by side"),
+        ({600: "jump", 602: "jump"}, "two jumps, a sound reading between them"),
+        ({600: "repeated", 602: "repeated"}, "two repetitions, a sound reading between them"),
+        ({600: "repeated", 603: "repeated"}, "two repetitions, two sound readings between them"),
+        ({600: "jump", 602: "repeated"}, "a jump and a repetition"),
+    ],
+)
+def test_bad_readings_close_to_each_other(bad, why):
+    x = X.copy()
+    for k, kind in bad.items():
+        x[k] = x[k - 1] if kind == "repeated" else X[k] + (2e-3 if k == 600 else -2e-4)
+    found = find(x, QUANTUM / np.sqrt(12.0), QUANTUM)
+    assert bad.keys() <= found.keys() and len(found) <= len(bad) + 1, why
 
 
 @pytest.mark.parametrize(

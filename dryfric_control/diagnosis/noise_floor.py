@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
+from dryfric_control.records.resolution import QUANTA
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -22,6 +25,8 @@ _BEYOND = 1.0
 # A mean score above that of the replays is significant if it exceeds this many standard
 # errors, and an excess that an error of the noise estimate could cause.
 _FAR, _LEAST = 4.0, 0.15
+# Random force, over that of an input's rounding, below which the rounding does not act.
+_ACTS = 0.5
 #: Excess of the mean score over that of the replays below which nothing can be gained.
 NONE = 0.05
 
@@ -107,16 +112,23 @@ def noise_floor(
 
     `truths` are simulated: the model within the uncertainty of its parameters.  `at` holds
     the start states of the model on the record.  `force`: standard deviation of a random
-    force that acts in the replays, held over each sample.
+    force that acts in the replays, held over each sample.  An input that was recorded in
+    steps acted in between them.
     Replays that diverge are left out; all zeros if all do.
     """
-    rng = np.random.default_rng(seed)
-    w, record = bench, bench.record
+    rng, rounded = np.random.default_rng(seed), np.random.default_rng(seed + 1)
+    w, record, thorough = bench, bench.record, force == 0.0
+    step = record.input_quantum
+    # A random force far below the rounding tells that the drive acts in these steps.
+    if 0.0 < force < _ACTS * step / QUANTA:
+        step = 0.0
+    force = math.sqrt(max(force**2 - (step / QUANTA) ** 2, 0.0))
     scores, squares = [], []
     for truth in truths:
         pushed = w
-        if force > 0.0:
-            u = record.u + force * rng.standard_normal(len(record))
+        if step > 0.0 or force > 0.0:
+            u = before_rounding(record.u, step, rounded)
+            u = u + force * rng.standard_normal(len(record))
             driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
             pushed = replace(w, record=driven)
         x = pushed.run(truth, dx=at.starts[0], dv=at.starts[1])
@@ -130,7 +142,7 @@ def noise_floor(
             x0=w.x0 + at.starts[0] + errors[0] * w.x0_error,
             v0=w.v0 + at.starts[1] + errors[1] * w.v0_error,
         )
-        found = made.evaluate(model, active, thorough=force == 0.0)
+        found = made.evaluate(model, active, thorough=thorough)
         scores.append(bench.scores(found.costs))
         squares.append(made.mean_squares(found.errors))
     none = np.zeros((1, len(w)))

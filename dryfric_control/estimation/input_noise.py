@@ -1,4 +1,4 @@
-"""Noise that was recorded with an input, taken off by a smoother that adapts its window."""
+"""Noise that was recorded with an input, and rounding with which it was recorded."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
+
+from dryfric_control.records.resolution import QUANTA
 
 FloatArray = NDArray[np.float64]
 
@@ -17,6 +19,8 @@ _WINDOWS, _ORDER = (9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257), 4
 _SURELY = 3.0
 # Median size of a second difference of white noise with unit variance.
 _MEDIAN = 0.6745 * math.sqrt(6.0)
+# Half width of the intervals, in standard errors, where what is taken off is rounding.
+_ROUNDED = 1.5
 
 
 def without_noise(u: FloatArray, width: float) -> FloatArray:
@@ -52,13 +56,54 @@ def without_noise(u: FloatArray, width: float) -> FloatArray:
     >>> bool(np.std(without_noise(noisy, 1.25) - u) < 0.4 * np.std(noisy - u))
     True
     """
-    windows = [n for n in _WINDOWS if n <= u.size]
-    if width == 0.0 or not windows:
-        return u
     noise = float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN
-    low, high = u - _SURELY * noise, u + _SURELY * noise
+    return _smoothed(u, noise, width, _SURELY * noise) if width > 0.0 else u
+
+
+def before_rounding(u: FloatArray, quantum: float, rng: np.random.Generator) -> FloatArray:
+    """An input that may have acted where `u` was recorded in steps of `quantum`.
+
+    While the input changes by less than a step, the error of rounding stays: it is white
+    only where the input is fast.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n,)
+        Recorded input [N].
+    quantum : float
+        Its steps [N]; 0 for none.
+    rng : numpy.random.Generator
+        Source of the place of the steps, which the record does not show.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Nowhere more than half a step from `u`.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 1.0, 1001)
+    >>> u = 0.1 * np.round(10.0 * np.sin(2.0 * t))
+    >>> acted = before_rounding(u, 0.1, np.random.default_rng(0))
+    >>> float(np.abs(acted - u).max()) <= 0.05, bool(np.std(acted - u) > 0.02)
+    (True, True)
+    """
+    if quantum == 0.0:
+        return u
+    noise = quantum / QUANTA
+    smooth = _smoothed(u, noise, _ROUNDED, 0.5 * quantum)
+    steps = (smooth - rng.uniform(0.0, quantum)) / quantum
+    return np.asarray(u + quantum * (steps - np.round(steps)))
+
+
+def _smoothed(u: FloatArray, noise: float, width: float, surely: float) -> FloatArray:
+    """Local polynomials over the longest windows that agree with all shorter ones.
+
+    `noise`: standard deviation of the noise; `surely`: distance that it hardly exceeds.
+    """
+    low, high = u - surely, u + surely
     found, agree = u, np.ones(u.size, bool)
-    for n in windows:
+    for n in (n for n in _WINDOWS if n <= u.size):
         smooth = savgol_filter(u, n, _ORDER)
         error = width * noise * float(np.linalg.norm(savgol_coeffs(n, _ORDER)))
         low, high = np.maximum(low, smooth - error), np.minimum(high, smooth + error)

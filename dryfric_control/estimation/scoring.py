@@ -89,6 +89,12 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
     return z, point
 
 
+def _promised(unit: FloatArray, slope: FloatArray) -> float:
+    """Fall of the cost that a Newton step in coordinates of unit information predicts."""
+    step = np.linalg.lstsq(unit + 1e-9 * np.eye(slope.size), slope, rcond=None)[0]
+    return 0.5 * float(slope @ step)
+
+
 def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
     """Newton step in coordinates of unit information, each limited to its reach.
 
@@ -136,9 +142,7 @@ def maximise(
         inner = h[np.ix_(free, free)]
         size = np.sqrt(np.diag(inner))
         unit, slope = inner / np.outer(size, size), g[free] / size
-        promised = 0.5 * float(
-            slope @ np.linalg.lstsq(unit + 1e-9 * np.eye(free.size), slope, rcond=None)[0]
-        )
+        promised = _promised(unit, slope)
         if time.monotonic() > until:
             break
         if creeping >= _CREEPING:
@@ -173,6 +177,9 @@ def maximise(
             # Where the cost is rough, slopes over wider steps may still find a descent.
             if wider > 1.0:
                 stalled = True
+                # The noises were searched without slopes, which are no guide to a rough cost.
+                own = free < len(problem.names)
+                promised = _promised(unit[np.ix_(own, own)], slope[own])
                 break
             if not quiet:
                 z, point = _quieter(problem, z, point)

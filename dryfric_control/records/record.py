@@ -376,6 +376,11 @@ class Record:
         return Resolution(self.noise, self.quantum or 0.0, ROUNDING * self.range)
 
     @cached_property
+    def input_quantum(self) -> float:
+        """Steps in which the input was recorded [unit of u]; 0 for none."""
+        return estimated_quantum(self.u) or 0.0
+
+    @cached_property
     def smoothing_window(self) -> int:
         """Default window of `derivatives` [samples].
 

@@ -24,7 +24,13 @@ from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.noise_floor import REPLAYS, Floor, noise_floor, usual_rms
+from dryfric_control.diagnosis.noise_floor import (
+    REPLAYS,
+    Floor,
+    far_above,
+    noise_floor,
+    usual_rms,
+)
 from dryfric_control.diagnosis.random_force import Answer, Gate, answer, apart
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -533,7 +539,7 @@ def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
     explained = floor.reached(final.scores, selector.known)
     gain, confirmed = _gain(selector, axis, final, part == MEASURE)
     # A cause must also hold on the data that served for no choice.
-    explained = explained and ((confirmed and not gain.beyond) or not (free or kept))
+    explained = explained and (confirmed or not (free or kept))
     left = _unexplained(selector, final, floor, gain, explained)
     alike = _alike(selector, before, final, found, kept, floor)
     causes = _causes(selector, found, best, final, kept, tuple(alike))
@@ -667,4 +673,4 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
         interval=(float(low), float(high)),
         unit=axis.units[0],
     )
-    return gain, confirmed
+    return gain, confirmed and not far_above(rows[1:], [floor.squares[:, measured]])

@@ -27,6 +27,10 @@ _BEYOND = 1.0
 _FAR, _LEAST = 4.0, 0.15
 # Random force, over that of an input's rounding, below which the rounding does not act.
 _ACTS = 0.5
+# RMS error over that of a usual replay from which something is left to find.
+_SEVERAL = 4.0
+# Standard errors from the smoothed readings beyond which a start state is no estimate.
+_LOST = 5.0
 #: Excess of the mean score over that of the replays below which nothing can be gained.
 NONE = 0.05
 
@@ -99,6 +103,20 @@ def usual_rms(squares: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.median(whole.mean(axis=1))))
 
 
+def far_above(found: Sequence[FloatArray], squares: Sequence[FloatArray]) -> bool:
+    """Whether errors are orders of magnitude above those of replays.
+
+    A few windows may err beyond all their replays, but not such that the RMS error is
+    several times the usual one.  `found`: mean square errors of each record, each shape
+    (nwindows,); `squares`: those of replays, as in `usual_rms`.
+    """
+    above = [
+        np.maximum(one - replays.max(axis=0, initial=0.0), 0.0)
+        for one, replays in zip(found, squares, strict=True)
+    ]
+    return bool(np.sqrt(np.concatenate(above).mean()) > _SEVERAL * usual_rms(squares))
+
+
 def noise_floor(
     bench: Windows,
     model: FrictionAxis,
@@ -123,6 +141,9 @@ def noise_floor(
     if 0.0 < force < _ACTS * step / QUANTA:
         step = 0.0
     force = math.sqrt(max(force**2 - (step / QUANTA) ** 2, 0.0))
+    # A run that is lost may start where no reading allows it; the machine did not.
+    far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _LOST
+    begun = np.where(far, 0.0, at.starts[:2])
     scores, squares = [], []
     for truth in truths:
         pushed = w
@@ -131,7 +152,7 @@ def noise_floor(
             u = u + force * rng.standard_normal(len(record))
             driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
             pushed = replace(w, record=driven)
-        x = pushed.run(truth, dx=at.starts[0], dv=at.starts[1])
+        x = pushed.run(truth, dx=begun[0], dv=begun[1])
         if not np.all(np.isfinite(x)):
             continue
         readings = record.read(x, rng)
@@ -139,8 +160,8 @@ def noise_floor(
         made = replace(
             w,
             record=readings,
-            x0=w.x0 + at.starts[0] + errors[0] * w.x0_error,
-            v0=w.v0 + at.starts[1] + errors[1] * w.v0_error,
+            x0=w.x0 + begun[0] + errors[0] * w.x0_error,
+            v0=w.v0 + begun[1] + errors[1] * w.v0_error,
         )
         found = made.evaluate(model, active, thorough=thorough)
         scores.append(bench.scores(found.costs))

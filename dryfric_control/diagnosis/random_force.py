@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off, left_op
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import hard
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, STRAIGHT, Search
-from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
+from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor, usual_rms
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.screening import Candidate
@@ -52,6 +52,8 @@ _NOTABLE = 0.25
 # is left in the residual; one that no false cause reaches; and the held-out gain in total, in
 # standard errors, that is sufficient there, however few blocks gain.
 _LOUDER, _MUCH_LOUDER, _ON_THE_WHOLE = 1.1, 2.0, 1.5
+# Largest logarithm of a ratio of innovations.
+_MOST_LOUDER = 50.0
 # Random force without an unconfirmed cause, over that with it, above which another cause must
 # have its place: the search looks for it again.
 _MISSED = 1.25
@@ -270,7 +272,7 @@ def answer(
         motion, left, _ = _judge(search)(search, windows, heard)
     if references.get(STRAIGHT, math.inf) < final.cost:
         messages.append(LINE)
-    left = _in_all(search, motion, left, messages)
+    left = _in_all(motion, left, messages)
     causes = [_cause(search, state, final, slug, judged[slug]) for slug in state.causes]
     causes += _or_a_gain(
         search, state, final, _wrong_base(search, final, kept, heard.random_force())
@@ -446,9 +448,15 @@ def _sure(found: HeldOut, louder: float) -> bool:
 
 
 def _louder(less: Solution, fit: Solution) -> float:
-    """Ratio of the random forces of two fits, in the record where it is largest."""
-    count = range(len(fit.problem.runs))
-    return max(less.random_force(i) / fit.random_force(i) for i in count)
+    """Ratio of the random forces of two fits, in the record where it is largest.
+
+    At least that of their typical innovations: a fit that misses what moves the axis may put it
+    down to the readings.
+    """
+    runs = fit.problem.runs
+    samples = sum(int(run.active.sum()) for run in runs)
+    typical = math.exp(min((less.point.cost - fit.point.cost) / samples, _MOST_LOUDER))
+    return max(typical, *(less.random_force(i) / fit.random_force(i) for i in range(len(runs))))
 
 
 def _moved(search: Search, final: Solution, less: Solution) -> str:
@@ -614,6 +622,7 @@ def _motion(
     gain = _gain(rows, search.believed.units[0])
     if replays:
         gain = replace(gain, floor=usual_rms(replays))
+        structured = structured or far_above(squares[1], replays)
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     medians = [math.sqrt(float(np.median(row))) for row in rows]
     worse = any(
@@ -677,13 +686,9 @@ def _apart(less: Solution, more: Solution) -> bool:
     )
 
 
-def _in_all(
-    search: Search, motion: Gain, left: Unexplained, messages: Sequence[str]
-) -> Unexplained:
-    """What is left; significant too if a straight line is better or free runs err widely."""
-    if LINE in messages or (not search.imposed and motion.beyond):
-        return replace(left, fraction=motion.left, significant=True)
-    return left
+def _in_all(motion: Gain, left: Unexplained, messages: Sequence[str]) -> Unexplained:
+    """What is left; significant too if a straight line is better."""
+    return replace(left, fraction=motion.left, significant=True) if LINE in messages else left
 
 
 def _verdict(found: Sequence[Any], left: Unexplained, messages: Sequence[str]) -> str:
@@ -701,7 +706,7 @@ def apart(search: Search, found: Answer, windows: Sequence[Windows]) -> None:
         return
     heard = search.as_recorded(own)
     found.gain, left, _ = _judge(search)(search, windows, heard)
-    found.unexplained = left = _in_all(search, found.gain, left, found.messages)
+    found.unexplained = left = _in_all(found.gain, left, found.messages)
     found.remaining = remaining(heard, left.significant, left.where, search.believed.units[1])
     found.verdict = _verdict([*found.causes, *found.varies], left, found.messages)
 

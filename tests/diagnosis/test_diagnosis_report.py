@@ -1328,8 +1328,3 @@ def test_no_motion_is_advised_where_a_gain_does_the_same(found):
     (step,) = [one for one in wording.next_steps(d) if one.startswith("Separate")]
     assert f"{wrong.title} from" in step and f"{too.title} from" in step
     assert "known mass" in step and 'known=("mass",)' in step
-
-
-@pytest.mark.parametrize(("after", "beyond"), [(3.9e-5, False), (4.1e-5, True)])
-def test_errors_of_several_noise_floors_are_beyond_it(after, beyond):
-    assert Gain(1e-3, after, 1e-5, (1.0, 2.0), "m").beyond is beyond

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.noise_floor import Floor, noise_floor, usual_rms
+from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor, usual_rms
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
@@ -12,11 +12,13 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 QUANTUM = 5e-6
 
 
-def made(quantum=QUANTUM, noise=0.0):
-    """A record of the axis itself, its encoder's grid and noise in it."""
+def made(quantum=QUANTUM, noise=0.0, steps=0.0):
+    """A record of the axis itself, its encoder's grid and noise in it, its input in steps."""
     t = DT * np.arange(6000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = AXIS.simulate(u, dt=DT).y[0] + noise * np.random.default_rng(3).standard_normal(t.size)
+    if steps:
+        u = steps * np.round(u / steps)
     return dfc.Record(t, u, quantum * np.round(x / quantum) if quantum else x)
 
 
@@ -152,6 +154,47 @@ def test_replays_start_where_the_model_was_found_to_start(row):
     assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
 
 
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_run_that_is_lost_tells_no_start(row):
+    bench = cut(made())
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    at.starts[row, 3] += 300.0 * (bench.x0_error, bench.v0_error)[row][3]
+    floor = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    sound = noise_floor(bench, AXIS, [AXIS] * 4, bench.evaluate(AXIS, known), known)
+    # The other windows as before; that one from where the readings put it.
+    np.testing.assert_array_equal(np.delete(floor.scores, 3, 1), np.delete(sound.scores, 3, 1))
+    assert floor.expected[3] == pytest.approx(0.22, abs=0.06)
+
+
+def test_an_input_recorded_in_steps_acted_between_them():
+    steps = 0.2
+    record = made(steps=steps)
+    assert record.input_quantum == pytest.approx(steps) and made().input_quantum == 0.0
+    floor, bench = floor_of(record)
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known, thorough=True)
+    scores = bench.scores(at.costs)
+    # Far beyond the noise of the readings, yet nothing that the rounding does not cause.
+    assert not floor_of(made())[0].reached(scores, known)
+    assert floor.reached(scores, known)
+    # A level that is wrong by more than the rounding shows all the same.
+    off = bench.scores(bench.evaluate(AXIS.replace(coulomb=9.0), known, thorough=True).costs)
+    assert not floor.reached(off, known)
+
+
+def test_a_drive_that_acts_in_steps_has_no_rounding():
+    bench = cut(made(steps=0.2))
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    small, large = (
+        noise_floor(bench, AXIS, [AXIS] * 4, at, known, force=part * 0.2 / np.sqrt(12.0))
+        for part in (0.01, 0.9)
+    )
+    assert np.median(small.squares) == pytest.approx(QUANTUM**2 / 12.0, rel=0.1)
+    assert np.median(large.squares) > 4.0 * np.median(small.squares)
+
+
 def test_only_windows_asked_for_are_scored():
     record = made()
     active = np.arange(len(cut(record))) % 2 == 0
@@ -167,3 +210,16 @@ def test_one_late_breakaway_in_a_replay_moves_no_floor():
     first[1, 2] = 4e4
     assert usual_rms([first, second]) == pytest.approx(np.sqrt(7.0))
     assert usual_rms([np.zeros((0, 3))]) == 0.0
+
+
+def test_errors_are_far_above_where_no_replay_errs_as_much():
+    replays = np.full((6, 4), 1e-10)
+    assert not far_above([np.full(4, 1.6e-9)], [replays])
+    assert far_above([np.full(4, 1.8e-9)], [replays])
+    # One window a hundred times as far off, and none of two records but that.
+    late = np.array([1e-10, 1e-6, 1e-10, 1e-10])
+    assert far_above([late], [replays])
+    assert far_above([np.full(4, 1e-10), late], [replays, replays[:5]])
+    # One replay broke away as late: that is chance.
+    replays[2, 1] = 1e-6
+    assert not far_above([late], [replays])

@@ -38,8 +38,6 @@ LATE = (
     "the time limit ended the search: the best answer so far; causes may be missing, and a base "
     "parameter may replace one: allow more time"
 )
-# RMS error of free runs over that of the replays beyond which there is something to find.
-_BEYOND = 4.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,14 +165,6 @@ class Gain(Result):
 
     def _shown(self) -> list[str]:
         return [self.headline]
-
-    @property
-    def beyond(self) -> bool:
-        """Whether errors are several times the noise floor: something is left to find.
-
-        A few windows may err beyond their replays, but not by orders of magnitude.
-        """
-        return self.after > _BEYOND * self.floor
 
     @property
     def left(self) -> float:

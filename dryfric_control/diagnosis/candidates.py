@@ -6,7 +6,7 @@ the second effect of a kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -131,6 +131,20 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
         if of_kind["unit"] == "m/s" and value > _FASTER * max(_fastest(r) for r in records):
             return False
     return True
+
+
+def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
+    """Those of a candidate's free parameters that tell whether it is there.
+
+    Amounts with a value at which the effect vanishes: full name, that value, and whether
+    others may do without it.  The cost is too rough for standard errors of parameters that act
+    only at breakaway.
+    """
+    kinds = effect_class(name).parameters()
+    for full in own:
+        kind = kinds[full.partition(".")[2]]
+        if kind["kind"] == "amount" and kind["neutral"] is not None and not kind["breaks_away"]:
+            yield full, kind["neutral"], kind["optional"]
 
 
 def travelled(records: Sequence[Record]) -> tuple[float, float]:

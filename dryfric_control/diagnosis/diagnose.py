@@ -23,6 +23,7 @@ from dryfric_control.diagnosis.causes import cause_of, hardly_determined
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.experiment import next_experiment
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
+from dryfric_control.diagnosis.gate import Gate
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.noise_floor import (
     REPLAYS,
@@ -31,7 +32,7 @@ from dryfric_control.diagnosis.noise_floor import (
     noise_floor,
     usual_rms,
 )
-from dryfric_control.diagnosis.random_force import Answer, Gate, answer, apart
+from dryfric_control.diagnosis.random_force import Answer, answer, apart
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained

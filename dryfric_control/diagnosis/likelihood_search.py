@@ -10,7 +10,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, placed, with_effect
+from dryfric_control.diagnosis.candidates import (
+    amounts,
+    catalogue,
+    effect_class,
+    placed,
+    with_effect,
+)
+from dryfric_control.diagnosis.gain_or_base import left_open
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_fits import BIAS, ITERATIONS, LATE, hard
 from dryfric_control.diagnosis.screening import Candidate, Screening, hidden_shares
@@ -270,6 +277,11 @@ class Search(Screening):
         """RMS of the noise that is taken off the inputs."""
         return float(np.sqrt(np.mean(np.concatenate(self._taken_off(self.runs)) ** 2)))
 
+    @property
+    def gain_is_open(self) -> bool:
+        """Whether nothing separates an input gain from errors of all base parameters."""
+        return left_open(self.believed, {*self.known, *self.tolerance})
+
     def as_recorded(self, fit: Solution) -> Solution:
         """The fit on inputs as recorded, with only the noises fitted again."""
         if self.width == 0.0:
@@ -461,7 +473,7 @@ class Search(Screening):
         hidden = hidden_shares(fit)
         needed: list[bool] = []
         further: list[bool] = []
-        for name, value in own.items():
+        for name in own:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
             # A peak narrower than the record shows still raises breakaway.
@@ -470,12 +482,8 @@ class Search(Screening):
                 return False
             if kind == "place" and name in fit.at_bound and not edge:
                 return False
-            # The cost is too rough for standard errors of parameters that act only at breakaway:
-            # for these the gain alone decides.
-            smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
-            if kind == "amount" and smooth:
-                parameter = fit.problem.parameters[fit.problem.names.index(name)]
-                there = abs(value - parameter.neutral) > _SURE * errors[name]
-                (further if of_kind["optional"] else needed).append(there)
+        for name, neutral, optional in amounts(slug, own):
+            there = abs(own[name] - neutral) > _SURE * errors[name]
+            (further if optional else needed).append(there)
         # Optional amounts are terms of a sum: one significant term is sufficient.
         return all(needed) or any(further)

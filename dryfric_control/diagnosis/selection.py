@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidate_fits import CAUSE_COST, Fitted, Race
 from dryfric_control.diagnosis.candidates import (
     BASE,
+    amounts,
     catalogue,
     effect_class,
     holds,
@@ -310,13 +311,8 @@ class Selector:
         self, slug: str, fitted: Fitted, own: Sequence[str], errors: Mapping[str, float]
     ) -> bool:
         """Whether any amount of a cause exceeds its standard error."""
-        kinds, values = effect_class(slug).parameters(), fitted.hypothesis.values(fitted.z)
-        there = []
-        for name in own:
-            of_kind = kinds[name.partition(".")[2]]
-            smooth = of_kind["neutral"] is not None and not of_kind["breaks_away"]
-            if of_kind["kind"] == "amount" and smooth:
-                there.append(abs(values[name] - of_kind["neutral"]) > errors[name])
+        values = fitted.hypothesis.values(fitted.z)
+        there = [abs(values[n] - neutral) > errors[n] for n, neutral, _ in amounts(slug, own)]
         return any(there) or not there
 
     def _own(self, fitted: Fitted) -> tuple[str, ...]:

@@ -11,19 +11,14 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.causes_found import State
+from dryfric_control.diagnosis.confirmation import Judged, _sure, _weakest
 from dryfric_control.diagnosis.forward_search import forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.random_force import (
-    LINE,
-    Judged,
-    _or_a_gain,
-    _sure,
-    _weakest,
-    _wrong_base,
-)
+from dryfric_control.diagnosis.random_force import LINE
 from dryfric_control.diagnosis.report.findings import Cause
+from dryfric_control.diagnosis.wrong_base import or_equivalents, wrong_base
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -269,8 +264,8 @@ def test_a_load_is_a_gain_to_a_drive_that_never_brakes(most, rate, alike):
     x = np.round(machine.simulate(u, dt=DT).y[0] * 1e6) * 1e-6
     search = Search(AXIS, [dfc.Record(t, u + 0.2 * rng.standard_normal(t.size), x)])
     state = State(search.alone())
-    wrong = _wrong_base(search, state.fit, ("mass", "viscous", "coulomb"), state.fit.random_force())
-    told = {c.effect: c.alternatives for c in _or_a_gain(search, state, state.fit, wrong)}
+    wrong = wrong_base(search, state.fit, ("mass", "viscous", "coulomb"), state.fit.random_force())
+    told = {c.effect: c.alternatives for c in or_equivalents(search, state, state.fit, wrong)}
     assert set(told) == {"inertia", "viscous", "coulomb"}
     for slug, alternatives in told.items():
         rest = {*told} - {slug}

@@ -10,8 +10,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.text import rotary_words
 
-# Ratio of standard error to value beyond which a record hardly determines a parameter.
-_HARDLY = 0.3
+#: Ratio of standard error to value beyond which a record hardly determines a parameter.
+HARDLY = 0.3
 
 
 def cause_of(
@@ -71,7 +71,7 @@ def hardly_determined(causes: Sequence[Cause]) -> list[str]:
         for name, value in cause.parameters.items():
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
-            if not cause.standard_errors[name] <= _HARDLY * abs(value):
+            if not cause.standard_errors[name] <= HARDLY * abs(value):
                 # A base parameter and its cause may have the same name.
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")

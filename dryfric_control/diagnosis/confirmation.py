@@ -66,12 +66,16 @@ def confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[s
         if search.clock:
             search.shifted_by(final)
         judged: dict[str, Judged] = {}
+        with_all = final
+        if state.causes and not search.late:
+            noises = final.z[len(final.problem.names) :]
+            with_all = search.fit(final.axis, search.free_of(final), noises, 6, wonder=False)
         for slug in state.causes:
             search.tell(f"{slug} confirmed")
             if search.late:
                 judged[slug] = Judged(True, HeldOut(0.0, 0.0, 0.0))
             else:
-                judged[slug] = _judged(search, state, final, slug)
+                judged[slug] = _judged(search, state, final, with_all, slug)
         weakest = _weakest(search, state, judged)
         if weakest:
             if judged[weakest].louder > _MISSED:
@@ -135,15 +139,16 @@ def _gain_is_choice(
     return alike and far_off(final.values(), search.nominal, kept)
 
 
-def _judged(search: Search, state: State, final: Solution, slug: str) -> Judged:
-    """Evidence for one cause: its gain over the best fit without it, all else free."""
+def _judged(search: Search, state: State, final: Solution, with_all: Solution, slug: str) -> Judged:
+    """Evidence for one cause: its gain over the best fit without it, all else free.
+
+    `with_all`: the fit with all causes and base parameters.
+    """
     names = names_without(search, final, slug, state.free[slug])
     noises = final.z[len(final.problem.names) :]
     kept = [n for n in search.base if n in final.problem.names]
     rest = search.less(final.axis, slug)
     few: dict[str, Any] = {"wonder": False}
-    free = search.free_of(final)
-    with_all = search.fit(final.axis, free, noises, 6, **few)
     nominal = with_values(rest, list(search.base), [search.nominal[n] for n in search.base])
     tries = [search.fit(rest, names, noises, **few)]
     if not search.late and search.possible(nominal, names):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,6 +124,8 @@ class Fits:
         self.steady = False
         # Record-specific values, by parameter and number of the record.
         self.each: dict[tuple[str, int], float] = {}
+        # Threads, and whether fits keep them all busy.
+        self._pool, self._busy = ThreadPoolExecutor(self.jobs), False
 
     def _take(self, runs: list[Run]) -> None:
         """Use these runs from now on, and subsets of their samples."""
@@ -158,6 +160,7 @@ class Fits:
             believed=self.believed, tolerance=self.tolerance, own=self.own, each=self.each,
             hold=self.hold, scales=self.scales, wonder=wonder, shift=self.shift,
         )  # fmt: skip
+        problem.map = self._map
         if self.clock:
             problem.high[problem.names.index(SHIFT)] = 0.0
         for j, p in enumerate(problem.parameters):
@@ -244,11 +247,21 @@ class Fits:
         """Whether the motion is imposed by something other than the drive."""
         return self.view is ForceView
 
+    def _map(self, function, values):  # type: ignore[no-untyped-def]
+        """Results of a function for each value, in threads unless fits keep them busy."""
+        alone = self.jobs == 1 or self._busy or len(values) < 2
+        return map(function, values) if alone else self._pool.map(function, values)
+
     def _parallel(self, tasks):  # type: ignore[no-untyped-def]
-        if self.jobs == 1 or len(tasks) < 2:
+        """Results of fits that do not depend on each other, in threads if none is busy."""
+        if self.jobs == 1 or self._busy or len(tasks) < 2:
             return [f(*a) for f, a in tasks]
-        run = joblib.Parallel(n_jobs=self.jobs, backend="threading")
-        return run(joblib.delayed(f)(*a) for f, a in tasks)
+        # Known before the first one starts: a fit that waited for its slopes would wait for ever.
+        self._busy = True
+        try:
+            return [one.result() for one in [self._pool.submit(f, *a) for f, a in tasks]]
+        finally:
+            self._busy = False
 
     def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:
         """The axis with an effect as in the nominal axis, or without it if that has none."""

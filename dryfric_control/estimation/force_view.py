@@ -100,5 +100,4 @@ class ForceView(Likelihood):
         state[0], state[1, run.index] = run.record.x, run.sliding.v
         state[2, run.index] = run.sliding.direction
         state[3, run.index] = left * run.record.dt / axis.mass
-        self.passes += 1
         return out, state

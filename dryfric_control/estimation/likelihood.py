@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -263,7 +264,8 @@ class Likelihood:
         self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
         # Curvature of the cost along each coordinate, from its last slopes.
         self.bends = np.full(self.size, np.nan)
-        self.passes = 0
+        # Applies a function to coordinates that do not depend on each other, in threads if any.
+        self.map: Callable[..., Iterable[Any]] = map
 
     def _bound_noises(self) -> None:
         n = len(self.names)
@@ -352,7 +354,6 @@ class Likelihood:
                 record.quantum or 0.0, record.range, states, mine,
             )  # fmt: skip
             out[:, here], state[:, here] = mine, states
-        self.passes += 1
         return out, state
 
     def at(self, z: FloatArray) -> Point:
@@ -434,9 +435,10 @@ class Likelihood:
             blocks = run.edges.size - 1
             g, h = np.zeros((blocks, self.size)), np.zeros((blocks, self.size, self.size))
             exact = np.zeros((blocks, self.size))
-            for j in range(self.size):
-                if i in self._touches(j):
-                    exact[:, j] = self.slope(z, point, i, j, slope[j], sides)
+            own = [j for j in range(self.size) if i in self._touches(j)]
+            found = self.map(lambda j: self.slope(z, point, i, j, slope[j], sides), own)  # noqa: B023
+            for j, rise in zip(own, found, strict=True):
+                exact[:, j] = rise
             compiled.normal_terms(point.out[i], run.active, run.edges, slope, g, h)
             all_g.append(exact)
             all_h.append(h)

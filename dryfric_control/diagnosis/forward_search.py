@@ -203,6 +203,12 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
                 tidy(search, state)
                 continue
         if least == 0.0:
+            # Held-out data leave one open: all are judged in the end, and another may have less
+            # evidence beside it.
+            if ahead and state.causes and not (alone or search.late):
+                _, chosen, half = ahead[0]
+                if enough(now.cost - half.cost):
+                    state.add(chosen, half)
             break
         _, chosen, fit = plainest(ranked)
         if state.causes:

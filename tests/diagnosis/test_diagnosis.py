@@ -37,7 +37,7 @@ HIDDEN = [
     ("cogging", 0, "off"),
     ("drift", 1, "short"),
     ("presliding", 0, "exact"),
-    ("compliance", 0, "short"),
+    ("compliance", 0, "exact"),
     ("input_delay", 0, "coarse"),
     ("actuator_lag", 1, "short"),
     ("time_periodic", 0, "exact"),

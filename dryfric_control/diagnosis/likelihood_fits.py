@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -256,11 +256,15 @@ class Fits:
         """Results of fits that do not depend on each other, in threads if none is busy."""
         if self.jobs == 1 or self._busy or len(tasks) < 2:
             return [f(*a) for f, a in tasks]
-        # Known before the first one starts: a fit that waited for its slopes would wait for ever.
+        # As long as a fit runs here: one that waited for its slopes would wait for ever.
         self._busy = True
+        running = [self._pool.submit(f, *a) for f, a in tasks]
         try:
-            return [one.result() for one in [self._pool.submit(f, *a) for f, a in tasks]]
+            return [one.result() for one in running]
         finally:
+            for one in running:
+                one.cancel()
+            wait(running)
             self._busy = False
 
     def less(self, axis: FrictionAxis, slug: str) -> FrictionAxis:

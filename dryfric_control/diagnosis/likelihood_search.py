@@ -221,6 +221,7 @@ class Search(Screening):
         return self._earlier[now]
 
     def _led(self, now: Solution) -> Solution | None:
+        """A fit of the lead; None if it does not pay or held-out data do not confirm it."""
         noises = now.z[len(now.problem.names) :]
         self.clock = (SHIFT,)
         costs = {}

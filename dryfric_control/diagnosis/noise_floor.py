@@ -134,13 +134,14 @@ def noise_floor(
     steps acted in between them.
     Replays that diverge are left out; all zeros if all do.
     """
-    rng, rounded = np.random.default_rng(seed), np.random.default_rng(seed + 1)
+    rng = np.random.default_rng(seed)
     w, record, thorough = bench, bench.record, force == 0.0
     step = record.input_quantum
     # A random force far below the rounding tells that the drive acts in these steps.
     if 0.0 < force < _ACTS * step / QUANTA:
         step = 0.0
     force = math.sqrt(max(force**2 - (step / QUANTA) ** 2, 0.0))
+    acted = before_rounding(record.u, step, np.random.default_rng(seed + 1))
     # A run that is lost may start where no reading allows it; the machine did not.
     far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _LOST
     begun = np.where(far, 0.0, at.starts[:2])
@@ -148,8 +149,7 @@ def noise_floor(
     for truth in truths:
         pushed = w
         if step > 0.0 or force > 0.0:
-            u = before_rounding(record.u, step, rounded)
-            u = u + force * rng.standard_normal(len(record))
+            u = next(acted) + force * rng.standard_normal(len(record))
             driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
             pushed = replace(w, record=driven)
         x = pushed.run(truth, dx=begun[0], dv=begun[1])

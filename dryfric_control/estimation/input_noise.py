@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +62,10 @@ def without_noise(u: FloatArray, width: float) -> FloatArray:
     return _smoothed(u, noise, width, _SURELY * noise) if width > 0.0 else u
 
 
-def before_rounding(u: FloatArray, quantum: float, rng: np.random.Generator) -> FloatArray:
-    """An input that may have acted where `u` was recorded in steps of `quantum`.
+def before_rounding(
+    u: FloatArray, quantum: float, rng: np.random.Generator
+) -> Iterator[FloatArray]:
+    """Inputs that may have acted where `u` was recorded in steps of `quantum`, without end.
 
     While the input changes by less than a step, the error of rounding stays: it is white
     only where the input is fast.
@@ -75,8 +79,8 @@ def before_rounding(u: FloatArray, quantum: float, rng: np.random.Generator) -> 
     rng : numpy.random.Generator
         Source of the place of the steps, which the record does not show.
 
-    Returns
-    -------
+    Yields
+    ------
     ndarray, shape (n,)
         Nowhere more than half a step from `u`.
 
@@ -84,16 +88,16 @@ def before_rounding(u: FloatArray, quantum: float, rng: np.random.Generator) -> 
     --------
     >>> t = np.linspace(0.0, 1.0, 1001)
     >>> u = 0.1 * np.round(10.0 * np.sin(2.0 * t))
-    >>> acted = before_rounding(u, 0.1, np.random.default_rng(0))
+    >>> acted = next(before_rounding(u, 0.1, np.random.default_rng(0)))
     >>> float(np.abs(acted - u).max()) <= 0.05, bool(np.std(acted - u) > 0.02)
     (True, True)
     """
     if quantum == 0.0:
-        return u
-    noise = quantum / QUANTA
-    smooth = _smoothed(u, noise, _ROUNDED, 0.5 * quantum)
-    steps = (smooth - rng.uniform(0.0, quantum)) / quantum
-    return np.asarray(u + quantum * (steps - np.round(steps)))
+        yield from itertools.repeat(u)
+    smooth = _smoothed(u, quantum / QUANTA, _ROUNDED, 0.5 * quantum)
+    while True:
+        steps = (smooth - rng.uniform(0.0, quantum)) / quantum
+        yield u + quantum * (steps - np.round(steps))
 
 
 def _smoothed(u: FloatArray, noise: float, width: float, surely: float) -> FloatArray:

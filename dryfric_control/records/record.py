@@ -377,7 +377,17 @@ class Record:
 
     @cached_property
     def input_quantum(self) -> float:
-        """Steps in which the input was recorded [unit of u]; 0 for none."""
+        """Steps in which the input was recorded [unit of u]; 0 for none.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> record = dfc.Record(t, 0.01 * np.round(100.0 * np.cos(t)), np.sin(t))
+        >>> round(record.input_quantum, 6)
+        0.01
+        """
         return estimated_quantum(self.u) or 0.0
 
     @cached_property

@@ -328,3 +328,29 @@ def test_effects_with_a_memory_wait_where_another_cause_leaves_nothing(monkeypat
         assert forward(search).causes == ["bias_force"]
     # Beside the bias they are asked anyway.
     assert asked == ([1] if leaves else [0, 1])
+
+
+def test_a_fit_that_fails_leaves_no_other_waiting_for_threads():
+    case = make_case("bias_force", 4)
+    search = Search(believed(case), [record(case)], jobs=2)
+    problem = search.problem(search.believed, ())
+
+    def fails():
+        raise ValueError("no such axis")
+
+    with pytest.raises(ValueError, match="no such axis"):
+        search._parallel([(fails, ()), *[(lambda: list(problem.map(abs, [-1, -2])), ())] * 8])
+    assert list(problem.map(abs, [-1, -2])) == [1, 2]
+    assert search._parallel([(abs, (-3,)), (abs, (-4,))]) == [3, 4]
+
+
+@pytest.mark.parametrize(("error", "there"), [(0.25, True), (0.35, False)])
+def test_an_effect_with_a_memory_must_be_well_determined(error, there, monkeypatch):
+    case = make_case("bias_force", 4)
+    search = Search(believed(case), [record(case)])
+    values = {"stiffness": 1e4, "damping": 1.0, "load_fraction": 0.5}
+    start = with_effect(search.believed, "compliance", values)
+    fit = search.fit(start.axis, start.free, iterations=0)
+    errors = {name: error * value for name, value in fit.values().items()}
+    monkeypatch.setattr(type(fit), "standard_errors", lambda self: errors)
+    assert search.sound(fit, "compliance", start.free) is there

@@ -11,7 +11,7 @@ from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.causes_found import State
-from dryfric_control.diagnosis.confirmation import Judged, _sure, _weakest
+from dryfric_control.diagnosis.confirmation import Judged, _louder, _sure, _weakest
 from dryfric_control.diagnosis.forward_search import forward
 from dryfric_control.diagnosis.gain_or_base import every, or_a_gain
 from dryfric_control.diagnosis.held_out import HeldOut
@@ -289,3 +289,21 @@ def test_no_scale_brings_a_value_of_zero_back():
     assert told == {"inertia": (), "viscous": ()}
     told = {c.effect: c.alternatives for c in or_a_gain(bare, [wrong[0], off("coulomb", 9.0)])}
     assert told == {"inertia": ("input_gain+coulomb",), "coulomb": ("input_gain+inertia",)}
+
+
+@pytest.mark.parametrize(
+    ("fall", "without", "ratio"),
+    # Twice the innovations though a sixteenth of the force; three times the force; the same.
+    [(1000.0 * np.log(2.0), 0.0625, 2.0), (0.0, 3.0, 3.0), (0.0, 1.0, 1.0)],
+)
+def test_what_is_put_down_to_the_readings_counts_too(fall, without, ratio):
+    run = SimpleNamespace(active=np.ones(1000, bool))
+
+    def fit(cost, force):
+        return SimpleNamespace(
+            point=SimpleNamespace(cost=cost),
+            problem=SimpleNamespace(runs=[run]),
+            random_force=lambda i: force,
+        )
+
+    assert _louder(fit(fall, without), fit(0.0, 1.0)) == pytest.approx(ratio)

@@ -31,6 +31,8 @@ _OUTSIDE = 0.1
 # A characteristic speed beyond _FASTER times the largest of the records (the quantile
 # _NEARLY_ALL of |v|) has no visible effect: the record looks the same for all such values.
 _FASTER, _NEARLY_ALL = 3.0, 0.995
+# A characteristic speed above this fraction of it: the effect acts at most speeds.
+_WIDE = 0.5
 # Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
 # narrower play the filter differs from that without one, but not the machine.
 _FINER = 0.1
@@ -133,17 +135,30 @@ def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) ->
     return True
 
 
-def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
+def wide(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
+    """Whether an effect with a characteristic speed acts at most speeds of the records.
+
+    `values`: by the full names of its free parameters.
+    """
+    kinds = effect_class(name).parameters()
+    least = _WIDE * max(map(_fastest, records))
+    return any(v > least for n, v in values.items() if kinds[n.partition(".")[2]]["unit"] == "m/s")
+
+
+def amounts(
+    name: str, own: Iterable[str], everywhere: bool = False
+) -> Iterator[tuple[str, float, bool]]:
     """Those of a candidate's free parameters that tell whether it is there.
 
     Amounts with a value at which the effect vanishes: full name, that value, and whether
     others may do without it.  The cost is too rough for standard errors of parameters that act
-    only at breakaway.
+    only at breakaway, unless they act at most speeds (`everywhere`).
     """
     kinds = effect_class(name).parameters()
     for full in own:
         kind = kinds[full.partition(".")[2]]
-        if kind["kind"] == "amount" and kind["neutral"] is not None and not kind["breaks_away"]:
+        acts = everywhere or not kind["breaks_away"]
+        if kind["kind"] == "amount" and kind["neutral"] is not None and acts:
             yield full, kind["neutral"], kind["optional"]
 
 

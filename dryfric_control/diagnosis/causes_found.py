@@ -11,7 +11,7 @@ from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import renumbered
+from dryfric_control.model.effects.naming import class_of, named, renumbered
 
 
 @dataclass(eq=False)
@@ -56,12 +56,37 @@ class State:
         """Free parameters of all causes."""
         return tuple(n for slug in self.causes for n in self.free[slug])
 
-    def drop(self, slug: str, less: Solution) -> None:
-        """Remove a cause; `less` is the fit without it."""
+    def drop(self, slug: str, less: Solution) -> str:
+        """Remove a cause; `less` is the fit without it.
+
+        Later ones of its kind move up by one number; returns the name that is no longer used.
+        """
+        before = [*self.causes]
         self.causes.remove(slug)
         for table in (self.free, self.alternatives, self.rivals, self.close):
             table.pop(slug)
+        if any(one not in named(less.axis) for one in self.causes):
+            self._move_up(slug)
         self.fit = less
+        return next(one for one in before if one not in self.causes)
+
+    def _move_up(self, slug: str) -> None:
+        """Renumber the causes of the kind of one that was removed."""
+        now = dict(zip(self.causes, renumbered(self.causes, slug), strict=True))
+        self.causes[:] = now.values()
+        self.free = {now[s]: tuple(renumbered(names, slug)) for s, names in self.free.items()}
+        # Candidates of the kind were fitted beside the one that was removed.
+        self.alternatives = {
+            now[s]: tuple(a for a in some if not _alike(a, slug))
+            for s, some in self.alternatives.items()
+        }
+        self.rivals = {
+            now[s]: {a: axis for a, axis in some.items() if not _alike(a, slug)}
+            for s, some in self.rivals.items()
+        }
+        self.close = {
+            now[s]: [c for c in some if not _alike(c.slug, slug)] for s, some in self.close.items()
+        }
 
     def add(self, candidate: Candidate, fit: Solution) -> None:
         """Add a cause."""
@@ -77,6 +102,11 @@ class State:
         self.drop(slug, fit)
         self.add(candidate, fit)
         self.causes.insert(place, self.causes.pop())
+
+
+def _alike(one: str, other: str) -> bool:
+    """Whether two names are of effects of a kind."""
+    return class_of(one) is class_of(other)
 
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:

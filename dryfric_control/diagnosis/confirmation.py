@@ -13,7 +13,7 @@ from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Search
 from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.model.effects.naming import followed
+from dryfric_control.model.effects.naming import renumbered
 
 # Random force without a cause over that with it that no false cause reaches, and the held-out gain
 # in total, in standard errors, that is sufficient there, however few blocks gain.
@@ -78,9 +78,9 @@ def confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[s
                 judged[slug] = _judged(search, state, final, with_all, slug)
         weakest = _weakest(search, state, judged)
         if weakest:
+            name = state.drop(weakest, without(search, state, weakest))
             if judged[weakest].louder > _MISSED:
-                state.refuted.add(weakest)
-            state.drop(weakest, without(search, state, weakest))
+                state.refuted.add(name)
         elif _gain_is_choice(search, state, final, kept, judged):
             state.drop(GAIN, without(search, state, GAIN))
         else:
@@ -121,11 +121,9 @@ def _weakest(search: Search, state: State, judged: dict[str, Judged]) -> str | N
     Not simply the first one left open: two causes that share an effect weaken each other, and
     the one with less evidence has to go.
     """
-    # The first of two effects of a kind stays as long as the second does.
-    single = [s for s in state.causes if holds(search.believed, s) or not followed(s, state.causes)]
-    if all(judged[s].sure for s in single):
+    if all(judged[s].sure for s in state.causes):
         return None
-    weak = [s for s in single if not judged[s].sure or judged[s].by_size_alone]
+    weak = [s for s in state.causes if not judged[s].sure or judged[s].by_size_alone]
     return min(weak, key=lambda s: judged[s].held_out.strength)
 
 
@@ -160,7 +158,7 @@ def _judged(search: Search, state: State, final: Solution, with_all: Solution, s
         alone = search.fit(rest, names, noises, base=kept, **few)
         by_itself = search.held_out(alone, with_all)
         if equal or by_itself.sure:
-            others = _moved(search, final, less)
+            others = _moved(search, final, less, slug)
             louder = _louder(alone, with_all)
             return Judged(_sure(found, louder) or bool(others), by_itself, others, louder)
     louder = _louder(less, with_all)
@@ -190,9 +188,13 @@ def _louder(less: Solution, fit: Solution) -> float:
     return max(typical, *(less.random_force(i) / fit.random_force(i) for i in range(len(runs))))
 
 
-def _moved(search: Search, final: Solution, less: Solution) -> str:
+def _moved(search: Search, final: Solution, less: Solution, slug: str) -> str:
     """Parameters that together are equivalent to a cause, joined by "+"."""
     before, after = final.values(), less.values()
+    if not holds(search.believed, slug):
+        # Later ones of its kind have moved up by one number.
+        before = {n: v for n, v in before.items() if n.partition(".")[0] != slug}
+        before = dict(zip(renumbered(before, slug), before.values(), strict=True))
     slugs: list[str] = []
     for name, value in after.items():
         now = before.get(name, search.nominal.get(name, 0.0))

@@ -146,83 +146,156 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
         if state.causes:
             search.tell(f"cause {len(state.causes) + 1}")
         # The first cause has no minimum gain relative to others.
-        so_far = first - now.cost if state.causes else -math.inf
-        enough = partial(_adds, so_far, search.samples)
-        needed = _least(so_far, search.samples) if state.causes else 0.0
+        this = _Round(search, state, now, first - now.cost if state.causes else -math.inf)
+        if this.ended(end):
+            return True
+        if this.refitted():
+            first = first if state.causes else this.now.cost
+            if not this.holds():
+                continue
+        if this.early() or (not alone and this.several()):
+            continue
+        if this.least == 0.0:
+            if not alone:
+                this.leave_open()
+            break
+        if not this.single():
+            break
+    return False
+
+
+class _Round:
+    """The choice of one more cause, or of two at once, beside those of a state.
+
+    Attributes
+    ----------
+    now : Solution
+        Fit of the causes found before.
+    candidates : list of Candidate
+        Best first.
+    ranked : list of (float, Candidate, Solution)
+        Worth, candidate and full fit of those that held-out data confirm, best first.
+    ahead : list of (float, Candidate, Solution)
+        Those that held-out data leave open, worth more than the best confirmed one.
+    """
+
+    def __init__(self, search: Search, state: State, now: Solution, so_far: float) -> None:
+        self.search, self.state, self.now = search, state, now
+        self.enough = partial(_adds, so_far, search.samples)
+        self.needed = _least(so_far, search.samples) if state.causes else 0.0
+        self.candidates: list[Candidate] = []
+        self.ranked: list[tuple[float, Candidate, Solution]] = []
+        self.ahead: list[tuple[float, Candidate, Solution]] = []
+
+    @property
+    def least(self) -> float:
+        """Worth of the best confirmed candidate, or zero."""
+        return max(self.ranked[0][0], 0.0) if self.ranked else 0.0
+
+    def ended(self, end: Ends | None) -> bool:
+        """Fit the candidates; whether `end` ended the search."""
+        search, state, now = self.search, self.state, self.now
         candidates: list[Candidate] = []
         for stiff in (False, True):
-            some = search.screen(now, not state.causes, stiff, needed)
+            some = search.screen(now, not state.causes, stiff, self.needed)
             some = [c for c in some if c.slug not in state.refuted]
             # A candidate that brings free runs down to the noise of the readings gains a lot.
-            likely = [c for c in some if stiff or now.cost - c.cost >= needed]
+            likely = [c for c in some if stiff or now.cost - c.cost >= self.needed]
             if _ended(search, state, likely, end):
                 return True
             candidates = sorted([*candidates, *some], key=lambda c: c.cost)
-            ranked = search.extend(now, candidates, needed)
+            self.ranked = search.extend(now, candidates, self.needed)
             # Beside a cause that leaves no structure, they are asked in the next round.
-            if not stiff and ranked and search.nothing_left(ranked[0][2]):
+            if not stiff and self.ranked and search.nothing_left(self.ranked[0][2]):
                 break
         if not state.causes:
             state.first = {c.slug: now.cost - c.cost for c in candidates}
         # Full fits, confirmed or not, tell the candidates' order better than the first ones.
-        full = [*search.unsure, *ranked]
+        full = [*search.unsure, *self.ranked]
         fitted = {c.slug: replace(c, axis=s.axis, cost=s.cost) for _, c, s in full}
-        candidates = sorted([fitted.get(c.slug, c) for c in candidates], key=lambda c: c.cost)
-        better = _better(search, now, ranked)
-        if better is not None:
-            ranked = [(w - (now.cost - better.cost), c, s) for w, c, s in ranked]
-            state.fit = now = better
-            first = first if state.causes else better.cost
-            _, _, fit = ranked[0]
-            if ranked[0][0] < 0.0 or not (
-                search.simpler(fit, now) or search.held_out(now, fit).sure
-            ):
-                continue
-        early = search.earlier(now)
-        if early is not None:
-            gain = search.worth(now.cost - early.cost, 1)
-            if not ranked or gain > ranked[0][0]:
-                search.shifted_by(early)
-                state.fit = early
-                continue
-        least = max(ranked[0][0], 0.0) if ranked else 0.0
-        ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
-        if (least == 0.0 or ahead) and not (alone or search.late):
-            pair = _pair(search, now, candidates, least, enough, bool(state.causes))
-            # An unconfirmed cause plus its successor may gain more than a confirmed pair.
-            if pair is None or any(half.cost < pair[1].cost for _, _, half in ahead):
-                found = [pair, _ahead(search, now, ahead, least, enough)]
-                pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
-            if pair is not None:
-                for c in pair[0]:
-                    state.add(c, pair[1])
-                    # Single gains say little about members of a pair: keep every candidate
-                    # with no more parameters.
-                    others = [o for o in candidates if o.slug not in {m.slug for m in pair[0]}]
-                    state.close[c.slug] = _no_more(others, c)[:_REMEMBERED]
-                tidy(search, state)
-                continue
-        if least == 0.0:
-            # Held-out data leave one open: all are judged in the end, and another may have less
-            # evidence beside it.
-            if ahead and state.causes and not (alone or search.late):
-                _, chosen, half = ahead[0]
-                if enough(now.cost - half.cost):
-                    state.add(chosen, half)
-            break
-        _, chosen, fit = plainest(ranked)
+        self.candidates = sorted([fitted.get(c.slug, c) for c in candidates], key=lambda c: c.cost)
+        return False
+
+    def refitted(self) -> bool:
+        """Whether the causes found before fit better, started from the best candidate's fit."""
+        better = _better(self.search, self.now, self.ranked)
+        if better is None:
+            return False
+        deficit = self.now.cost - better.cost
+        self.ranked = [(worth - deficit, c, fit) for worth, c, fit in self.ranked]
+        self.state.fit = self.now = better
+        return True
+
+    def holds(self) -> bool:
+        """Whether the best candidate still gains over the better fit without it."""
+        worth, _, fit = self.ranked[0]
+        search, now = self.search, self.now
+        return worth >= 0.0 and (search.simpler(fit, now) or search.held_out(now, fit).sure)
+
+    def early(self) -> bool:
+        """Whether inputs that act early are worth more than any candidate."""
+        early = self.search.earlier(self.now)
+        if early is None:
+            return False
+        gain = self.search.worth(self.now.cost - early.cost, 1)
+        if self.ranked and gain <= self.ranked[0][0]:
+            return False
+        self.search.shifted_by(early)
+        self.state.fit = early
+        return True
+
+    def several(self) -> bool:
+        """Whether two causes are confirmed only together, and were added."""
+        search, state, now = self.search, self.state, self.now
+        least, enough = self.least, self.enough
+        self.ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
+        if search.late or (least > 0.0 and not self.ahead):
+            return False
+        pair = _pair(search, now, self.candidates, least, enough, bool(state.causes))
+        # An unconfirmed cause plus its successor may gain more than a confirmed pair.
+        if pair is None or any(half.cost < pair[1].cost for _, _, half in self.ahead):
+            found = [pair, _ahead(search, now, self.ahead, least, enough)]
+            pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
+        if pair is None:
+            return False
+        for c in pair[0]:
+            state.add(c, pair[1])
+            # Single gains say little about members of a pair: keep every candidate
+            # with no more parameters.
+            others = [o for o in self.candidates if o.slug not in {m.slug for m in pair[0]}]
+            state.close[c.slug] = _no_more(others, c)[:_REMEMBERED]
+        tidy(search, state)
+        return True
+
+    def leave_open(self) -> None:
+        """Add a cause that held-out data leave open beside others.
+
+        All causes are judged in the end, and another may have less evidence beside it.
+        """
+        if self.ahead and self.state.causes and not self.search.late:
+            _, chosen, half = self.ahead[0]
+            if self.enough(self.now.cost - half.cost):
+                self.state.add(chosen, half)
+
+    def single(self) -> bool:
+        """Whether the best candidate gains enough, and was added."""
+        search, state, now = self.search, self.state, self.now
+        _, chosen, fit = plainest(self.ranked)
         if state.causes:
             # A subset of the samples may contain little of an effect that acts rarely.
-            if not enough(max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)):
-                break
+            gain = max(now.cost - fit.cost, search.part * search.held_out(now, fit).gain)
+            if not self.enough(gain):
+                return False
         state.add(chosen, fit)
-        equal = [c for w, c, _ in ranked if c is not chosen and w > ranked[0][0] - EQUAL]
+        best = self.ranked[0][0]
+        equal = [c for w, c, _ in self.ranked if c is not chosen and w > best - EQUAL]
         state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
-        state.rivals[chosen.slug] = {c.slug: s.axis for w, c, s in ranked if c in equal}
-        state.close[chosen.slug] = _close(search, now, fitted[chosen.slug], candidates)
+        state.rivals[chosen.slug] = {c.slug: s.axis for _, c, s in self.ranked if c in equal}
+        own = replace(chosen, axis=fit.axis, cost=fit.cost)
+        state.close[chosen.slug] = _close(search, now, own, self.candidates)
         if len(state.causes) > 1:
             tidy(search, state)
-    return False
+        return True
 
 
 def notable(gain: float, whole: float, samples: int) -> bool:

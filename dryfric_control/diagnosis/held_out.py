@@ -69,6 +69,11 @@ class HeldOut(NamedTuple):
         return max(self.gain / max(self.error, 1e-300), self.order, self.usual)
 
     @property
+    def few_events(self) -> bool:
+        """Whether only single events confirm the cause."""
+        return self.sure and self.strength <= CLEAR
+
+    @property
     def sure(self) -> bool:
         """Whether held-out data confirm the cause."""
         return self.gain > LEAST and (self.strength > CLEAR or self.events >= _EVENTS)

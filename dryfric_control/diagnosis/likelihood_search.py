@@ -15,6 +15,7 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     placed,
+    wide,
     with_effect,
 )
 from dryfric_control.diagnosis.causes import HARDLY
@@ -492,7 +493,7 @@ class Search(Screening):
                 return False
         # An effect with a memory can imitate much of what is missing.
         least = 1.0 / HARDLY if hard(slug) else _SURE
-        for name, neutral, optional in amounts(slug, own):
+        for name, neutral, optional in amounts(slug, own, wide(slug, own, self.records)):
             there = abs(own[name] - neutral) > least * errors[name]
             (further if optional else needed).append(there)
         # Optional amounts are terms of a sum: one significant term is sufficient.

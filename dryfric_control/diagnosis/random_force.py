@@ -117,12 +117,22 @@ def answer(
         windows = cut(search.shift)
         heard = search.as_recorded(final)
         motion, left, worse = judge(search)(search, windows, heard)
+        quiet = sorted(
+            (c for c in state.causes if judged[c].louder < _LOUDER), key=lambda c: judged[c].louder
+        )
+        fits = ((c, without(search, state, c)) for c in quiet if not search.late)
         # Where structure is left, a cause that hardly lowers the random force may be false.
-        quiet = [c for c in state.causes if left.significant and judged[c].louder < _LOUDER]
-        if not quiet or search.late:
+        # Where none is, it is not needed if few events confirm it and it leaves none either.
+        fallen = next(
+            (
+                (c, less) for c, less in fits
+                if left.significant or (judged[c].held_out.few_events and nothing_left(less))
+            ),
+            None,
+        )  # fmt: skip
+        if fallen is None:
             break
-        fallen = min(quiet, key=lambda c: judged[c].louder)
-        state.drop(fallen, without(search, state, fallen))
+        state.drop(*fallen)
         final, kept, judged = confirmed(search, state)
     better = [name for name, cost in references.items() if cost < final.cost]
     if worse:

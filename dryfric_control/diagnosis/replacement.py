@@ -29,25 +29,27 @@ def sift(search: Search, state: State, edge: bool = True) -> bool:
 
     `edge`: whether a cause may lie at the edge of the range.  Returns whether any was dropped.
     """
-    before = len(state.causes)
-    for slug in list(state.causes):
-        if followed(slug, state.causes) or search.late:
-            continue
-        if not search.sound(state.fit, slug, state.free[slug], edge):
-            state.refuted.add(slug)
-            state.drop(slug, without(search, state, slug))
+    before, i = len(state.causes), 0
+    while i < len(state.causes) and not search.late:
+        slug = state.causes[i]
+        if search.sound(state.fit, slug, state.free[slug], edge):
+            i += 1
+        else:
+            state.refuted.add(state.drop(slug, without(search, state, slug)))
     return len(state.causes) < before
 
 
 def _backward(search: Search, state: State) -> None:
     """Drop causes that a later one has made redundant."""
-    for slug in list(state.causes):
-        if followed(slug, state.causes) or search.late:
-            continue
+    i = 0
+    while i < len(state.causes) and not search.late:
+        slug = state.causes[i]
         less = without(search, state, slug)
         gain = less.cost - state.fit.cost
         if search.worth(gain, len(state.free[slug])) < 0.0:
             state.drop(slug, less)
+        else:
+            i += 1
 
 
 def _exchange(search: Search, state: State) -> None:

@@ -307,3 +307,10 @@ def test_what_is_put_down_to_the_readings_counts_too(fall, without, ratio):
         )
 
     assert _louder(fit(fall, without), fit(0.0, 1.0)) == pytest.approx(ratio)
+
+
+def test_a_cause_that_only_single_events_confirm_is_told_from_others():
+    events = [0, 0, 0, 900, -1, -1, -1, -1, 40, 2400, 0, 0, 0, -1, 300, 0, 0, 0, 0, 70]
+    for falls, few in [(events, True), ([5, 6, 7, 5, 9, 6, 8, 5, 7, 6], False), ([-5, 4], False)]:
+        found = HeldOut.of(np.full(len(falls), 100.0), 100.0 - np.array(falls, float))
+        assert found.few_events is few

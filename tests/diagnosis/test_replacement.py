@@ -10,6 +10,7 @@ from truth import make_machine
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
 from dryfric_control.diagnosis.causes_found import State
+from dryfric_control.diagnosis.confirmation import confirmed
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.replacement import (
     _decide,
@@ -19,8 +20,10 @@ from dryfric_control.diagnosis.replacement import (
     delay_or_lag,
     other_memory,
     sift,
+    tidy,
 )
 from dryfric_control.diagnosis.screening import Candidate
+from dryfric_control.model.effects.naming import named
 
 DT = 1e-3
 PEAK = {"excess": 0.3, "speed": 0.02}
@@ -208,3 +211,45 @@ def test_a_lag_found_beside_other_causes_may_be_a_delay(found, noise):
     assert state.causes == ["bias_force", "input_delay"]
     right = pytest.approx(time, rel=0.1 if noise else 0.02)
     assert state.fit.values()["input_delay.delay"] == right
+
+
+def cogging(amplitude, period):
+    return "cogging", {"amplitude": amplitude, "period": period, "phase": 0.3}
+
+
+def two_of_a_kind():
+    """A record of cogging, and a state that found it as the second of two."""
+    case = make_machine(2, ("cogging", "stribeck"))[0]
+    values = case.truth["cogging"]
+    search = Search(believed(case), [record(case)])
+    first = search.fit(search.believed, ())
+    right = {"amplitude": values["amplitude"], "period": values["pitch"], "phase": values["phase"]}
+    faint = ("cogging", right | {"amplitude": 1e-4, "period": 0.37 * values["pitch"]})
+    state = state_with(search, first, faint, ("stribeck", PEAK), ("cogging_2", right))
+    return search, state, values
+
+
+@pytest.mark.slow
+def test_a_faint_one_before_another_of_its_kind_goes():
+    search, state, values = two_of_a_kind()
+    biased = with_effect(state.fit.axis, "bias_force", {"force": 0.5})
+    state.close["stribeck"] = [
+        Candidate("cogging_2", ("cogging_2.amplitude",), state.fit.axis, 0.0),
+        Candidate("bias_force", biased.free, biased.axis, 0.0),
+    ]
+    tidy(search, state)
+    assert sorted(state.causes) == ["cogging", "stribeck"]
+    assert set(state.free) == set(state.close) == set(state.rivals) == set(state.causes)
+    assert all(name.startswith("cogging.") for name in state.free["cogging"])
+    assert state.fit.values()["cogging.period"] == pytest.approx(values["pitch"], rel=0.01)
+    assert "cogging_2" not in {c.slug for c in state.close["stribeck"]}
+
+
+@pytest.mark.slow
+def test_what_moves_up_by_a_number_is_no_equivalent():
+    search, state, _ = two_of_a_kind()
+    final, _, judged = confirmed(search, state)
+    assert sorted(state.causes) == ["cogging", "stribeck"]
+    assert not any(one.others for one in judged.values())
+    assert set(judged) == set(state.causes)
+    assert "cogging_2" not in named(final.axis)

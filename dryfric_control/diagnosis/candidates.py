@@ -141,8 +141,8 @@ def wide(name: str, values: Mapping[str, float], records: Sequence[Record]) -> b
     `values`: by the full names of its free parameters.
     """
     kinds = effect_class(name).parameters()
-    least = _WIDE * max(map(_fastest, records))
-    return any(v > least for n, v in values.items() if kinds[n.partition(".")[2]]["unit"] == "m/s")
+    speeds = [v for n, v in values.items() if kinds[n.partition(".")[2]]["unit"] == "m/s"]
+    return bool(speeds) and max(speeds) > _WIDE * max(map(_fastest, records))
 
 
 def amounts(

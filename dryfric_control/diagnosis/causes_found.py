@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,10 +24,8 @@ class State:
     causes : list of str
     free : dict of str to tuple of str
         Free parameters of each cause.
-    alternatives : dict of str to tuple of str
-        Effects that fit equally well in place of each cause.
     rivals : dict of str to dict of str to FrictionAxis
-        The axes fitted with these alternatives.
+        Effects that fit equally well in place of each cause, and the axes fitted with them.
     close : dict of str to list of Candidate
         Candidates that were nearly as good when the cause was chosen, with no more parameters.
     first : dict of str to float
@@ -43,7 +41,6 @@ class State:
     fit: Solution
     causes: list[str] = field(default_factory=list)
     free: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     rivals: dict[str, dict[str, FrictionAxis]] = field(default_factory=dict)
     close: dict[str, list[Candidate]] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
@@ -56,6 +53,11 @@ class State:
         """Free parameters of all causes."""
         return tuple(n for slug in self.causes for n in self.free[slug])
 
+    @property
+    def alternatives(self) -> dict[str, tuple[str, ...]]:
+        """Effects that fit equally well in place of each cause."""
+        return {slug: tuple(some) for slug, some in self.rivals.items()}
+
     def drop(self, slug: str, less: Solution) -> str:
         """Remove a cause; `less` is the fit without it.
 
@@ -63,7 +65,7 @@ class State:
         """
         before = [*self.causes]
         self.causes.remove(slug)
-        for table in (self.free, self.alternatives, self.rivals, self.close):
+        for table in (self.free, self.rivals, self.close):
             table.pop(slug)
         if any(one not in named(less.axis) for one in self.causes):
             self._move_up(slug)
@@ -76,10 +78,6 @@ class State:
         self.causes[:] = now.values()
         self.free = {now[s]: tuple(renumbered(names, slug)) for s, names in self.free.items()}
         # Candidates of the kind were fitted beside the one that was removed.
-        self.alternatives = {
-            now[s]: tuple(a for a in some if not _alike(a, slug))
-            for s, some in self.alternatives.items()
-        }
         self.rivals = {
             now[s]: {a: axis for a, axis in some.items() if not _alike(a, slug)}
             for s, some in self.rivals.items()
@@ -93,7 +91,7 @@ class State:
         slug = candidate.slug
         self.causes.append(slug)
         self.free[slug] = candidate.free
-        self.alternatives[slug], self.rivals[slug], self.close[slug] = (), {}, []
+        self.rivals[slug], self.close[slug] = {}, []
         self.fit = fit
 
     def swap(self, slug: str, candidate: Candidate, fit: Solution) -> None:
@@ -111,8 +109,12 @@ def _alike(one: str, other: str) -> bool:
 
 def names_without(search: Search, fit: Solution, slug: str, own: Sequence[str]) -> tuple[str, ...]:
     """Free parameters other than the base, by their names in the axis without a cause."""
-    names = [n for n in search.free_of(fit) if n not in own]
-    return tuple(names if holds(search.believed, slug) else renumbered(names, slug))
+    return tuple(moved_up(search, [n for n in search.free_of(fit) if n not in own], slug))
+
+
+def moved_up(search: Search, names: Iterable[str], slug: str) -> list[str]:
+    """Names of parameters once a cause is gone, unless the nominal axis has it too."""
+    return [*names] if holds(search.believed, slug) else renumbered(names, slug)
 
 
 def without(search: Search, state: State, slug: str, **settings: Any) -> Solution:

@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from dryfric_control.diagnosis.candidates import SLUGS, holds
-from dryfric_control.diagnosis.causes_found import State, names_without, without
+from dryfric_control.diagnosis.candidates import SLUGS
+from dryfric_control.diagnosis.causes_found import State, moved_up, names_without, without
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Search
 from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.model.effects.naming import renumbered
 
 # Random force without a cause over that with it that no false cause reaches, and the held-out gain
 # in total, in standard errors, that is sufficient there, however few blocks gain.
@@ -191,10 +190,8 @@ def _louder(less: Solution, fit: Solution) -> float:
 def _moved(search: Search, final: Solution, less: Solution, slug: str) -> str:
     """Parameters that together are equivalent to a cause, joined by "+"."""
     before, after = final.values(), less.values()
-    if not holds(search.believed, slug):
-        # Later ones of its kind have moved up by one number.
-        before = {n: v for n, v in before.items() if n.partition(".")[0] != slug}
-        before = dict(zip(renumbered(before, slug), before.values(), strict=True))
+    before = {n: v for n, v in before.items() if n.partition(".")[0] != slug}
+    before = dict(zip(moved_up(search, before, slug), before.values(), strict=True))
     slugs: list[str] = []
     for name, value in after.items():
         now = before.get(name, search.nominal.get(name, 0.0))

@@ -289,7 +289,6 @@ class _Round:
         state.add(chosen, fit)
         best = self.ranked[0][0]
         equal = [c for w, c, _ in self.ranked if c is not chosen and w > best - EQUAL]
-        state.alternatives[chosen.slug] = tuple(c.slug for c in equal)
         state.rivals[chosen.slug] = {c.slug: s.axis for _, c, s in self.ranked if c in equal}
         own = replace(chosen, axis=fit.axis, cost=fit.cost)
         state.close[chosen.slug] = _close(search, now, own, self.candidates)

@@ -117,19 +117,15 @@ def answer(
         windows = cut(search.shift)
         heard = search.as_recorded(final)
         motion, left, worse = judge(search)(search, windows, heard)
-        quiet = sorted(
-            (c for c in state.causes if judged[c].louder < _LOUDER), key=lambda c: judged[c].louder
-        )
-        fits = ((c, without(search, state, c)) for c in quiet if not search.late)
         # Where structure is left, a cause that hardly lowers the random force may be false.
         # Where none is, it is not needed if few events confirm it and it leaves none either.
-        fallen = next(
-            (
-                (c, less) for c, less in fits
-                if left.significant or (judged[c].held_out.few_events and nothing_left(less))
-            ),
-            None,
-        )  # fmt: skip
+        quiet = [
+            c for c in state.causes
+            if judged[c].louder < _LOUDER and (left.significant or judged[c].held_out.few_events)
+        ]  # fmt: skip
+        quiet.sort(key=lambda c: judged[c].louder)
+        fits = ((c, without(search, state, c)) for c in quiet if not search.late)
+        fallen = next((one for one in fits if left.significant or nothing_left(one[1])), None)
         if fallen is None:
             break
         state.drop(*fallen)

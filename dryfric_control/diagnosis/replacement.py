@@ -173,8 +173,7 @@ def _decide(search: Search, state: State, slug: str, ranked: Sequence[Any]) -> N
     _, chosen, best = plainest(level)
     if chosen.slug != slug:
         state.swap(slug, chosen, best)
-    equal = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
-    state.alternatives[chosen.slug], state.rivals[chosen.slug] = tuple(equal), equal
+    state.rivals[chosen.slug] = {c.slug: s.axis for _, c, s in level if c.slug != chosen.slug}
 
 
 def _in_place(search: Search, state: State, slug: str, other: Candidate) -> Solution | None:

@@ -150,7 +150,7 @@ def test_what_does_the_same_is_stated_beside_all_the_others():
         tried(search, first, "viscous_asymmetry", {"viscous": 1.0}),
     ]
     # Found when it was chosen, and no longer so.
-    state.alternatives["quadratic_drag"] = ("drift",)
+    state.rivals["quadratic_drag"] = {"drift": first.axis}
     compare_alternatives(search, state)
     # Of the two the plainer is named.
     assert state.alternatives == {"bias_force": ("coulomb_asymmetry",), "quadratic_drag": ()}
@@ -211,10 +211,6 @@ def test_a_lag_found_beside_other_causes_may_be_a_delay(found, noise):
     assert state.causes == ["bias_force", "input_delay"]
     right = pytest.approx(time, rel=0.1 if noise else 0.02)
     assert state.fit.values()["input_delay.delay"] == right
-
-
-def cogging(amplitude, period):
-    return "cogging", {"amplitude": amplitude, "period": period, "phase": 0.3}
 
 
 def two_of_a_kind():

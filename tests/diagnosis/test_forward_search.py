@@ -354,3 +354,19 @@ def test_an_effect_with_a_memory_must_be_well_determined(error, there, monkeypat
     errors = {name: error * value for name, value in fit.values().items()}
     monkeypatch.setattr(type(fit), "standard_errors", lambda self: errors)
     assert search.sound(fit, "compliance", start.free) is there
+
+
+@pytest.mark.parametrize(("part", "there"), [(0.02, True), (2.0, False)])
+def test_a_peak_at_most_speeds_must_exceed_its_error(part, there, monkeypatch):
+    case = make_case("bias_force", 4)
+    search = Search(believed(case), [record(case)])
+    fastest = float(np.abs(search.records[0].derivatives().v).max())
+    peak = {"excess": 0.01, "speed": part * fastest}
+    start = with_effect(search.believed, "stribeck", peak)
+    fit = search.fit(start.axis, start.free, iterations=0)
+    # Errors of a narrow peak say little, as it acts at breakaway alone.
+    errors = {name: 2.0 * abs(value) for name, value in fit.values().items()}
+    monkeypatch.setattr(type(fit), "standard_errors", lambda self: errors)
+    assert search.sound(fit, "stribeck", start.free) is there
+    errors["stribeck.excess"] = 0.001
+    assert search.sound(fit, "stribeck", start.free)

@@ -5,7 +5,8 @@ located inside the sample, and with every effect and its memory.  In parallel th
 filter propagates the covariance of (x, v), P = p [1 g; g g^2] + d [0 0; 0 1]: p is
 the variance of the position, g the slope of the velocity over it, and d the variance
 of the velocity given the position.  A reading changes p only, so that P stays
-positive.  While a contact sticks, its unstrained position is a third state.
+positive.  While a contact sticks, its unstrained position is a third state.  Two masses on
+a spring have four states, with the whole covariance.
 
 Noises: a random force N(0, force), held over each sample, and noise N(0, reading)
 of each reading.  Innovations follow Student's t.
@@ -64,6 +65,8 @@ _MAY_HOLD = (1.5, 3.0)
 _SAFE = 7.0
 # Products between this number and its inverse are accumulated without taking a logarithm.
 _SMALLEST = 1e-200
+# Halvings of a sample for the matrix exponential of two masses on a spring.
+_SQUARED = 6
 # Relative error allowed for a smooth step, in addition to the error allowed by the numbers.
 _TOLERANCE = 1e-6
 
@@ -256,6 +259,80 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     return alike / (w * dt) + _CURVED * abs(bent) * w * dt
 
 
+@step.internal
+def _two_masses(plant, dt, mode):
+    """How motor and load move in one sample, in one mode of the load, shape (5, 5).
+
+    Rows and columns: position and velocity of the motor, the same of the load, and the random
+    force, which acts on the motor.
+    """
+    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+    stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
+    motor = numbers[step.INVERSE_MOTOR]
+    load = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
+    rates = np.zeros((5, 5))
+    rates[0, 1] = 1.0
+    rates[1, 0], rates[1, 1] = -stiffness * motor, -damping * motor
+    rates[1, 2], rates[1, 3], rates[1, 4] = stiffness * motor, damping * motor, motor
+    holds = numbers[step.CONTACT_STIFFNESS] if kind & step.CONTACT and mode == 0.0 else 0.0
+    if mode != 0.0 or holds > 0.0:
+        rates[2, 3] = 1.0
+        rates[3, 0], rates[3, 1] = stiffness * load, damping * load
+        rates[3, 2] = -(stiffness + holds) * load
+        rates[3, 3] = -(damping + numbers[step.VISCOUS]) * load
+    # exp(rates dt) by squaring.
+    moves = np.eye(5)
+    term = np.eye(5)
+    rates *= dt / 2.0**_SQUARED
+    for i in range(1, 5):
+        term = term @ rates / i
+        moves += term
+    for _ in range(_SQUARED):
+        moves = moves @ moves
+    if mode == 0.0 and holds == 0.0:
+        moves[3, 3] = 0.0
+    return moves
+
+
+@step.internal
+def _carry(moves, cov, force):
+    """Covariance of two masses one sample later, in place; `force`: of the random force."""
+    work = np.zeros((4, 4))
+    for i in range(4):
+        for j in range(4):
+            for k in range(4):
+                work[i, j] += moves[i, k] * cov[k, j]
+    for i in range(4):
+        for j in range(i + 1):
+            total = force * moves[i, 4] * moves[j, 4]
+            for k in range(4):
+                total += work[i, k] * moves[j, k]
+            cov[i, j] = cov[j, i] = total
+
+
+@step.internal
+def _read(cov, variance):
+    """Covariance of two masses after a reading of the motor, in place; `variance`: expected."""
+    for i in range(3, -1, -1):
+        for j in range(i, -1, -1):
+            cov[i, j] -= cov[i, 0] * cov[j, 0] / variance
+            cov[j, i] = cov[i, j]
+
+
+@step.internal
+def _know(cov, place, speed, strain, mode):
+    """Covariance of two masses whose positions and velocities are those of one, in place.
+
+    `place`, `speed`: variances; `strain`: that of the distance between them.
+    """
+    cov[:] = 0.0
+    cov[0, 0] = cov[0, 2] = cov[2, 0] = place
+    cov[2, 2] = place + strain
+    cov[1, 1] = speed
+    if mode != 0.0:
+        cov[1, 3] = cov[3, 1] = cov[3, 3] = speed
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
     numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out
@@ -353,6 +430,13 @@ def _innovations(
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
+    cov = np.zeros((4, 4))
+    slides, rests, strain = cov, cov, 0.0
+    if spring:
+        slides, rests = _two_masses(plant, dt, 1.0), _two_masses(plant, dt, 0.0)
+        # A load at rest may pull at the spring with any force that friction holds.
+        strain = (step.base_level(plant, y[0], 1.0) / numbers[step.STIFFNESS]) ** 2 / 3.0
+        _know(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
     row, side, kept = 0, 0.0, False
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
@@ -371,7 +455,7 @@ def _innovations(
         if on_load:
             v += memory[step.SLIP]
         # Motor and load that touch across a play are one mass.
-        two = spring or (play and not on_load and not _touching(plant, m))
+        two = play and not on_load and not _touching(plant, m)
         inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
         if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
@@ -443,6 +527,14 @@ def _innovations(
             m00 = max(m00, 1e-6 * reading)
             p, g = m00, m01 / m00
             d = max(m11 - m01 * g, 1e-9 * m11)
+        elif spring:
+            count[0] = 0
+            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            mode1 = memory[step.MODE]
+            _carry(slides if sliding or mode1 != 0.0 else rests, cov, force)
+            if mode1 == 0.0:
+                cov[3, :] = cov[:, 3] = 0.0
+            p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
         else:
             by_x, by_v, k1 = 0.0, 0.0, 0.0
             if sliding and not two:
@@ -566,6 +658,7 @@ def _innovations(
                 v, e = memory[step.V], 0.0
                 p, g, d = reading, 0.0, off * off
                 memory[step.MODE] = 0.0
+                _know(cov, p, d, strain, 1.0)
             elif row == _IN_A_ROW:
                 # The axis has moved differently: follow the readings.
                 row = 0
@@ -573,6 +666,13 @@ def _innovations(
                 d = p * g * g
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
+            if spring:
+                # A reading of the motor tells of the load, too.
+                part = e / (p + noise)
+                memory[step.OFFSET] += (cov[2, 0] - cov[0, 0]) * part
+                memory[step.SLIP] += (cov[3, 0] - cov[1, 0]) * part
+                g = cov[1, 0] / p
+                _read(cov, p + noise)
             gain, to_anchor = p / (p + noise), 0.0
             if strained:
                 to_anchor = counts * c0 / (p + noise)

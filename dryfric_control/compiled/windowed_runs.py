@@ -158,7 +158,8 @@ def _begin(run, w, i, x0, v0, inner):
     memory[:] = 0.0
     memory[axis_step.X], memory[axis_step.V] = x0, v0
     rested = inner[axis_step.N_INNER]
-    memory[axis_step.REST] = rested if rested > 0.0 < rest else rest
+    hidden = plant.integers[axis_step.STRUCTURE] & (axis_step.PLAY | axis_step.SPRING) != 0
+    memory[axis_step.REST] = rested if rested > 0.0 and (hidden or rest > 0.0) else rest
     for j in range(plant.integers[axis_step.N_HISTORY]):
         end = 1 if w.first else 0
         memory[axis_step.HISTORY + 2 * j] = _held(plant, state, w.u, a - 1 - j, 0)

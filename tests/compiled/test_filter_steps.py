@@ -29,6 +29,48 @@ def slopes(numbers, integers, x, v, s, dx):
     return likelihood._slopes(plant, 0.0, x, v, held, s, dx, k)
 
 
+@njit(error_model="numpy")
+def two_masses(numbers, integers, h, mode):
+    """How motor and load move in one sample."""
+    return likelihood._two_masses(axis_step.point(numbers, integers), h, mode)
+
+
+@njit(error_model="numpy")
+def read(cov, variance):
+    """Covariance of two masses after a reading of the motor."""
+    likelihood._read(cov, variance)
+    return cov
+
+
+@pytest.mark.parametrize("h", (1e-4, 1e-3, 4e-3))
+def test_two_masses_move_as_the_simulated_ones(h):
+    # The load slides one way for ever, so that motions differ linearly with their start.
+    spring = dfc.effects.Compliance(stiffness=3e4, damping=20.0, load_fraction=0.4)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, effects=(spring,))
+    arrays = axis.arrays(h)
+    moves = two_masses(arrays.numbers, arrays.integers, h, 1.0)
+    runs = [axis.simulate([20.0 + push] * 2, dt=h, x0=0.1, v0=1.0 + more).y[:2, 1]
+            for push, more in ((0.0, 0.0), (1.0, 0.0), (0.0, 1e-2))]  # fmt: skip
+    assert runs[1] - runs[0] == pytest.approx(moves[:2, 4], rel=1e-6)
+    # At the start the load moves with the motor.
+    assert (runs[2] - runs[0]) / 1e-2 == pytest.approx(moves[:2, 1] + moves[:2, 3], rel=1e-6)
+    # The sum of both momenta changes by viscous friction and the force alone.
+    momentum = np.array([0.0, 1.2, 0.0, 0.8]) @ moves[:4]
+    assert momentum[1] == pytest.approx(1.2, rel=15.0 * h)
+    assert momentum[4] == pytest.approx(h, rel=15.0 * h)
+    # A load at rest stays where it is.
+    rests = two_masses(arrays.numbers, arrays.integers, h, 0.0)
+    assert np.array_equal(rests[2:4], [[0.0, 0.0, 1.0, 0.0, 0.0], [0.0] * 5])
+
+
+def test_a_reading_of_the_motor_tells_of_both_masses():
+    root = np.random.default_rng(3).standard_normal((4, 4))
+    cov, seen = root @ root.T, np.array([1.0, 0.0, 0.0, 0.0])
+    variance = cov[0, 0] + 0.5
+    expected = cov - np.outer(cov @ seen, seen @ cov) / variance
+    assert read(cov.copy(), variance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
 @pytest.mark.parametrize("way", (1, -1))
 @pytest.mark.parametrize(
     ("force", "v", "mode"),

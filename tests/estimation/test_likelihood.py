@@ -445,6 +445,8 @@ def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
     [
         (("presliding",), 2),
         (("backlash",), 2),
+        (("compliance",), 2),
+        (("compliance", "stribeck"), 4),  # the load sticks while its motor creeps
         (("drift", "backlash", "saturation"), 70),
         (None, 98),  # bias and presliding: the contact vibrates while it sticks
     ],

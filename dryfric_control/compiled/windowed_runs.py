@@ -158,7 +158,7 @@ def _begin(run, w, i, x0, v0, inner):
     memory[:] = 0.0
     memory[axis_step.X], memory[axis_step.V] = x0, v0
     rested = inner[axis_step.N_INNER]
-    hidden = plant.integers[axis_step.STRUCTURE] & (axis_step.PLAY | axis_step.SPRING) != 0
+    hidden = plant.integers[axis_step.STRUCTURE] != 0
     memory[axis_step.REST] = rested if rested > 0.0 and (hidden or rest > 0.0) else rest
     for j in range(plant.integers[axis_step.N_HISTORY]):
         end = 1 if w.first else 0

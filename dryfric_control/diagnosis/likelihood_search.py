@@ -240,10 +240,11 @@ class Search(Screening):
         return found
 
     def quieter(self, now: Solution) -> Solution:
-        """The model with the input smoothing that suits it best; the search continues with it.
+        """The model with as smooth an input as it allows; the search continues with it.
 
         Measurement noise of the input does not act on the axis.  Without smoothing it would
-        count as random force, and a lag that filters it would seem to be a cause.
+        count as random force, a lag that filters it would seem to be a cause, and the axis
+        would break away too early, each time by another amount.
         """
         if self.imposed or self.late or now is self._quiet:
             return now
@@ -254,7 +255,7 @@ class Search(Screening):
         ])  # fmt: skip
         fits = dict(zip(inputs, found, strict=True))
         enough = min(fit.cost for fit in found) + SLACK
-        width = next(width for width in inputs if fits[width].cost < enough)
+        width = max(width for width in inputs if fits[width].cost < enough)
         if width != self.width:
             self.smooth_by(width)
             now = self.fit(now.axis, self.free_of(now), fits[width].z)

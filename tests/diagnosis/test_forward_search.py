@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.forward_search import (
     notable,
     resumed,
 )
-from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
+from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.parameters import SHIFT
 
@@ -221,6 +221,15 @@ def test_noise_recorded_with_an_input_is_taken_off_where_that_is_the_likelier():
     clean = Search(believed(case), [record(make_case("viscous", 40, "exact"))])
     fit = clean.fit(clean.believed, ())
     assert clean.quieter(fit) is fit and clean.width == 0.0 and clean.as_recorded(fit) is fit
+
+
+def test_a_model_too_poor_to_feel_the_noise_gets_an_input_without_it():
+    # With it the model breaks away too early, and fits have many optima.
+    case = make_machine(131)[0]
+    search = Search(believed(case), [record(case)])
+    loud = search.alone()
+    assert search.quieter(loud).cost == pytest.approx(loud.cost, abs=SLACK)
+    assert search.width > 0.0
 
 
 @pytest.mark.slow

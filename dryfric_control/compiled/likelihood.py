@@ -260,17 +260,26 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
 
 
 @step.internal
-def _two_masses(plant, dt, mode):
-    """How motor and load move in one sample, in one mode of the load, shape (5, 5).
+def _stayed(y, k, gives):
+    """Number of samples for which the readings have been no farther from reading k than `gives`."""
+    j = k
+    while j > 0 and abs(y[j - 1] - y[k]) <= gives:
+        j -= 1
+    return k - j
 
-    Rows and columns: position and velocity of the motor, the same of the load, and the random
-    force, which acts on the motor.
+
+@step.internal
+def _two_masses(plant, dt, mode):
+    """How motor and load move in one sample, in one mode of the load, shape (6, 6).
+
+    Rows and columns: position and velocity of the motor, the same of the load, and random
+    forces on the motor and on the load.
     """
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
     motor = numbers[step.INVERSE_MOTOR]
     load = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
-    rates = np.zeros((5, 5))
+    rates = np.zeros((6, 6))
     rates[0, 1] = 1.0
     rates[1, 0], rates[1, 1] = -stiffness * motor, -damping * motor
     rates[1, 2], rates[1, 3], rates[1, 4] = stiffness * motor, damping * motor, motor
@@ -279,12 +288,12 @@ def _two_masses(plant, dt, mode):
         rates[2, 3] = 1.0
         rates[3, 0], rates[3, 1] = stiffness * load, damping * load
         rates[3, 2] = -(stiffness + holds) * load
-        rates[3, 3] = -(damping + numbers[step.VISCOUS]) * load
+        rates[3, 3], rates[3, 5] = -(damping + numbers[step.VISCOUS]) * load, load
     # exp(rates dt) by squaring.
-    moves = np.eye(5)
-    term = np.eye(5)
+    moves = np.eye(6)
+    term = np.eye(6)
     rates *= dt / 2.0**_SQUARED
-    for i in range(1, 5):
+    for i in range(1, 6):
         term = term @ rates / i
         moves += term
     for _ in range(_SQUARED):
@@ -296,7 +305,11 @@ def _two_masses(plant, dt, mode):
 
 @step.internal
 def _carry(moves, cov, force):
-    """Covariance of two masses one sample later, in place; `force`: of the random force."""
+    """Covariance of two masses one sample later, in place; `force`: of the random force.
+
+    It moves the motor, as noise of the drive, and the load by as much, as what is not modelled:
+    a load whose model is wrong would else be followed as if it were known.
+    """
     work = np.zeros((4, 4))
     for i in range(4):
         for j in range(4):
@@ -304,7 +317,7 @@ def _carry(moves, cov, force):
                 work[i, j] += moves[i, k] * cov[k, j]
     for i in range(4):
         for j in range(i + 1):
-            total = force * moves[i, 4] * moves[j, 4]
+            total = force * (moves[i, 4] * moves[j, 4] + moves[i, 5] * moves[j, 5])
             for k in range(4):
                 total += work[i, k] * moves[j, k]
             cov[i, j] = cov[j, i] = total
@@ -335,8 +348,9 @@ def _know(cov, place, speed, strain, mode):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
-    numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out
-):
+    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
+    out,
+):  # fmt: skip
     """Innovations and their variances over a whole record.
 
     A record that begins at rest does not show where in its play a mass rests: of several
@@ -349,8 +363,8 @@ def innovations(
         Input and readings.
     good : ndarray of bool, shape (n,)
         Readings that may be used.
-    t0, dt : float
-        Time of the first sample and sampling time [s].
+    t0, rested, dt : float
+        Time of the first sample, time at rest before it, and sampling time [s].
     first : bool
         Whether the input is interpolated linearly between samples.
     force : float
@@ -378,22 +392,22 @@ def innovations(
         least = np.inf
         for one in _PLACES:
             _innovations(
-                numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span,
-                state, out, stop, one,
+                numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell,
+                span, state, out, stop, one,
             )  # fmt: skip
             here = _cost(out, good, FIRST + 1, stop)
             if here < least:
                 least, place = here, one
     _innovations(
-        numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span,
+        numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span,
         state, out, n, place,
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _innovations(
-    numbers, integers, size, u, y, good, t0, dt, first, force, reading, cell, span, state, out,
-    n, place,
+    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
+    out, n, place,
 ):  # fmt: skip
     """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
     plant = step.point(numbers, integers)
@@ -425,17 +439,25 @@ def _innovations(
         if not math.isnan(place):
             memory[step.OFFSET], memory[step.SLIP] = place * numbers[step.HALF_GAP], 0.0
     step.place(plant, t0, dt, y[0], m)
+    memory[step.REST] = rested
     memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
+    if memory[step.MODE] != 0.0:
+        memory[step.REST] = 0.0
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
+    # Farthest that the encoder can move while friction holds what it acts on.
+    level, gives = step.base_level(plant, y[0], 1.0), alike
+    gives += 2.0 * numbers[step.HALF_GAP] if play else 0.0
+    gives += level / numbers[step.CONTACT_STIFFNESS] if contact else 0.0
+    gives += level / numbers[step.STIFFNESS] if spring else 0.0
     cov = np.zeros((4, 4))
     slides, rests, strain = cov, cov, 0.0
     if spring:
         slides, rests = _two_masses(plant, dt, 1.0), _two_masses(plant, dt, 0.0)
         # A load at rest may pull at the spring with any force that friction holds.
-        strain = (step.base_level(plant, y[0], 1.0) / numbers[step.STIFFNESS]) ** 2 / 3.0
+        strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
         _know(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
     row, side, kept = 0, 0.0, False
     # The unstrained position of a sticking contact is as uncertain as the position was when it
@@ -444,8 +466,7 @@ def _innovations(
     # At the start of a record it may have any strain that friction holds: a uniform distribution.
     unknown = 0.0
     if contact and memory[step.MODE] == 0.0:
-        strain = step.base_level(plant, y[0], 1.0) / numbers[step.CONTACT_STIFFNESS]
-        unknown = strain * strain / 3.0
+        unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -658,6 +679,8 @@ def _innovations(
                 v, e = memory[step.V], 0.0
                 p, g, d = reading, 0.0, off * off
                 memory[step.MODE] = 0.0
+                if v == 0.0:
+                    memory[step.REST] = _stayed(y, k, gives) * dt
                 _know(cov, p, d, strain, 1.0)
             elif row == _IN_A_ROW:
                 # The axis has moved differently: follow the readings.

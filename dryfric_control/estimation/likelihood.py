@@ -38,7 +38,7 @@ from dryfric_control.estimation.parameters import (
 )
 from dryfric_control.estimation.windows import shifted
 from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.records.motion import directions
+from dryfric_control.records.motion import directions, rest_times
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
@@ -101,6 +101,8 @@ class Run:
         Samples whose innovations are used.
     edges : ndarray of int64, shape (nblocks + 1,)
         Blocks over which scores are summed.
+    rest : ndarray, shape (n,)
+        Time at rest before each sample [s].
     pieces : tuple of tuple of int
         First sample and end of each stretch over which the filter runs.
     floor : float
@@ -114,6 +116,7 @@ class Run:
     good: BoolArray
     active: BoolArray
     edges: NDArray[np.int64]
+    rest: FloatArray
     pieces: tuple[tuple[int, int], ...]
     floor: float
     drive: float
@@ -128,7 +131,8 @@ def prepare(record: Record, active: BoolArray | None = None, block: float = _BLO
     floor = max(floor, (1e-9 * record.range) ** 2)
     drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
     active = np.ones(n, bool) if active is None else active
-    return Run(record, record.u, record.good, active, edges, ((0, n),), floor, drive)
+    rest = rest_times(record)
+    return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive)
 
 
 def some_of(run: Run, most: int, count: int = 4) -> Run:
@@ -350,8 +354,8 @@ class Likelihood:
             mine, states = np.zeros((2, end - start)), np.zeros((4, end - start))
             compiled.innovations(
                 numbers, arrays.integers, arrays.memory, u[here], record.x[here],
-                run.good[here], float(record.t[start]), record.dt, self.first, force, reading,
-                record.quantum or 0.0, record.range, states, mine,
+                run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
+                self.first, force, reading, record.quantum or 0.0, record.range, states, mine,
             )  # fmt: skip
             out[:, here], state[:, here] = mine, states
         return out, state

@@ -304,15 +304,15 @@ def _two_masses(plant, dt, mode):
 
 
 @step.internal
-def _carry(moves, cov, force):
+def _carry(moves, cov, force, work):
     """Covariance of two masses one sample later, in place; `force`: of the random force.
 
     It moves the motor, as noise of the drive, and the load by as much, as what is not modelled:
-    a load whose model is wrong would else be followed as if it were known.
+    a load whose model is wrong would else be followed as if it were known.  `work`: (4, 4) scratch.
     """
-    work = np.zeros((4, 4))
     for i in range(4):
         for j in range(4):
+            work[i, j] = 0.0
             for k in range(4):
                 work[i, j] += moves[i, k] * cov[k, j]
     for i in range(4):
@@ -452,7 +452,7 @@ def _innovations(
     gives += 2.0 * numbers[step.HALF_GAP] if play else 0.0
     gives += level / numbers[step.CONTACT_STIFFNESS] if contact else 0.0
     gives += level / numbers[step.STIFFNESS] if spring else 0.0
-    cov = np.zeros((4, 4))
+    cov, work = np.zeros((4, 4)), np.zeros((4, 4))
     slides, rests, strain = cov, cov, 0.0
     if spring:
         slides, rests = _two_masses(plant, dt, 1.0), _two_masses(plant, dt, 0.0)
@@ -552,7 +552,7 @@ def _innovations(
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
             mode1 = memory[step.MODE]
-            _carry(slides if sliding or mode1 != 0.0 else rests, cov, force)
+            _carry(slides if sliding or mode1 != 0.0 else rests, cov, force, work)
             if mode1 == 0.0:
                 cov[3, :] = cov[:, 3] = 0.0
             p = cov[0, 0] = cov[0, 0] + 1e-6 * reading

@@ -179,7 +179,8 @@ class Search(Screening):
         """The fit without causes; its duration predicts the time for the final answer."""
         self.tell("base parameters")
         begun = time.monotonic()
-        found = self.quieter(self.alone())
+        # The least smoothing: a smoother input may hide that it does not cause the motion.
+        found = self.quieter(self.alone(), most=False)
         self.until = max(self.until, self.end - _ANSWER * (time.monotonic() - begun))
         return found
 
@@ -239,12 +240,13 @@ class Search(Screening):
         self.clock, self.shift = (), 0.0
         return found
 
-    def quieter(self, now: Solution) -> Solution:
+    def quieter(self, now: Solution, most: bool = True) -> Solution:
         """The model with as smooth an input as it allows; the search continues with it.
 
         Measurement noise of the input does not act on the axis.  Without smoothing it would
         count as random force, a lag that filters it would seem to be a cause, and the axis
         would break away too early, each time by another amount.
+        `most`: whether the smoothest or the least smooth of equally likely inputs is taken.
         """
         if self.imposed or self.late or now is self._quiet:
             return now
@@ -255,7 +257,8 @@ class Search(Screening):
         ])  # fmt: skip
         fits = dict(zip(inputs, found, strict=True))
         enough = min(fit.cost for fit in found) + SLACK
-        width = max(width for width in inputs if fits[width].cost < enough)
+        widths = [width for width in inputs if fits[width].cost < enough]
+        width = max(widths) if most else min(widths)
         if width != self.width:
             self.smooth_by(width)
             now = self.fit(now.axis, self.free_of(now), fits[width].z)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.axis_step import (
     ALLOWED,
@@ -352,7 +353,7 @@ class Likelihood:
         for start, end in run.pieces:
             here = slice(start, end)
             mine, states = np.zeros((2, end - start)), np.zeros((4, end - start))
-            compiled.innovations(
+            hybrid.innovations(
                 numbers, arrays.integers, arrays.memory, u[here], record.x[here],
                 run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
                 self.first, force, reading, record.quantum or 0.0, record.range, states, mine,

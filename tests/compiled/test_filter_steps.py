@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 import dryfric_control as dfc
-from dryfric_control.compiled import axis_step, likelihood
+from dryfric_control.compiled import axis_step, innovations, two_masses
 
 H = 1e-3
 
@@ -17,7 +17,7 @@ def coarse(numbers, integers, force, h, x, v):
     """A sample from one velocity under one force."""
     plant = axis_step.point(numbers, integers)
     fall = -math.expm1(-plant.numbers[axis_step.STICK_RATE] * h)
-    return likelihood._coarse(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0, fall)
+    return innovations._coarse(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0, fall)
 
 
 @njit(error_model="numpy")
@@ -25,20 +25,20 @@ def slopes(numbers, integers, x, v, s, dx):
     """Change of the sliding acceleration with position and velocity."""
     plant = axis_step.point(numbers, integers)
     held = axis_step.held_force(0.0)
-    k = likelihood._rate(plant, held, 0.0, x, v, s)
-    return likelihood._slopes(plant, 0.0, x, v, held, s, dx, k)
+    k = innovations._rate(plant, held, 0.0, x, v, s)
+    return innovations._slopes(plant, 0.0, x, v, held, s, dx, k)
 
 
 @njit(error_model="numpy")
-def two_masses(numbers, integers, h, mode):
+def transition(numbers, integers, h, mode):
     """How motor and load move in one sample."""
-    return likelihood._two_masses(axis_step.point(numbers, integers), h, mode)
+    return two_masses.transition(axis_step.point(numbers, integers), h, mode)
 
 
 @njit(error_model="numpy")
 def read(cov, variance):
     """Covariance of two masses after a reading of the motor."""
-    likelihood._read(cov, variance)
+    two_masses.correct(cov, variance)
     return cov
 
 
@@ -48,7 +48,7 @@ def test_two_masses_move_as_the_simulated_ones(h):
     spring = dfc.effects.Compliance(stiffness=3e4, damping=20.0, load_fraction=0.4)
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, effects=(spring,))
     arrays = axis.arrays(h)
-    moves = two_masses(arrays.numbers, arrays.integers, h, 1.0)
+    moves = transition(arrays.numbers, arrays.integers, h, 1.0)
     runs = [axis.simulate([20.0 + push] * 2, dt=h, x0=0.1, v0=1.0 + more).y[:2, 1]
             for push, more in ((0.0, 0.0), (1.0, 0.0), (0.0, 1e-2))]  # fmt: skip
     assert runs[1] - runs[0] == pytest.approx(moves[:2, 4], rel=1e-6)
@@ -59,8 +59,8 @@ def test_two_masses_move_as_the_simulated_ones(h):
     assert momentum[1] == pytest.approx(1.2, rel=15.0 * h)
     assert momentum[4:] == pytest.approx([h, h], rel=15.0 * h)
     # A load at rest stays where it is.
-    rests = two_masses(arrays.numbers, arrays.integers, h, 0.0)
-    assert np.array_equal(rests[2:4], [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0] * 6])
+    rests = transition(arrays.numbers, arrays.integers, h, 0.0)
+    assert np.array_equal(rests[2:4], np.eye(6)[2:4])
 
 
 def test_a_reading_of_the_motor_tells_of_both_masses():

@@ -11,6 +11,7 @@ import truth
 from diagnosis_cases import believed, record
 
 import dryfric_control as dfc
+from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.estimation.force_view import ForceView, prepare_force
@@ -33,7 +34,7 @@ def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0):
     arrays = axis.arrays(DT)
     out, state = np.zeros((2, y.size)), np.zeros((4, y.size))
     good = np.ones(y.size, bool) if good is None else good
-    compiled.innovations(
+    hybrid.innovations(
         arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, rested, DT, False, force,
         reading, cell, max(float(np.ptp(y)), 1e-6), state, out,
     )  # fmt: skip
@@ -58,7 +59,7 @@ def slow_filter(axis, u, y, force, reading):
         cov = a @ cov @ a.T + force * np.outer(noise, noise)
         e, s = y[k] - state[0], cov[0, 0] + reading
         rows.append((e, s))
-        doubt = max(e * e / s / compiled.DOUBTED, 1.0)
+        doubt = max(e * e / s / hybrid.DOUBTED, 1.0)
         gain = cov[:, 0] / (cov[0, 0] + reading * doubt)
         state = state + gain * e
         cov = cov - np.outer(gain, cov[0])
@@ -465,7 +466,8 @@ def test_what_the_true_model_leaves_is_the_noise_of_the_input(effects, seed):
 
 
 @pytest.mark.parametrize(
-    ("effects", "seed"), [(("compliance",), 2), (("compliance", "stribeck"), 4)]
+    ("effects", "seed"),
+    [(("compliance",), 2), (("compliance", "stribeck"), 4), (("compliance", "presliding"), 5)],
 )
 def test_of_two_masses_on_a_spring_some_of_it_moves_the_load(effects, seed):
     # Of a load that moved with the readings of its motor, up to twice the noise was left.

@@ -1,0 +1,644 @@
+"""Compiled hybrid filter: innovations of a record under an axis.
+
+Position and velocity are predicted by the exact step of the axis, with switches
+located inside the sample, and with every effect and its memory.  In parallel the
+filter propagates the covariance of (x, v), P = p [1 g; g g^2] + d [0 0; 0 1]: p is
+the variance of the position, g the slope of the velocity over it, and d the variance
+of the velocity given the position.  A reading changes p only, so that P stays
+positive.  While a contact sticks, its unstrained position is a third state.  Two masses on
+a spring have four states, with the whole covariance.
+
+Noises: a random force N(0, force), held over each sample, and noise N(0, reading)
+of each reading.
+"""
+# mypy: disallow-untyped-defs=False
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dryfric_control.compiled import axis_step as step
+from dryfric_control.compiled import elastic, two_masses
+from dryfric_control.compiled.likelihood import FIRST, cost_of
+
+#: Squared innovation over its variance beyond which a reading gets a lower weight.
+DOUBTED = 9.0
+# Squared innovation over its variance from which a reading is an outlier, and the number of
+# successive outliers on one side that shows that the axis has moved differently.
+_STRANGE, _IN_A_ROW = 25.0, 3
+# Velocity in encoder cells per sample from which a reading locates the axis within a cell: at
+# lower speeds the same cell is read repeatedly, wherever in it the axis is. Then a prediction
+# inside the cell is no evidence, and is not corrected within this fraction of the cell.
+_PACE, _INSIDE = 0.15, 0.5
+# Allowed error of the inertia force where inner states are set, as a fraction of the friction
+# level, and the longest averaging for it, in multiples of FIRST samples.
+_SEEN, _LONGEST = 0.1, 8
+# Error of the velocity there, as a fraction of its change during the averaging.
+_CURVED = 0.25
+# Slopes and variances of a velocity at rest are zero below this: they decay for ever, and
+# denormal numbers are slow.
+_NOTHING = 1e-100
+# Variance of the creep of a resting axis per sample, as a fraction of the reading's variance.
+_CREEP = 0.01
+# Standard deviations of the velocity within which its sign is uncertain, and the velocities,
+# forces and weights that then represent its distribution, as in an unscented transform (Julier
+# and Uhlmann 2004): the mean last. A random force that may break the axis away adds variance
+# but does not change the mean: noise recorded with the input does not act on the axis, and a
+# creeping mean would be false evidence for effects at rest.
+_NEAR = 3.0
+_SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
+_FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
+_MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
+_WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
+# A drive above the breakaway level by less than the first number, in standard deviations of
+# the random force, may be noise of the recorded input: the mean stays at rest.  Beyond the
+# second number it moves.
+_MAY_HOLD = (1.5, 3.0)
+# Margin to breakaway, in standard deviations of the random force, beyond which it is excluded.
+_SAFE = 7.0
+# Relative error allowed for a smooth step, in addition to the error allowed by the numbers.
+_TOLERANCE = 1e-6
+
+
+@step.internal
+def _slopes(plant, t, x, v, held, s, dx, k):
+    """Change of the sliding acceleration k with position and velocity."""
+    i = plant.integers
+    inverse = plant.numbers[step.INVERSE_MASS]
+    laws = i[step.N_FORCE] + i[step.N_LEVEL]
+    by_v = -plant.numbers[step.VISCOUS] * inverse
+    if laws > i[step.N_PLACE] or plant.numbers[step.EXCESS] != 0.0:
+        dv = 1e-3 * s * (abs(v) + plant.numbers[step.STICK_SPEED])
+        by_v = (_rate(plant, held, t, x, v + dv, s) - k) / dv
+    by_x = 0.0
+    if laws > 0 or i[step.N_PLUS] + i[step.N_MINUS] > 2:
+        by_x = (_rate(plant, held, t, x + dx, v, s) - k) / dx
+    return by_x, by_v
+
+
+@step.internal
+def _rate(plant, held, t, x, v, s):
+    """Acceleration of the sliding mode."""
+    w = step.load(plant, held, t, 0.0, x, v, s, 0.0)
+    friction = s * step.sliding_level(plant, t, x, v, w, s)
+    return (w - plant.numbers[step.VISCOUS] * v - friction) * plant.numbers[step.INVERSE_MASS]
+
+
+@step.internal
+def _smooth(plant, drive, t, h, x, v, s, k1):
+    """Try a sliding sample in one step: whether no switch is near, and the state.
+
+    Same integration step as that of the axis, but its error only needs to be far below
+    the noise, not exact enough for switching times.
+    """
+    sigma = plant.numbers[step.STICK_SPEED]
+    x1, v1, k2, k3, k4, placed = step.slide(plant, drive, t, 0.0, x, v, s, k1, h)
+    allowed = _TOLERANCE * (abs(v) + sigma + h * abs(k1)) + plant.numbers[step.ALLOWED]
+    lowest = min(s * v, s * v1)
+    if s * k1 < 0.0 and s * k4 > 0.0:
+        part = k1 / (k1 - k4)
+        lowest = min(lowest, s * (v + 0.5 * part * h * k1))
+    calm = (
+        lowest > sigma
+        and abs(x1 - x) <= plant.numbers[step.SHORT_WAY]
+        and h <= plant.numbers[step.SHORT_TIME]
+        and step.peak_step(plant, v, v1, s, h) == h
+        and step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
+    )
+    return calm, x1, v1
+
+
+@step.internal
+def _coarse(plant, held, t, h, x, v, rest, fall):
+    """One sample from a sigma point: position, velocity and mode at its end.
+
+    Assumes constant acceleration between switches; the error is far below the width of
+    the distribution.  `fall`: fraction of its velocity that an axis at rest loses in the
+    sample.
+    """
+    sigma = plant.numbers[step.STICK_SPEED]
+    if abs(v) > sigma:
+        s = 1.0 if v > 0.0 else -1.0
+        end = v + h * _rate(plant, held, t, x, v, s)
+        if s * end > sigma:
+            end = v + h * _rate(plant, held, t, x + 0.5 * h * v, 0.5 * (v + end), s)
+        if s * end > sigma:
+            return x + 0.5 * h * (v + end), end, s
+        moving = h * (v - s * sigma) / (v - end)
+        x += 0.5 * (v + s * sigma) * moving
+        v = s * sigma
+        h -= moving
+        fall = -math.expm1(-plant.numbers[step.STICK_RATE] * h)
+    w = step.load(plant, held, t, 0.0, x, 0.0, 0.0, rest)
+    s = 1.0 if w > 0.0 else -1.0
+    if s * w > step.breakaway_level(plant, t, x, w, s, rest):
+        v = max(s * v, 0.0) * s
+        end = v + h * _rate(plant, held, t, x, s * sigma, s)
+        if s * end > 0.0:
+            return x + 0.5 * h * (v + end), end, s
+    return x + v * fall / plant.numbers[step.STICK_RATE], v - v * fall, 0.0
+
+
+# Places in the play at which a record that begins at rest may start.
+_PLACES = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
+# Bounds of a state: distance from the start over the travel of the record, and velocity over
+# the fastest readings, or that many times as many cells.  Beyond, the filter gives up: an
+# axis that accelerates by itself, as with negative friction, would be integrated through every
+# period of its position-dependent forces.
+_LOST, _FASTER = 10.0, 100.0
+
+
+@njit(cache=True, error_model="numpy")
+def _escape(margin, deviation):
+    """Mean square effect of a random force on an axis at a margin from breakaway.
+
+    E[(max(n - M, 0) - max(-M, 0))^2] for n ~ N(0, deviation^2): from 0 far below
+    breakaway to deviation^2 where the axis slides anyway.
+    """
+    z = margin / deviation
+    if z > _SAFE:
+        return 0.0
+    beyond = 0.5 * math.erfc(z / math.sqrt(2.0))
+    density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    square = (1.0 + z * z) * beyond - z * density
+    if z < 0.0:
+        mean = density - z * beyond
+        square += 2.0 * z * mean + z * z
+    return max(square, 0.0) * deviation * deviation
+
+
+@step.internal
+def _random_force(plant, t, dt, memory, u, deviation):
+    """Variance of the random force that can move a resting axis."""
+    drive = step.held_force(step.drive_now(plant, t, dt, memory, u))
+    x, v, rest = memory[step.X], memory[step.V], memory[step.REST]
+    w = step.load(plant, drive, t, 0.0, x, v, 0.0, rest)
+    total = 0.0
+    for s in (1.0, -1.0):
+        margin = step.breakaway_level(plant, t, x, w, s, rest) - s * w
+        if margin < _SAFE * deviation:
+            total += _escape(margin, deviation)
+    return min(total, deviation * deviation)
+
+
+@step.internal
+def _touching(plant, memory):
+    """Whether motor and load touch across a play and move together."""
+    return elastic.meeting(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
+
+
+@step.internal
+def _pulled_off(plant, t, dt, memory, u, deviation):
+    """Variance of the random force that can pull the motor off a resting load.
+
+    Referred to the sum of both masses, as it then moves the motor alone.
+    """
+    drive = step.drive_now(plant, t, dt, memory, u)
+    press = -math.copysign(1.0, memory[step.OFFSET]) * drive
+    more = plant.numbers[step.INVERSE_MOTOR] / plant.numbers[step.INVERSE_MASS]
+    return _escape(press, deviation) * more * more
+
+
+@step.internal
+def _doubted(plant, held, t, x, v, rest, deviation):
+    """Excess of the drive over breakaway that may be noise of the recorded input."""
+    w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
+    s = 1.0 if w > 0.0 else -1.0
+    beyond = s * w - step.breakaway_level(plant, t, x, w, s, rest)
+    sure, certain = _MAY_HOLD
+    doubt = (certain * deviation - beyond) / ((certain - sure) * deviation)
+    if beyond <= 0.0 or doubt <= 0.0:
+        return 0.0
+    return s * beyond * min(doubt, 1.0) * (1.0 + 1e-9)
+
+
+@step.internal
+def _settle(plant, t, dt, memory, u, y, k, alike):
+    """Set inner states from the motion around reading k; the error of its velocity.
+
+    If the motion is not significant, the axis is at rest and its contact is strained by
+    the acting force, whatever the scatter of the readings.
+    """
+    n, inverse = y.shape[0], plant.numbers[step.INVERSE_MASS]
+    level = step.base_level(plant, y[k], 1.0)
+    w = min(FIRST, max((n - 1) // 2, 1))
+    while alike > _SEEN * level * inverse * (w * dt) ** 2 and w <= _LONGEST * FIRST and 8 * w < n:
+        w *= 2
+    a = min(max(k - w, 0), max(n - 1 - 2 * w, 0))
+    way, bend = 0.0, 0.0
+    if n > 2 * w:
+        way, bend = y[a + 2 * w] - y[a], y[a + 2 * w] - 2.0 * y[a + w] + y[a]
+    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+    behind = kind & (step.PLAY | step.SPRING) != 0
+    v, bent, inertia = 0.0, 0.0, 0.0
+    if abs(way) > alike:
+        v, bent = way / (2.0 * w * dt), bend / (w * dt) ** 2
+        # With two masses, the inertia of the load only: it is what the transmission carries.
+        inertia = bent / numbers[step.INVERSE_MOTOR] if behind else bent / inverse
+        inertia += 0.0 if behind else numbers[step.VISCOUS] * v
+    memory[step.V] = 0.0
+    step.settle(plant, t, dt, memory, u, inertia)
+    memory[step.V] = v
+    if kind & step.PLAY and not kind & step.ON_LOAD and v != 0.0:
+        drive = step.drive_now(plant, t, dt, memory, u)
+        joined = (drive - numbers[step.VISCOUS] * v - math.copysign(level, v)) * inverse
+        if abs(bent - drive * numbers[step.INVERSE_MOTOR]) < abs(bent - joined):
+            # The motor moves alone: its position within the play is unknown.
+            memory[step.OFFSET], memory[step.SLIP] = 0.0, -v
+    return alike / (w * dt) + _CURVED * abs(bent) * w * dt
+
+
+@step.internal
+def _stayed(y, k, gives):
+    """Number of samples for which the readings have been no farther from reading k than `gives`."""
+    j = k
+    while j > 0 and abs(y[j - 1] - y[k]) <= gives:
+        j -= 1
+    return k - j
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def innovations(
+    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
+    out,
+):  # fmt: skip
+    """Innovations and their variances over a whole record.
+
+    A record that begins at rest does not show where in its play a mass rests: of several
+    places, the one that makes the readings likeliest until the play is crossed is taken.
+
+    Parameters
+    ----------
+    numbers, integers, size : arrays and length of memory of the axis
+    u, y : ndarray, shape (n,)
+        Input and readings.
+    good : ndarray of bool, shape (n,)
+        Readings that may be used.
+    t0, rested, dt : float
+        Time of the first sample, time at rest before it, and sampling time [s].
+    first : bool
+        Whether the input is interpolated linearly between samples.
+    force : float
+        Variance of the random force, held over a sample [N^2].
+    reading : float
+        Variance of a reading [m^2].
+    cell : float
+        Increment of the readings [m], 0 for none.
+    span : float
+        Travel of the record [m], the scale of difference steps in position.
+    state : ndarray, shape (4, n)
+        Receives position and velocity after each reading, the mode, and the correction
+        of the velocity by the reading.
+    out : ndarray, shape (2, n)
+        Receives innovations and their variances; variance 0 where there is none.
+    """
+    n, place = y.shape[0], np.nan
+    alike = max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    if integers[step.STRUCTURE] & step.PLAY and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
+        across = 2.0 * numbers[step.HALF_GAP] + alike
+        stop = 0
+        while stop < n and abs(y[stop] - y[0]) <= across:
+            stop += 1
+        stop = min(stop + FIRST, n)
+        least = np.inf
+        for one in _PLACES:
+            _innovations(
+                numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell,
+                span, state, out, stop, one,
+            )  # fmt: skip
+            here = cost_of(out, good, FIRST + 1, stop)
+            if here < least:
+                least, place = here, one
+    _innovations(
+        numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span,
+        state, out, n, place,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _innovations(
+    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
+    out, n, place,
+):  # fmt: skip
+    """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
+    plant = step.point(numbers, integers)
+    memory = np.zeros(size)
+    m = step.pointer(memory)
+    events = np.empty(step.ROOM)
+    count = step.tally(events, step.FEW_SWITCHES)
+    structure = integers[step.STRUCTURE]
+    contact = structure & step.CONTACT != 0
+    on_load = structure & step.ON_LOAD != 0
+    play, spring = structure & step.PLAY != 0, structure & step.SPRING != 0 and not on_load
+    plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
+    points = np.empty((2, 5))
+    deviation = math.sqrt(force)
+    dx = 1e-6 * span
+    fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
+    farthest = _FASTER * max(np.abs(np.diff(y)).max(), _FASTER * cell)
+    begin = min(FIRST, n - 1)
+    v0 = (y[begin] - y[0]) / (begin * dt)
+    memory[step.X], memory[step.V] = y[0], v0
+    for j in range(integers[step.N_HISTORY]):
+        held = step.input_map(plant, t0, m, u[0])
+        memory[step.HISTORY + 2 * j] = held
+        memory[step.HISTORY + 2 * j + 1] = held
+    memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
+    still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    if structure != 0:
+        _settle(plant, t0, dt, m, u[0], y, 0, alike)
+        if not math.isnan(place):
+            memory[step.OFFSET], memory[step.SLIP] = place * numbers[step.HALF_GAP], 0.0
+    step.place(plant, t0, dt, y[0], m)
+    memory[step.REST] = rested
+    memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
+    if memory[step.MODE] != 0.0:
+        memory[step.REST] = 0.0
+    two = spring or (play and not on_load)
+    inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
+    p, g = reading, 0.0
+    d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
+    # Farthest that the encoder can move while friction holds what it acts on.
+    level, gives = step.base_level(plant, y[0], 1.0), alike
+    gives += 2.0 * numbers[step.HALF_GAP] if play else 0.0
+    gives += level / numbers[step.CONTACT_STIFFNESS] if contact else 0.0
+    gives += level / numbers[step.STIFFNESS] if spring else 0.0
+    n_states = 5 if contact else 4
+    cov, work = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
+    slides, rests, strain = cov, cov, 0.0
+    if spring:
+        slides, rests = two_masses.transition(plant, dt, 1.0), two_masses.transition(plant, dt, 0.0)
+        # A load at rest may pull at the spring with any force that friction holds.
+        strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
+        two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
+    row, side, kept = 0, 0.0, False
+    # The unstrained position of a sticking contact is as uncertain as the position was when it
+    # stopped: its covariances with position and velocity, and its variance.
+    strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
+    # At the start of a record it may have any strain that friction holds: a uniform distribution.
+    unknown = 0.0
+    if contact and memory[step.MODE] == 0.0:
+        unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0
+    state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
+    out[0, 0], out[1, 0] = 0.0, 0.0
+    for k in range(1, n):
+        t = t0 + (k - 1) * dt
+        end = u[k] if first else u[k - 1]
+        x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
+        if on_load:
+            v += memory[step.SLIP]
+        # Motor and load that touch across a play are one mass.
+        two = play and not on_load and not _touching(plant, m)
+        inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
+        if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
+            mode = 1 if v > 0.0 else -1
+        sliding = mode != 0
+        total = d + g * g * p
+        width = math.sqrt(total)
+        near = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
+        variance = force
+        if not sliding and not near and not contact and not kept:
+            variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+            if play and not on_load:
+                variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
+            near = structure == 0 and variance > 0.0
+        if kept:
+            # Advance the drive; the axis stays at rest.
+            rest = memory[step.REST] + dt
+            count[0] = 0
+            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            memory[step.X], memory[step.V] = x, 0.0
+            memory[step.MODE], memory[step.REST] = 0.0, rest
+            p += _CREEP * reading
+        elif near:
+            # The mode at the end is uncertain: simulate sigma points of velocity and random
+            # force, each with its own mode.
+            x_mean, v_mean, resting = 0.0, 0.0, 1.0
+            slope = g * p / total if total > 0.0 else 0.0
+            drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
+            doubt = 0.0
+            if not sliding:
+                doubt = _doubted(plant, step.held_force(drive), t, x, v, rest, deviation)
+            if not plain:
+                # This also advances the drive.
+                count[0] = 0
+                # Take the addresses here: numba frees an array after its last use.
+                step.sample(
+                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
+                )
+            for i in range(5):
+                c = _SPEEDS[i] * width
+                if i < 4 or plain or doubt != 0.0:
+                    felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
+                    x1, v1, mode1 = _coarse(
+                        plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
+                        x + slope * c, v + c, rest, fall,
+                    )  # fmt: skip
+                else:
+                    x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
+                if mode1 != 0.0:
+                    resting = 0.0
+                x_mean += _MEANS[i] * x1
+                v_mean += _MEANS[i] * v1
+                points[0, i], points[1, i] = x1, v1
+            if plain or doubt != 0.0:
+                at_rest = mode == 0 and mode1 == 0.0
+                memory[step.REST] = rest + dt if at_rest else 0.0
+                memory[step.MODE] = mode1
+            memory[step.X], memory[step.V] = x_mean, v_mean
+            # The variance of the position given the velocity is kept.
+            m00 = p * d / total if total > 0.0 else p
+            m00 += resting * _CREEP * reading
+            m01, m11 = 0.0, 0.0
+            for i in range(5):
+                a, b = points[0, i] - x_mean, points[1, i] - v_mean
+                if _MEANS[i] == 0.0:
+                    a, b = points[0, i] - points[0, 4], points[1, i] - points[1, 4]
+                m00 += _WEIGHTS[i] * a * a
+                m01 += _WEIGHTS[i] * a * b
+                m11 += _WEIGHTS[i] * b * b
+            m00 = max(m00, 1e-6 * reading)
+            p, g = m00, m01 / m00
+            d = max(m11 - m01 * g, 1e-9 * m11)
+        elif spring:
+            if contact and not sliding and not strained:
+                cov[4, :] = cov[2, :]
+                cov[:, 4] = cov[:, 2]
+                cov[4, 4], unknown = cov[2, 2] + unknown, 0.0
+            strained = contact and not sliding
+            unknown = 0.0 if sliding else unknown
+            count[0] = 0
+            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            mode1 = memory[step.MODE]
+            two_masses.predict(slides if sliding or mode1 != 0.0 else rests, cov, force, work)
+            if mode1 == 0.0 and not contact:
+                # A load at rest stays where it is, whatever the readings of its motor.
+                cov[3, :] = cov[:, 3] = 0.0
+            p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
+        else:
+            by_x, by_v, k1 = 0.0, 0.0, 0.0
+            if sliding and not two:
+                held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
+                x += memory[step.OFFSET]  # of the load, on which all forces act
+                k1 = _rate(plant, held, t, x, v, float(mode))
+                by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
+            calm = False
+            if sliding and plain:
+                start = step.input_map(plant, t, m, u[k - 1])
+                stop = start if not first else step.input_map(plant, t, m, end)
+                drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
+                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1)
+            if calm:
+                memory[step.X], memory[step.V] = x1, v1
+                memory[step.MODE], memory[step.REST] = float(mode), 0.0
+            else:
+                count[0] = 0
+                step.sample(
+                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
+                )
+            if not sliding and memory[step.MODE] != 0.0:
+                variance = force
+            if not sliding:
+                if contact:
+                    by_x = -numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS]
+                    by_v = -numbers[step.VISCOUS] * numbers[step.INVERSE_MASS]
+                else:
+                    by_v = -numbers[step.STICK_RATE]
+            if two:
+                # Across the play nothing holds the motor.
+                by_x, by_v, variance = 0.0, 0.0, force
+            # Covariance: P = F P F' + variance b b'.
+            z = min(max(by_v * dt, -50.0), 2.0)
+            if abs(z) > 1e-3:
+                f11 = math.exp(z)
+                f01 = dt * (f11 - 1.0) / z
+            else:
+                f11 = 1.0 + z * (1.0 + 0.5 * z)
+                f01 = dt * (1.0 + 0.5 * z)
+            h = min(max(by_x * dt * dt, -1.0), 1.0)
+            f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
+            sticking = contact and not sliding and not two
+            unknown = 0.0 if sliding else unknown
+            if sticking and not strained:
+                c0, c1, anchor, unknown = p, g * p, p + unknown, 0.0
+            strained = sticking
+            along, across = f00 + f01 * g, f10 + f11 * g
+            m00 = along * along * p + f01 * f01 * d
+            m01 = along * across * p + f01 * f11 * d
+            det = (f00 * f11 - f01 * f10) ** 2 * p * d
+            if not sliding and not contact:
+                # Creep at rest keeps the variance above zero, so that the filter stays adaptive.
+                det += _CREEP * reading * (across * across * p + f11 * f11 * d)
+                m00 += _CREEP * reading
+            if sticking:
+                # The contact force is proportional to the distance from an uncertain position.
+                pull0, pull1 = 1.0 - f00, -f10
+                own0, own1 = pull0 * anchor, pull1 * anchor
+                to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
+                m11 = across * across * p + f11 * f11 * d + pull1 * (2.0 * to1 + own1)
+                m00 += pull0 * (2.0 * to0 + own0)
+                m01 += pull0 * to1 + pull1 * to0 + pull0 * own1
+                c0, c1 = to0 + own0, to1 + own1
+                det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
+            g = m01 / m00
+            d = det / m00
+            b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
+            moved = b1 - g * b0
+            # Rank-one update: the determinant grows by variance b' adj(M) b.
+            d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
+            m01 = g * m00 + variance * b0 * b1
+            m00 += variance * b0 * b0
+            p, g, d = m00, m01 / m00, d_new / m00
+            if not sliding and abs(g) < _NOTHING and d < _NOTHING:
+                g, d = 0.0, 0.0
+        # Reading.
+        x, v = memory[step.X], memory[step.V]
+        v_free = v
+        out[0, k], out[1, k] = 0.0, 0.0
+        if good[k]:
+            if abs(y[k] - y[still]) > alike:
+                if kept:
+                    # The axis has broken away, at an unknown velocity.
+                    kept, g, d = False, 0.0, (alike / dt) ** 2
+                still = k
+            e = y[k] - step.reading(plant, t + dt, m)
+            s = p + reading
+            within, counts, outside = 0.0, 1.0, e
+            if cell > 0.0:
+                paces = v * dt / (_PACE * cell)
+                slow = 1.0 / (1.0 + paces * paces)
+                within = 0.5 * cell * slow
+                outside = e - min(max(e, -within), within)
+                counts = 1.0 - slow * reading / (reading + outside * outside)
+            out[0, k], out[1, k] = outside, reading + counts * p
+            within *= _INSIDE
+            e -= min(max(e, -within), within)
+            ratio = e * e / s
+            noise = reading
+            if ratio > _STRANGE:
+                row = row + 1 if side * e > 0.0 else 1
+                side = 1.0 if e > 0.0 else -1.0
+            else:
+                row = 0
+            if row == _IN_A_ROW and structure == 0 and k - still > 2 * _IN_A_ROW:
+                # The axis has not moved although the drive should have moved it.  This is a
+                # single piece of evidence: keep it at rest, and do not count it again with
+                # every reading until it moves.
+                row, noise, kept = 0, 0.0, True
+                v, p, g = 0.0, reading, 0.0
+                d = reading / ((k - still) * dt) ** 2
+                memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
+            elif row == _IN_A_ROW and structure != 0:
+                # The inner states were wrong: set them from the readings.
+                row, noise, strained = 0, 0.0, False
+                off = _settle(plant, t + dt, dt, m, end, y, k, alike)
+                x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
+                v, e = memory[step.V], 0.0
+                p, g, d = reading, 0.0, off * off
+                memory[step.MODE] = 0.0
+                if v == 0.0:
+                    memory[step.REST] = _stayed(y, k, gives) * dt
+                two_masses.joined(cov, p, d, strain, 1.0)
+            elif row == _IN_A_ROW:
+                # The axis has moved differently: follow the readings.
+                row = 0
+                p, g = e * e, 1.0 / (_IN_A_ROW * dt)
+                d = p * g * g
+            elif ratio > DOUBTED:
+                noise = reading * ratio / DOUBTED
+            if spring:
+                # A reading of the motor tells of the load, too.
+                part = e / (p + noise)
+                memory[step.OFFSET] += (cov[2, 0] - cov[0, 0]) * part
+                memory[step.SLIP] += (cov[3, 0] - cov[1, 0]) * part
+                if strained and memory[step.MODE] == 0.0:
+                    memory[step.DEFLECTION] += (cov[2, 0] - cov[4, 0]) * part
+                g = cov[1, 0] / p
+                two_masses.correct(cov, p + noise)
+            gain, to_anchor = p / (p + noise), 0.0
+            if strained and not spring:
+                to_anchor = counts * c0 / (p + noise)
+                anchor = max(anchor - to_anchor * c0, 0.0)
+                c0, c1 = c0 - gain * c0, c1 - gain * g * c0
+            p = gain * noise
+            x += gain * e
+            v += gain * g * e
+            if play and not _touching(plant, m):
+                # The reading says nothing about the mass without the encoder.
+                moved, turned = gain * e, gain * g * e
+                if on_load:
+                    x, v = x - moved, v - turned
+                    moved, turned = -moved, -turned
+                memory[step.OFFSET] -= moved
+                memory[step.SLIP] -= turned
+            memory[step.X], memory[step.V] = x, v
+            if contact and not spring and memory[step.MODE] == 0.0:
+                memory[step.DEFLECTION] += gain * e - to_anchor * outside
+        if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
+            for i in range(k, n):
+                out[0, i], out[1, i] = np.inf, 1.0
+            return
+        state[0, k], state[1, k], state[2, k], state[3, k] = x, v, memory[step.MODE], v - v_free

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from dryfric_control.diagnosis.causes_found import State, names_without
+from dryfric_control.diagnosis.causes_found import State, least_addition, names_without
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.replacement import (
     SOME_TURNS,
@@ -24,10 +25,6 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, put
 
-# A further cause must bring this fraction of the total gain, or reduce the random force by this
-# fraction (gain of log-likelihood per sample): unmodelled force is not white, and the likelihood
-# rewards any effect that resembles it.
-_FURTHER, _QUIETER = 0.02, 0.02
 # Number of best candidates that are combined into pairs, before the first cause and later, and
 # the largest expected ratio of a pair's gain to the sum of its members' single gains.
 _PAIRED, _HOPE = (5, 3), 3.0
@@ -181,8 +178,9 @@ class _Round:
 
     def __init__(self, search: Search, state: State, now: Solution, so_far: float) -> None:
         self.search, self.state, self.now = search, state, now
-        self.enough = partial(_adds, so_far, search.samples)
-        self.needed = _least(so_far, search.samples) if state.causes else 0.0
+        least = least_addition(so_far, search.samples)
+        self.enough = partial(operator.le, least)
+        self.needed = least if state.causes else 0.0
         self.candidates: list[Candidate] = []
         self.ranked: list[tuple[float, Candidate, Solution]] = []
         self.ahead: list[tuple[float, Candidate, Solution]] = []
@@ -251,11 +249,12 @@ class _Round:
         self.ahead = _apart(one for one in search.unsure if one[0] - SLACK > least)
         if search.late or (least > 0.0 and not self.ahead):
             return False
-        pair = _pair(search, now, self.candidates, least, enough, bool(state.causes))
         # An unconfirmed cause plus its successor may gain more than a confirmed pair.
-        if pair is None or any(half.cost < pair[1].cost for _, _, half in self.ahead):
-            found = [pair, _ahead(search, now, self.ahead, least, enough)]
-            pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
+        found = [
+            _pair(search, now, self.candidates, least, enough, bool(state.causes)),
+            _ahead(search, now, self.ahead, least, enough),
+        ]
+        pair = min(filter(None, found), key=lambda p: p[1].cost, default=None)
         if pair is None:
             return False
         for c in pair[0]:
@@ -295,24 +294,6 @@ class _Round:
         if len(state.causes) > 1:
             tidy(search, state)
         return True
-
-
-def notable(gain: float, whole: float, samples: int) -> bool:
-    """Whether a further cause gains more than unmodelled force could simulate.
-
-    `whole`: the gain of all causes, including this one.
-    """
-    return gain >= min(_FURTHER * whole, _QUIETER * samples)
-
-
-def _adds(so_far: float, samples: int, gain: float) -> bool:
-    """Whether a gain in addition to `so_far` is notable."""
-    return notable(gain, so_far + gain, samples)
-
-
-def _least(so_far: float, samples: int) -> float:
-    """Smallest gain in addition to `so_far` that is notable."""
-    return min(_FURTHER / (1.0 - _FURTHER) * so_far, _QUIETER * samples)
 
 
 def _better(search: Search, now: Solution, ranked) -> Solution | None:  # type: ignore[no-untyped-def]

@@ -333,7 +333,7 @@ class Search(Screening):
             other = with_values(c.axis, names, bent)
             starts = [c.axis, *([other] if self.possible(other, free) else [])]
             fits = [self.fit(axis, free, noises, ITERATIONS) for axis in starts]
-            return self._simplest(now, c, min(fits, key=lambda s: s.cost))
+            return self.simplest(now, c, min(fits, key=lambda s: s.cost))
 
         left = [c for c in candidates[:_FITTED] if self._may_gain(now, c, notable)]
         self.unsure = []
@@ -369,7 +369,7 @@ class Search(Screening):
             left = [c for c in left if c not in chosen]
         return []
 
-    def _simplest(self, now: Solution, c: Candidate, fit: Solution) -> tuple[Candidate, Solution]:
+    def simplest(self, now: Solution, c: Candidate, fit: Solution) -> tuple[Candidate, Solution]:
         """A candidate and its fit; if a mass share vanishes, the simpler effect that it is then."""
         other = named(fit.axis)[c.slug].nested(fit.axis) if hidden_shares(fit) else None
         if other is None or other[0] in named(now.axis) or other[0] not in catalogue(now.axis):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from dryfric_control.diagnosis.candidates import catalogue, effect_class, own_names, with_effect
-from dryfric_control.diagnosis.causes_found import State, names_without, without
+from dryfric_control.diagnosis.causes_found import State, least_addition, names_without, without
 from dryfric_control.diagnosis.likelihood_fits import LATE, hard
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.screening import Candidate
@@ -15,6 +15,9 @@ from dryfric_control.model.effects.naming import followed
 
 #: Iterations after which a trial fit is abandoned unless it is predicted to be better.
 SOME_TURNS = 5
+# Fraction of the gain of a cause with a memory from which another is a rival, and the number of
+# rivals that are tried together with one more cause.
+_RIVAL, _LOOKED_AHEAD = 0.5, 2
 
 
 def tidy(search: Search, state: State) -> None:
@@ -27,6 +30,7 @@ def tidy(search: Search, state: State) -> None:
 def sift(search: Search, state: State, edge: bool = True) -> bool:
     """Drop causes that are no longer determined or have left the travelled range.
 
+    One whose mass share vanishes becomes the simpler effect that it is then.
     `edge`: whether a cause may lie at the edge of the range.  Returns whether any was dropped.
     """
     before, i = len(state.causes), 0
@@ -34,8 +38,14 @@ def sift(search: Search, state: State, edge: bool = True) -> bool:
         slug = state.causes[i]
         if search.sound(state.fit, slug, state.free[slug], edge):
             i += 1
+            continue
+        less, fit = without(search, state, slug), state.fit
+        own = Candidate(slug, state.free[slug], fit.axis, fit.cost)
+        other, fit = search.simplest(less, own, fit)
+        if other is not own and search.sound(fit, other.slug, other.free, edge):
+            state.swap(slug, other, fit)
         else:
-            state.refuted.add(state.drop(slug, without(search, state, slug)))
+            state.refuted.add(state.drop(slug, less))
     return len(state.causes) < before
 
 
@@ -108,7 +118,8 @@ def other_memory(search: Search, state: State) -> bool:
     """Replace a cause with a memory by another that is better beside all other causes.
 
     Play, compliance and elastic contact look alike while other causes are missing, and have
-    different numbers of parameters; each is started anew.  Returns whether any was replaced.
+    different numbers of parameters; each is started anew, alone and together with one more
+    cause.  Returns whether any was replaced.
     """
     for slug in [s for s in state.causes if hard(s) and _may_go(state, s)]:
         if len(state.causes) < 2 or slug in state.settled or search.late:
@@ -119,15 +130,35 @@ def other_memory(search: Search, state: State) -> bool:
         gain = less.cost - state.fit.cost
         mine = search.worth(gain, len(state.free[slug]))
         others = search.screen(less, False, True, gain, thorough=True)
-        others = [c for c in others if c.slug != slug]
-        ranked = search.extend(less, others, gain)
-        if ranked and ranked[0][0] > mine + EQUAL:
-            _, other, fit = ranked[0]
-            state.swap(slug, other, fit)
+        ranked = search.extend(less, [c for c in others if c.slug != slug], _RIVAL * gain)
+        found = [one[1:] for one in ranked[:1] if one[0] > mine + EQUAL]
+        found = found or _with_the_next(search, ranked, mine, gain)
+        if found:
+            (other, _), *more = found
+            state.swap(slug, other, found[-1][1])
             state.settled.add(other.slug)
+            for candidate, fit in more:
+                state.add(candidate, fit)
             tidy(search, state)
             return True
     return False
+
+
+def _with_the_next(
+    search: Search, ranked: Sequence[Any], worth: float, gain: float
+) -> list[tuple[Candidate, Solution]]:
+    """A rival and one more cause that are worth more than a cause with a memory; or none.
+
+    `worth`, `gain`: of that cause.  The one with the most parameters absorbs part of what is
+    missing, and leaves too little for a further cause to be noticed.
+    """
+    for mine, rival, half in ranked[:_LOOKED_AHEAD]:
+        least = worth - mine + EQUAL
+        others = search.screen(half, False, False, least)
+        for more, other, fit in search.extend(half, others, least)[:1]:
+            if more > least and half.cost - fit.cost >= least_addition(gain, search.samples):
+                return [(rival, half), (other, fit)]
+    return []
 
 
 def delay_or_lag(search: Search, state: State) -> None:

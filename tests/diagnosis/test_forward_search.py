@@ -11,7 +11,7 @@ from truth import make_case, make_machine
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import own_names, with_effect
-from dryfric_control.diagnosis.causes_found import State
+from dryfric_control.diagnosis.causes_found import State, least_addition
 from dryfric_control.diagnosis.forward_search import (
     _ahead,
     _apart,
@@ -20,7 +20,6 @@ from dryfric_control.diagnosis.forward_search import (
     _ended,
     _from_nominal,
     forward,
-    notable,
     resumed,
 )
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
@@ -121,7 +120,7 @@ def test_beside_inputs_that_act_early_candidates_are_weighed_on_all_samples():
     ],
 )
 def test_a_further_cause_must_explain_a_part_of_the_gain_or_of_the_force(gain, whole, expected):
-    assert notable(gain, whole, 8000) is expected
+    assert (gain >= least_addition(whole - gain, 8000)) is expected
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from dryfric_control.diagnosis.replacement import (
     _decide,
     _exchange,
     _spares,
+    _with_the_next,
     compare_alternatives,
     delay_or_lag,
     other_memory,
@@ -249,3 +250,34 @@ def test_what_moves_up_by_a_number_is_no_equivalent():
     assert not any(one.others for one in judged.values())
     assert set(judged) == set(state.causes)
     assert "cogging_2" not in named(final.axis)
+
+
+@pytest.mark.slow
+def test_a_compliance_whose_load_has_no_mass_becomes_the_contact_that_it_is():
+    case = make_machine(2, ("presliding", "bias_force"))[0]
+    search = Search(believed(case), [record(case)])
+    first = search.fit(search.believed, ())
+    stiffness = case.actual["coulomb"] / case.truth["presliding"]["distance"]
+    spring = {"stiffness": stiffness, "damping": 1.0, "load_fraction": 2e-3}
+    state = state_with(search, first, ("bias_force", {"force": 1.0}), ("compliance", spring))
+    sift(search, state)
+    assert state.causes == ["bias_force", "presliding"]
+    assert state.refuted == set()
+
+
+@pytest.mark.parametrize(
+    ("worth", "gain", "found"),
+    [
+        (480.0, 500.0, True),  # with it the rival is worth 1070, the cause 900
+        (200.0, 220.0, False),
+        (480.0, 10.0, False),  # what is not modelled may simulate as much
+    ],
+)
+def test_a_rival_counts_with_the_cause_that_it_leaves_to_be_noticed(worth, gain, found):
+    contact, load = (Candidate(slug, (), None, 0.0) for slug in ("presliding", "load_dependence"))
+    half, both = SimpleNamespace(cost=-600.0), SimpleNamespace(cost=-600.0 - gain)
+    search = SimpleNamespace(
+        screen=lambda *_: [load], extend=lambda *_: [(worth, load, both)], samples=8000
+    )
+    pair = _with_the_next(search, [(590.0, contact, half)], 900.0, 900.0)
+    assert pair == ([(contact, half), (load, both)] if found else [])

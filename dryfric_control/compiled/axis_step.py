@@ -79,6 +79,8 @@ FILIPPOV, PAPER = 0, 1
 #: varies: no step is longer, or all its stages could see the same phase.
 #: ALLOWED is a velocity error per step that is allowed in addition to TOLERANCE: 0
 #: unless noise hides it.
+#: BEHIND is the fraction of the mass that the transmission moves: that of the load behind
+#: a play on which friction depends, else 1.
 (
     INVERSE_MASS,
     VISCOUS,
@@ -98,8 +100,9 @@ FILIPPOV, PAPER = 0, 1
     SHORT_WAY,
     SHORT_TIME,
     ALLOWED,
+    BEHIND,
     COULOMB,
-) = range(19)
+) = range(20)
 
 #: Indices in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
@@ -143,6 +146,8 @@ N_INNER = 4
 # Local error of one step, relative to the velocity scale: far below the accuracy
 # guaranteed for switching times (1e-6 s) and far above round-off.
 TOLERANCE = 3e-9
+# Relative accuracy of a friction level that depends on itself, and the evaluations for it.
+_EQUAL_LEVELS, _SECANTS = 1e-15, 12
 # exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
@@ -398,11 +403,42 @@ def _stribeck(plant, level, v, s):
 
 
 @internal(forceinline=True)
-def peaked_level(plant, t, x, v, slip, w, base, s, rest):
-    """Friction level with its Stribeck peak at the velocity `slip`, a magnitude."""
+def _level_under(plant, t, x, v, slip, w, base, s, rest):
+    """Friction level where the transmission carries the whole drive."""
     carried = _carried(plant, t, x, v, w, s, rest)
     own = _stribeck(plant, _full_level(plant, t, x, v, carried, base, s, rest), slip, s)
     return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
+
+
+@internal
+def _level_behind(plant, t, x, v, slip, w, base, s, rest):
+    """Friction level where the transmission does not carry the inertia of the motor.
+
+    With the fraction r of the mass behind the teeth and m a = w - f v - s F, they carry
+    r w + (1 - r) (f v + s F) instead of w: F is found by secants, exact where it is
+    linear in the load.
+    """
+    share = plant.numbers[BEHIND]
+    given = share * w + (1.0 - share) * plant.numbers[VISCOUS] * v
+    by_friction = (1.0 - share) * s
+    last, last_level = 0.0, _level_under(plant, t, x, v, slip, given, base, s, rest)
+    level = last_level
+    for _ in range(_SECANTS):
+        new = _level_under(plant, t, x, v, slip, given + by_friction * level, base, s, rest)
+        if abs(new - level) <= _EQUAL_LEVELS * new or level == last:
+            return new
+        bend = 1.0 - (new - last_level) / (level - last)
+        last, last_level = level, new
+        level = max(level + (new - level) / bend, 0.0) if bend > 0.0 else new
+    return level
+
+
+@internal(forceinline=True)
+def peaked_level(plant, t, x, v, slip, w, base, s, rest):
+    """Friction level with its Stribeck peak at the velocity `slip`, a magnitude."""
+    if plant.numbers[BEHIND] != 1.0:
+        return _level_behind(plant, t, x, v, slip, w, base, s, rest)
+    return _level_under(plant, t, x, v, slip, w, base, s, rest)
 
 
 @internal(forceinline=True)

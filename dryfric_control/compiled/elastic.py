@@ -14,6 +14,7 @@ from numba import cfunc, njit
 from dryfric_control.compiled.axis_step import (
     ADVANCE,
     ALLOWED,
+    BEHIND,
     CLOSE,
     CONTACT,
     CONTACT_STIFFNESS,
@@ -80,6 +81,8 @@ from dryfric_control.compiled.roots import between, larger, narrowed, smaller
 # Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
 # two masses meet, to which a filter is more sensitive.
 _CUT, _MEETING = 0.1, 0.01
+# Force of an impact, as a multiple of all others.
+_HARD = 1e3
 
 
 @internal
@@ -488,12 +491,39 @@ def meeting(plant, memory):
 
 
 @internal
-def _impact(plant, memory, side):
-    """Plastic impact: common velocity afterwards, momentum conserved."""
-    share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
+def _lost(plant, t, y, v, side):
+    """Part of the impulse of an impact that friction takes from the load: its slope over force."""
+    load_side, s = _load_side(plant), math.copysign(1.0, v)
+    others = abs(load(load_side, held_force(0.0), t, 0.0, y, v, s, 0.0))
+    size = base_level(plant, y, s) + others
+    force = side * (_HARD * size if size > 0.0 else 1.0)
+    w = load(load_side, held_force(force), t, 0.0, y, v, s, 0.0)
+    level = sliding_level(load_side, t, y, v, w, s)
+    w = load(load_side, held_force(0.5 * force), t, 0.0, y, v, s, 0.0)
+    return s * side * (level - sliding_level(load_side, t, y, v, w, s)) / (0.5 * abs(force))
+
+
+@internal
+def _together(plant, t, y, v, p, side):
+    """Common velocity after a plastic impact of motor (v) and load (p, at y).
+
+    Momentum is conserved but for what friction takes that depends on the load.
+    """
+    motor = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
+    rest = 1.0 - motor
+    momentum = motor * v + rest * p
+    if plant.numbers[BEHIND] != 1.0 and momentum != 0.0:
+        motor *= 1.0 - _lost(plant, t, y, momentum, side)
+    return (motor * v + rest * p) / (motor + rest)
+
+
+@internal
+def _impact(plant, t, memory, side):
+    """Plastic impact of motor and load that are at the end of the play."""
     memory[OFFSET] = -side * plant.numbers[HALF_GAP]
     if memory[SLIP] != 0.0:
-        memory[V] += (1.0 - share) * memory[SLIP]
+        x, v = memory[X], memory[V]
+        memory[V] = _together(plant, t, x + memory[OFFSET], v, v + memory[SLIP], side)
         memory[SLIP] = 0.0
 
 
@@ -523,12 +553,11 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     motor moves in closed form and the load under its own forces, until they meet.
     """
     half = plant.numbers[HALF_GAP]
-    share = plant.numbers[INVERSE_MASS] / plant.numbers[INVERSE_MOTOR]
     scratch = spare_memory()
     tau = 0.0
     side = meeting(plant, memory)
     if side != 0.0:
-        _impact(plant, memory, side)
+        _impact(plant, t0, memory, side)
     seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
     pace = abs(memory[V]) + abs(memory[V] + memory[SLIP]) + plant.numbers[STICK_SPEED]
     exact = 1e-15 + _MEETING * plant.numbers[ALLOWED] / pace
@@ -608,7 +637,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
             memory[OFFSET], memory[SLIP] = -lead, scratch[V] - speed
             if after != 0.0:
                 memory[OFFSET] = -after * half
-                memory[V] = speed + (1.0 - share) * (scratch[V] - speed)
+                memory[V] = _together(plant, now + d, scratch[X], speed, scratch[V], after)
                 memory[SLIP] = 0.0
         memory[MODE], memory[REST] = scratch[MODE], scratch[REST]
         memory[DEFLECTION] = scratch[DEFLECTION]

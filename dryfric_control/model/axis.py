@@ -918,6 +918,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
     inner = Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
     behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
+    loaded = sum(effect.depends_on_load for effect in levels)
     low, high = axis.travel or (-np.inf, np.inf)
     stribeck = axis.stribeck
     numbers = [
@@ -934,6 +935,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
         0.0,
+        inner.load_fraction if inner.half_gap > 0.0 and loaded else 1.0,
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
@@ -966,7 +968,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         task.address,
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
-        sum(effect.depends_on_load for effect in levels),
+        loaded,
     ]
     for effect in laws:
         integers += [law_address(type(effect)), len(numbers)]
@@ -974,7 +976,9 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     if behind:
         integers[axis_step.N_NUMBERS] = len(numbers)
         numbers += numbers
-        numbers[integers[axis_step.N_NUMBERS] + axis_step.INVERSE_MASS] /= inner.load_fraction
+        load = integers[axis_step.N_NUMBERS]
+        numbers[load + axis_step.INVERSE_MASS] /= inner.load_fraction
+        numbers[load + axis_step.BEHIND] = 1.0
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

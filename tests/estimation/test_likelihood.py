@@ -457,6 +457,7 @@ def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
         (("backlash", "dwell_time"), 5),
         (("presliding", "dwell_time"), 5),
         (("drift", "backlash", "saturation"), 70),
+        (("load_dependence", "backlash"), 5),
         (None, 98),  # bias and presliding: the contact vibrates while it sticks
     ],
 )

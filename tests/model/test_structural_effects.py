@@ -146,6 +146,16 @@ def test_impact_keeps_the_momentum(s):
     np.testing.assert_allclose(resp.y[0, 3:], way, rtol=1e-12)
 
 
+@pytest.mark.parametrize("s", [1.0, -1.0])
+def test_friction_under_the_blow_takes_its_part_of_the_impulse(s):
+    # J = m_m (v0 - v) of the motor, J - c J = m_l v of the load.
+    motor, load, v0, c = 0.6 * MASS, 0.4 * MASS, 0.05 * s, 0.3
+    u = np.r_[motor * v0 / DT, np.zeros(50)]
+    axis = axis_with(BACKLASH, dfc.effects.LoadDependence(c), coulomb=0.0)
+    v = (1.0 - c) * motor * v0 / (load + (1.0 - c) * motor)
+    assert axis.simulate(u, DT).y[1, 3:] == pytest.approx(v, rel=1e-9)
+
+
 @pytest.mark.parametrize("hold", ["zero", "first"])
 def test_motor_crosses_the_play_alone(hold):
     u, motor = 10.0, 0.6 * MASS
@@ -185,6 +195,28 @@ def test_braked_motor_leaves_the_load_and_meets_it_behind():
     assert np.count_nonzero(joined) > 5
     want = merged + (brake - COULOMB) / MASS * (resp.t - t0 - meeting)
     np.testing.assert_allclose(resp.y[1, joined], want[joined], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "s"),
+    [
+        (dfc.effects.LoadDependence(0.3), 1.0),
+        (dfc.effects.LoadDependence(0.3), -1.0),
+        (dfc.effects.LoadAsymmetry(0.3), 1.0),
+    ],
+)
+def test_teeth_do_not_carry_the_inertia_of_the_motor(effect, s):
+    # The load needs N = m_l a + f v + F of the drive, and F = F_c + c N.
+    viscous, c, n = 6.0, effect.coefficient, 400
+    axis = axis_with(BACKLASH, effect, viscous=viscous)
+    v = s * axis.simulate(np.full(n, s * 25.0), dt=DT).y[1]
+    begin = 100  # the play has been crossed
+    load = BACKLASH.load_fraction * MASS
+    inertia, drag = MASS + c / (1.0 - c) * load, viscous / (1.0 - c)
+    last = (25.0 - COULOMB / (1.0 - c)) / drag
+    t = DT * np.arange(n - begin)
+    expected = last + (v[begin] - last) * np.exp(-drag / inertia * t)
+    assert v[begin:] == pytest.approx(expected, rel=1e-7)
 
 
 def test_vanishing_play_is_the_base_model():

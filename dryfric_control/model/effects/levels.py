@@ -151,6 +151,9 @@ class LoadDependence(Effect):
     Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this
     part: it is the friction of another contact.
 
+    Behind a play or a compliance u is what the transmission carries: without the inertia
+    of the motor, and nothing inside the play.
+
     Examples
     --------
     Half of the 20 N that it transmits is lost, and 8 N of its own:

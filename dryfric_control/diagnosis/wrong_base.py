@@ -7,7 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dryfric_control.diagnosis.candidates import SLUGS, with_effect
+from dryfric_control.diagnosis.candidates import (
+    SLUGS,
+    Start,
+    effect_class,
+    with_effect,
+)
 from dryfric_control.diagnosis.causes import cause_of
 from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.gain_or_base import GAIN, or_a_gain
@@ -75,18 +80,47 @@ def or_equivalents(
 
 def _load_does_the_same(search: Search, state: State, final: Solution, held: str) -> bool:
     """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
-    values = final.values()
-    scale = search.nominal[held] / values[held]
-    if class_of(_LOAD) is None or _LOAD in state.causes or scale >= 1.0 or search.late:
+    if class_of(_LOAD) is None or _LOAD in state.causes or search.late:
+        return False
+    start = _with_a_load(search, state, final, held)
+    if start is None:
         return False
     base = [n for n in search.base if n != held]
-    axis = with_values(final.axis, [*base, held], [scale * values[n] for n in (*base, held)])
-    start = with_effect(axis, _LOAD, {"coefficient": 1.0 - scale})
     noises = final.z[len(final.problem.names) :]
     runs, free = final.problem.runs, (*state.names, *start.free)
     fit = search.fit(start.axis, free, noises, _LOAD_TURNS, runs=runs, base=base)
     costs = [one.cost - one.problem.prior(one.z) for one in (fit, final)]
     return costs[0] < costs[1] + EQUAL
+
+
+def _with_a_load(search: Search, state: State, final: Solution, held: str) -> Start | None:
+    """The axis with load-dependent friction that moves alike while its drive does not brake.
+
+    Friction of F_c + c (N - e) under N = m_l a + f v + F - e, the force that the teeth carry,
+    looks like the mass of the load, viscous friction and level over (1 - c), and like the forces
+    e times (1 + c)/(1 - c); a motor's mass before a play or a spring stays.
+    """
+    values, nominal = final.values(), search.nominal[held]
+    shares = [p.name for p in final.problem.parameters if p.kind == "share"]
+    share = values[shares[0]] if shares else 1.0  # of the load in the mass
+    scale = nominal / values[held]
+    if held == "mass":
+        scale = 1.0 - (1.0 - scale) / share
+    if not 0.0 < scale < 1.0:
+        return None
+    changed = {n: scale * values[n] for n in search.base}
+    changed["mass"] = values["mass"] * (1.0 - share + scale * share)
+    changed[held] = nominal
+    changed |= {n: scale * share / (1.0 - share + scale * share) for n in shares}
+    for slug in state.causes:
+        effect = effect_class(slug)
+        factors = {"force": scale / (2.0 - scale), "friction": scale}
+        if effect.action in factors:
+            kinds = effect.parameters()
+            forces = [n for n in state.free[slug] if kinds[n.partition(".")[2]]["unit"][:1] == "N"]
+            changed |= {n: factors[effect.action] * values[n] for n in forces}
+    axis = with_values(final.axis, [*changed], [*changed.values()])
+    return with_effect(axis, _LOAD, {"coefficient": 1.0 - scale})
 
 
 def _sizes(search: Search) -> dict[str, float]:

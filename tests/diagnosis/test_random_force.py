@@ -10,6 +10,7 @@ import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.candidates import own_names
 from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.confirmation import Judged, _louder, _sure, _weakest
 from dryfric_control.diagnosis.forward_search import forward
@@ -18,9 +19,11 @@ from dryfric_control.diagnosis.held_out import HeldOut
 from dryfric_control.diagnosis.likelihood_search import Search
 from dryfric_control.diagnosis.random_force import LINE
 from dryfric_control.diagnosis.report.findings import Cause
-from dryfric_control.diagnosis.wrong_base import or_equivalents, wrong_base
+from dryfric_control.diagnosis.wrong_base import _with_a_load, or_equivalents, wrong_base
 from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.scoring import maximise
+from dryfric_control.model.effects.naming import named
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
@@ -271,6 +274,39 @@ def test_a_load_is_a_gain_to_a_drive_that_never_brakes(most, rate, alike):
         rest = {*told} - {slug}
         scales = [{*a.split("+")} - rest for a in alternatives]
         assert scales == ([{"input_gain"}, {"load_dependence"}] if alike else [{"input_gain"}])
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (dfc.effects.Gravity(amplitude=3.0, phase=0.5), dfc.effects.Backlash(2e-3, 0.4)),
+        (dfc.effects.BiasForce(force=1.0), dfc.effects.Compliance(3e3, 30.0, 0.4)),
+        (dfc.effects.CoulombAsymmetry(force=1.0), dfc.effects.Cogging(2.0, 0.1, 0.3)),
+    ],
+)
+@pytest.mark.parametrize("held", ["mass", "coulomb"])
+def test_an_axis_with_a_load_that_moves_alike_is_known_beforehand(effects, held):
+    base = {"mass": 2.5, "viscous": 18.75, "coulomb": 10.0}
+    axis = dfc.FrictionAxis(**base, effects=effects)
+    t = DT * np.arange(3000)
+    u = 22.0 * np.sin(3.0 * t)
+    search = Search(axis, [dfc.Record(t, u, axis.simulate(u, dt=DT).y[0])])
+    state = State(search.alone())
+    for slug in named(axis):
+        state.causes.append(slug)
+        state.free[slug] = own_names(slug)
+    values = values_of(axis, [*base, *state.names])
+    names = dict(zip([*base, *state.names], values, strict=True))
+    share = [SimpleNamespace(name=n, kind="share") for n in names if n.endswith("fraction")]
+    final = SimpleNamespace(
+        axis=axis, values=lambda: names, problem=SimpleNamespace(parameters=share)
+    )
+    search.nominal = {n: 0.8 * value for n, value in base.items()}
+    other = _with_a_load(search, state, final, held).axis
+    assert values_of(other, [held]) == pytest.approx([0.8 * base[held]])
+    moved = [one.simulate(u, dt=DT).y[0] for one in (axis, other)]
+    assert np.ptp(moved[0]) > 0.05
+    assert moved[1] == pytest.approx(moved[0], abs=2e-3 * np.ptp(moved[0]))
 
 
 def test_no_scale_brings_a_value_of_zero_back():

@@ -119,7 +119,8 @@ def other_memory(search: Search, state: State) -> bool:
 
     Play, compliance and elastic contact look alike while other causes are missing, and have
     different numbers of parameters; each is started anew, alone and together with one more
-    cause.  Returns whether any was replaced.
+    cause.  Where nothing is left, only for one with no more parameters.  Returns whether any
+    was replaced.
     """
     for slug in [s for s in state.causes if hard(s) and _may_go(state, s)]:
         if len(state.causes) < 2 or slug in state.settled or search.late:
@@ -127,10 +128,15 @@ def other_memory(search: Search, state: State) -> bool:
         search.tell(f"{slug} or another memory")
         state.settled.add(slug)
         less = without(search, state, slug)
+        rivals = [s for s in catalogue(less.axis) if hard(s) and s != slug]
+        if search.nothing_left(state.fit):
+            rivals = [s for s in rivals if len(own_names(s)) <= len(state.free[slug])]
+        if not rivals:
+            continue
         gain = less.cost - state.fit.cost
         mine = search.worth(gain, len(state.free[slug]))
         others = search.screen(less, False, True, gain, thorough=True)
-        ranked = search.extend(less, [c for c in others if c.slug != slug], _RIVAL * gain)
+        ranked = search.extend(less, [c for c in others if c.slug in rivals], _RIVAL * gain)
         found = [one[1:] for one in ranked[:1] if one[0] > mine + EQUAL]
         found = found or _with_the_next(search, ranked, mine, gain)
         if found:

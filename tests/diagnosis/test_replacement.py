@@ -281,3 +281,17 @@ def test_a_rival_counts_with_the_cause_that_it_leaves_to_be_noticed(worth, gain,
     )
     pair = _with_the_next(search, [(590.0, contact, half)], 900.0, 900.0)
     assert pair == ([(contact, half), (load, both)] if found else [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nothing_left", [True, False])
+def test_a_memory_that_leaves_nothing_gives_way_to_none_with_more_parameters(nothing_left):
+    case = make_machine(2, ("presliding", "bias_force"))[0]
+    search = Search(believed(case), [record(case)])
+    contact = ("presliding", case.truth["presliding"])
+    state = state_with(search, search.fit(search.believed, ()), ("bias_force", BIAS), contact)
+    asked = []
+    search.screen = lambda *_, **__: asked.append(True) or []
+    search.nothing_left = lambda _: nothing_left
+    assert not other_memory(search, state)
+    assert bool(asked) is not nothing_left

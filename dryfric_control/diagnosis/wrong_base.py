@@ -7,12 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dryfric_control.diagnosis.candidates import (
-    SLUGS,
-    Start,
-    effect_class,
-    with_effect,
-)
+from dryfric_control.diagnosis.candidates import SLUGS, Start, effect_class, with_effect
 from dryfric_control.diagnosis.causes import cause_of
 from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.gain_or_base import GAIN, or_a_gain

@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.axis_step import (
-    ALLOWED,
-    CONTACT_STIFFNESS,
-    DAMPING,
-    INVERSE_MASS,
-    INVERSE_MOTOR,
-    N_NUMBERS,
-    STIFFNESS,
-)
+from dryfric_control.compiled.axis_step import ALLOWED, N_NUMBERS
 from dryfric_control.estimation.parameters import (
     SHIFT,
     Parameter,
@@ -37,6 +29,7 @@ from dryfric_control.estimation.parameters import (
     values_of,
     with_values,
 )
+from dryfric_control.estimation.stiffness import stiffness, sum_of_inverses
 from dryfric_control.estimation.windows import shifted
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.records.motion import directions, rest_times
@@ -65,9 +58,6 @@ _BLOCK = 0.5
 NORMAL = 0.6516
 # Difference step for slopes: initial value, later value in standard errors, and its limits.
 _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
-# Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
-# beyond which they are too stiff: the samples do not show it, and it takes dozens of steps.
-_STIFF_CONTACT, _STIFF = 3.0, 4.0
 # Shortest length over which a force may change, in encoder increments: below, readings do not
 # show it, and it takes endless steps.
 _FINEST = 0.1
@@ -154,7 +144,12 @@ def some_of(run: Run, most: int, count: int = 4) -> Run:
         first = size * np.arange(count)  # no overlap with the previous stretch
         starts = np.maximum.accumulate(middle - size // 2 - first) + first
         starts = np.clip(starts, first, n - size * count + first)
-    active = np.zeros(n, bool)
+    return _stretches(run, starts, size)
+
+
+def _stretches(run: Run, starts: Iterable[int], size: int) -> Run:
+    """The stretches of a run that begin at some samples."""
+    active = np.zeros(len(run.record), bool)
     for a in starts:
         active[a + compiled.FIRST + 1 : a + size] = True
     pieces = tuple((int(a), int(a) + size) for a in starts)
@@ -334,19 +329,14 @@ class Likelihood:
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
         numbers = arrays.numbers.copy()
-        # With two masses the numbers are stored twice, those of the load second.
-        load = arrays.integers[N_NUMBERS] if numbers[STIFFNESS] > 0.0 else 0
-        inverse = numbers[INVERSE_MOTOR] + numbers[load + INVERSE_MASS]
-        turn = math.sqrt(numbers[STIFFNESS] * inverse) + numbers[DAMPING] * inverse
-        contact = math.sqrt(numbers[CONTACT_STIFFNESS] * numbers[INVERSE_MASS])
-        if contact * record.dt > _STIFF_CONTACT or turn * record.dt > _STIFF:
+        if stiffness(axis, record.dt) > 1.0:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         finest = min((e.shortest_length for e in axis.effects), default=math.inf)
         if finest < _FINEST * record.resolution.step:
             raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
         # Integration errors far below the effect of the random force do not matter.
-        hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse
+        hidden = _HIDDEN * math.sqrt(force) * record.dt * sum_of_inverses(axis, record.dt)
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))

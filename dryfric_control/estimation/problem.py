@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled.windowed_runs import Evaluation, normal_terms
 from dryfric_control.estimation.parameters import SHIFT, Parameter, values_of, with_values
+from dryfric_control.estimation.stiffness import stiffness
 from dryfric_control.estimation.windows import Windows, no_corrections, positions
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.ties import SQUARES, above
@@ -26,6 +27,8 @@ BASE_SPREAD, BASE_COST = 0.02, 3.0
 # Largest difference step for slopes, in search coordinates of order 1: a wider one would
 # exceed the resolution of a fit (`benchmarks/identification.py coverage`).
 _WIDEST = 2e-3
+# Factor by which an elastic part that is too stiff already may become stiffer.
+_STIFFER = 1.5
 # Ratio of the one-sided slopes' sizes beyond which the larger one contains a jump
 # (`benchmarks/identification.py stribeck`).
 _JUMP = 3.0
@@ -213,11 +216,17 @@ class Problem:
         Raises
         ------
         ValueError
-            If there is no such axis: a Coulomb map may turn negative.
+            If there is no such axis: a Coulomb map may turn negative.  If an elastic part
+            has become stiffer than the samples show.
         """
         given = self.values(z)
         shift = given.pop(SHIFT, 0.0)
-        return Model(with_values(self.axis, list(given), list(given.values())), shift)
+        axis = with_values(self.axis, list(given), list(given.values()))
+        for w in self.windows:
+            most = max(1.0, _STIFFER * stiffness(self.axis, w.record.dt))
+            if stiffness(axis, w.record.dt) > most:
+                raise ValueError("an elastic part far too stiff to be seen at this sampling time")
+        return Model(axis, shift)
 
     def axis_at(self, z: FloatArray) -> FrictionAxis:
         """Axis at search coordinates; ValueError where there is none."""

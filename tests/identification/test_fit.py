@@ -554,3 +554,25 @@ def test_the_gear_of_a_servo_rubs_with_the_weight_it_carries_on_unseen_logs_too(
     for r in unseen:
         whole = found.axis.simulate(r.u, r.dt, x0=float(r.x[0])).y[0]
         assert np.sqrt(np.mean((whole - r.x) ** 2)) < 0.3
+
+
+def test_a_transmission_stiffens_no_further_than_samples_show():
+    """Beyond, free runs take hundreds of steps a sample: one record took over ten minutes."""
+    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    t = 1e-3 * np.arange(3000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    soft = dfc.effects.Compliance(stiffness=1e5, damping=50.0, load_fraction=0.4)
+    stiff = dfc.effects.Compliance(stiffness=1e5, damping=2e4, load_fraction=0.4)
+    records = [dfc.Record(t, u, believed.simulate(u, dt=1e-3).y[0])]
+    for effect, factor, possible in [(soft, 10.0, True), (soft, 400.0, False),
+                                     (stiff, 1.2, True), (stiff, 2.0, False)]:  # fmt: skip
+        axis, parameters = choose(
+            believed.replace(effects=(effect,)), ["compliance.damping"], typical(records)
+        )
+        problem = Problem(axis, parameters, [cut(records[0])])
+        z = np.array([parameters[0].search(factor * effect.damping)])
+        if possible:
+            assert problem.axis_at(z).effects[0].damping == pytest.approx(factor * effect.damping)
+        else:
+            with pytest.raises(ValueError, match="far too stiff"):
+                problem.axis_at(z)

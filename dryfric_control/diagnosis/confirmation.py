@@ -17,6 +17,9 @@ from dryfric_control.estimation.solution import Solution
 # Random force without a cause over that with it that no false cause reaches, and the held-out gain
 # in total, in standard errors, that is sufficient there, however few blocks gain.
 _MUCH_LOUDER, _ON_THE_WHOLE = 2.0, 1.5
+# Gain of a base parameter, as its standard error predicts it, over the least, from which it is
+# needed without a fit that says so: where the cost is rough, standard errors are too small.
+_PLAINLY = 10.0
 # Largest logarithm of a ratio of innovations.
 _MOST_LOUDER = 50.0
 # Random force without an unconfirmed cause, over that with it, above which another cause must
@@ -96,7 +99,7 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
     values, errors = full.values(), full.standard_errors()
     least = search.penalty(1) + LEAST
     sure = {n: abs(values[n] - search.nominal[n]) / max(errors[n], 1e-300) for n in every}
-    kept = [n for n in every if 0.5 * sure[n] ** 2 > least]
+    kept = [n for n in every if 0.5 * sure[n] ** 2 > _PLAINLY * least]
     while len(kept) < len(every):
         held = [n for n in every if n not in kept]
         axis = with_values(full.axis, held, [search.nominal[n] for n in held])
@@ -107,11 +110,10 @@ def _base(search: Search, state: State) -> tuple[Solution, list[str]]:
             full = less
             break
         kept.append(max(held, key=sure.__getitem__))
-    if search.part == 1.0:
-        return full, kept
     every_sample: dict[str, Any] = {"base": kept, "wonder": False, "runs": search.runs}
-    whole = search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample)
-    return search.anew(whole, **every_sample), kept
+    if search.part < 1.0:
+        full = search.fit(full.axis, names, full.z[len(full.problem.names) :], **every_sample)
+    return search.anew(full, **every_sample), kept
 
 
 def _weakest(search: Search, state: State, judged: dict[str, Judged]) -> str | None:

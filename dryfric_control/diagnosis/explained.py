@@ -49,6 +49,7 @@ def _motion(
     squares: list[list[FloatArray]] = [[], []]
     replays: list[FloatArray] = []
     structured, places = False, list[str]()
+    drawn = final.drawn(_REPLAYS)
     for i, w in enumerate(windows):
         axis = final.problem.axis_at(final.z, i)
         active = np.zeros(len(w), bool)
@@ -60,9 +61,7 @@ def _motion(
             continue
         before = w.evaluate(search.believed, active)
         at = w.evaluate(axis, active)
-        floor: Floor = noise_floor(
-            w, axis, [axis] * _REPLAYS, at, active, force=final.random_force(i)
-        )
+        floor: Floor = noise_floor(w, axis, drawn[i], at, active, force=final.random_force(i))
         for row, one in zip(squares, (before, at), strict=True):
             row.append(w.mean_squares(one.errors)[active])
         replays.append(floor.squares[:, active])
@@ -83,9 +82,10 @@ def _motion(
         structured = structured or far_above(squares[1], replays)
     left_over = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     medians = [math.sqrt(float(np.median(row))) for row in rows]
-    worse = any(
-        there > max(_WORSE * nominal, noise)
-        for nominal, there, noise in (medians, (gain.before, gain.after, gain.floor))
+    nominal, there, noise = medians
+    # A single window with a mistimed breakaway may give the RMS its size.
+    worse = there > max(_WORSE * nominal, noise) or (
+        gain.after > gain.floor and gain.interval[1] < 1.0 / _WORSE
     )
     return gain, left_over, worse
 

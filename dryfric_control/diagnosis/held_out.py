@@ -15,8 +15,9 @@ LEAST = 6.0
 CLEAR = 3.0
 # For causes that act rarely: number of separate events that must gain, and the fraction of
 # their gain that other blocks may lose: of a gain below _LARGE, and of a larger one, which
-# is no chance (false causes gained up to 50 and lost at least 0.33 of it).
-_EVENTS, _LOST, _LARGE, _LOST_OF_LARGE = 3, 0.15, 300.0, 0.3
+# is no chance (false causes gained up to 50 and lost at least 0.33 of it).  Above _OF_TWO two
+# events are sufficient.
+_EVENTS, _LOST, _LARGE, _LOST_OF_LARGE, _OF_TWO = 3, 0.15, 300.0, 0.3, 100.0
 
 
 class HeldOut(NamedTuple):
@@ -35,6 +36,8 @@ class HeldOut(NamedTuple):
     events : int
         Number of separate events that gain, each at most two adjacent blocks; 0 if the other
         blocks lose too much.  A drive that saturates rarely says nothing in between.
+    needed : int
+        Number of events that are sufficient for this gain.
     """
 
     gain: float
@@ -42,6 +45,7 @@ class HeldOut(NamedTuple):
     order: float
     usual: float = 0.0
     events: int = 0
+    needed: int = _EVENTS
 
     @classmethod
     def of(cls, less: NDArray[np.float64], more: NDArray[np.float64]) -> HeldOut:
@@ -54,14 +58,19 @@ class HeldOut(NamedTuple):
             return cls(0.0, 0.0, 0.0)
         chance = wilcoxon(fall, alternative="greater").pvalue
         error = float(np.std(fall) * math.sqrt(fall.size))
-        part = _LOST if fall.sum() < _LARGE else _LOST_OF_LARGE
-        lost = -fall[fall < 0.0].sum() > part * fall[fall > 0.0].sum()
+        lost = -fall[fall < 0.0].sum() / max(fall[fall > 0.0].sum(), 1e-300)
         # One event may straddle the edge of two blocks, not of more.
-        events = 0 if lost else int(np.sum((ends[1::2] - ends[::2] + 1) // 2))
+        events = int(np.sum((ends[1::2] - ends[::2] + 1) // 2))
+        if lost > (_LOST if fall.sum() < _LARGE else _LOST_OF_LARGE):
+            events = 0
+        apart = ends.size > 2 and lost < _LOST and fall.sum() > _OF_TWO
         most = np.quantile(np.abs(fall), 0.75)
         limited = np.clip(fall, -most, most)
         usual = float(limited.sum() / max(np.std(limited) * math.sqrt(fall.size), 1e-300))
-        return cls(float(fall.sum()), error, float(norm.isf(chance)), usual, events)
+        return cls(
+            float(fall.sum()), error, float(norm.isf(chance)), usual, events,
+            2 if apart else _EVENTS,
+        )  # fmt: skip
 
     @property
     def strength(self) -> float:
@@ -76,4 +85,4 @@ class HeldOut(NamedTuple):
     @property
     def sure(self) -> bool:
         """Whether held-out data confirm the cause."""
-        return self.gain > LEAST and (self.strength > CLEAR or self.events >= _EVENTS)
+        return self.gain > LEAST and (self.strength > CLEAR or self.events >= self.needed)

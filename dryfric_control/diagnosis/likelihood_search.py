@@ -470,6 +470,15 @@ class Search(Screening):
         """Whether a cause replaces errors of at least two base parameters."""
         return len(self.off(less)) > len(self.off(fit)) + 1
 
+    def vanished(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
+        """Whether an amount without which a cause is not there is no larger than its error."""
+        values, errors = fit.values(), fit.standard_errors()
+        own = [n for n in free if n in values]
+        rows = [(abs(values[n] - zero) <= errors[n], o) for n, zero, o in amounts(slug, own)]
+        needed = [gone for gone, optional in rows if not optional]
+        # Optional amounts are terms of a sum.
+        return any(needed) or bool(rows and not needed and all(gone for gone, _ in rows))
+
     def sound(self, fit: Solution, slug: str, free: Sequence[str], edge: bool = False) -> bool:
         """Whether a cause is determined and lies in the travelled range.
 

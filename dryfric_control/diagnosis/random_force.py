@@ -117,6 +117,12 @@ def answer(
         windows = cut(search.shift)
         heard = search.as_recorded(final)
         motion, left, worse = judge(search)(search, windows, heard)
+        # On all samples a cause may turn out not to be there.
+        gone = [c for c in state.causes if search.vanished(final, c, state.free[c])]
+        if gone and not search.late:
+            state.drop(gone[0], without(search, state, gone[0]))
+            final, kept, judged = confirmed(search, state)
+            continue
         # Where structure is left, a cause that hardly lowers the random force may be false.
         # Where none is, it is not needed if few events confirm it and it leaves none either.
         quiet = [

@@ -116,6 +116,26 @@ class Solution:
         np.fill_diagonal(found, scale**2)
         return found
 
+    def drawn(self, count: int) -> list[list[FrictionAxis]]:
+        """Axes of every record with parameters drawn from their covariance, this one first."""
+        rng, n = np.random.default_rng(1), len(self.problem.names)
+        records = range(len(self.problem.runs))
+        axes = [[self.problem.axis_at(self.z, i)] * count for i in records]
+        if not n:
+            return axes
+        values, vectors = np.linalg.eigh(self.covariance()[:n, :n])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        for k in range(1, count):
+            z = self.z.copy()
+            z[:n] += root @ rng.standard_normal(n)
+            z = np.clip(z, self.problem.low, self.problem.high)
+            try:
+                for i in records:
+                    axes[i][k] = self.problem.axis_at(z, i)
+            except ValueError:
+                continue  # no such axis
+        return axes
+
     def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
         """Held-out cost of each block: under parameters fitted without its half.
 

@@ -151,6 +151,25 @@ def test_a_model_behind_a_straight_line_explains_nothing():
     assert d.references["straight line"] < 0.0 and LINE in d.messages
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("slug", "condition", "seed"),
+    [
+        # The drive crosses its dead zone twice, and nothing in between tells it from a Coulomb level.
+        ("dead_zone", "decimated", 13),
+        # One breakaway comes late, by far more than all other free runs are nearer.
+        ("dwell_time", "decimated", 17),
+    ],
+)
+def test_a_cause_that_acts_rarely_is_named(slug, condition, seed):
+    case = truth.make_case(slug, seed, condition)
+    with among(slug, "bias_force"):
+        d = dfc.diagnose(believed(case), record(case), jobs=1)
+    assert (d.verdict, [c.effect for c in d.causes]) == ("explained", [slug])
+    for name, value in case.truth[slug].items():
+        assert d.causes[0].parameters[name] == pytest.approx(value, rel=0.05)
+
+
 def test_a_muted_mass_is_out_of_reach():
     """Whatever the record, a mass stays within a factor of 4 of the nominal one."""
     problem = Likelihood(AXIS, ("mass",), [prepare(noisy(AXIS, 5, 1.0))])
@@ -205,6 +224,10 @@ def test_bad_knowledge_is_refused(settings, words):
         # A short record: what gains in six blocks without a pause is three events, in four two.
         ([0, 90, 40, 300, 30, 70, 120, -4, 0], True),
         ([0, 90, 40, 3000, 30, -4, 0, -1, -2], False),
+        # A dead zone that the drive crosses twice.
+        ([0, 0, -1, 28, 32, 0, -1, -3, 0, 118, 0, -1, 0, 0], True),
+        ([0, 0, -1, 12, 17, 0, -1, -3, 0, 58, 0, -1, 0, 0], False),
+        ([0, 0, -1, -28, 132, 0, -1, -3, 0, 318, 0, -75, 0, 0], False),
     ],
 )
 def test_unseen_data_speak_for_causes_that_act_now_and_then(falls, sure):

@@ -14,10 +14,9 @@ from dryfric_control.estimation.solution import Solution
 
 FloatArray = NDArray[np.float64]
 
-# Predicted fall of the cost below which the search ends, and number of iterations that may
-# bring less; predicted fall above which it has not converged: if no step achieves it because
-# the cost is rough, and if the iterations are used up.
-_PROMISED, _CREEPING, _ROUGH, _FAR = 0.05, 2, 10.0, 1.0
+# Predicted fall of the cost below which the search ends, and number of iterations that may bring
+# less; predicted fall above which it has not converged, unless nothing near is lower.
+_PROMISED, _CREEPING, _FAR = 0.05, 2, 1.0
 # Predicted fall below which slopes are central differences.
 _NEAR = 3.0
 _ITERATIONS = 40
@@ -29,6 +28,9 @@ _NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
 # Ratio of actual to predicted fall above which damping is reduced, below which it is raised,
 # and the least damping from which it is raised.
 _TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
+# Lengths of the steps along the principal axes, in standard errors, that are tried where the cost
+# is rough.
+_POLLED = (3.0, 10.0)
 # Fractions of the random force that are tried where a search ends.
 _QUIETER = (0.5, 0.2, 0.07)
 
@@ -115,6 +117,34 @@ def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArr
     return step
 
 
+def _polled(
+    problem: Likelihood, z: FloatArray, point: Point, free: NDArray[np.intp], h: FloatArray
+) -> tuple[FloatArray, Point] | None:
+    """The lowest of some points around z, for a rough cost, whose slopes are no guide.
+
+    The points lie on the principal axes of the information h of the free coordinates.  None if
+    z is as near to the minimum as a rough cost shows.
+    """
+    own = free < len(problem.names)
+    free, h = free[own], h[np.ix_(own, own)]
+    size = np.sqrt(np.diag(h))
+    values, vectors = np.linalg.eigh(h / np.outer(size, size))
+    far = problem.reach(free, size) / size
+    best = z, point
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = vector / math.sqrt(max(value, 1e-9)) / size
+        for length in _POLLED:
+            part = min(length, 1.0 / float(np.max(np.abs(step) / far)))
+            for sign in (part, -part):
+                new = z.copy()
+                new[free] += sign * step
+                new = np.clip(new, problem.low, problem.high)
+                tried = problem.tried(new)
+                if tried.cost < best[1].cost:
+                    best = new, tried
+    return best if point.cost - best[1].cost > _PROMISED else None
+
+
 def maximise(
     problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
 ) -> Solution:
@@ -127,7 +157,7 @@ def maximise(
     if iterations:
         z, point = _noises(problem, z, point)
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
-    quiet = stalled = False
+    quiet = settled = False
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
         gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
@@ -145,8 +175,6 @@ def maximise(
         promised = _promised(unit, slope)
         if time.monotonic() > until:
             break
-        if creeping >= _CREEPING:
-            promised = min(promised, _PROMISED)
         if promised <= _PROMISED:
             before = point
             if not quiet:
@@ -157,7 +185,7 @@ def maximise(
             continue
         far = problem.reach(free, size)
         moved = False
-        while damping < 1e7:
+        while damping < 1e7 and creeping < _CREEPING:
             step = np.zeros(problem.size)
             step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
             new = np.clip(z + step, problem.low, problem.high)
@@ -173,18 +201,22 @@ def maximise(
                 z, point, moved = new, new_point, True
                 break
             damping *= 10.0 if damping > 1e-3 else 100.0
-        if not moved:
-            # Where the cost is rough, slopes over wider steps may still find a descent.
-            if wider > 1.0:
-                stalled = True
+        if moved:
+            continue
+        # Where the cost is rough, slopes over wider steps may still find a descent.
+        if wider > 1.0:
+            lower = _polled(problem, z, point, free, inner)
+            if lower is None:
+                settled = True
                 # The noises were searched without slopes, which are no guide to a rough cost.
                 own = free < len(problem.names)
                 promised = _promised(unit[np.ix_(own, own)], slope[own])
                 break
-            if not quiet:
-                z, point = _quieter(problem, z, point)
-            damping, wider, quiet = 1e-3, _WIDER, True
-            problem.refine(h, wider)
+            z, point = lower
+        elif not quiet:
+            z, point = _quieter(problem, z, point)
+        damping, wider, quiet, creeping = 1e-3, _WIDER, True, 0
+        problem.refine(h, wider)
     bound = tuple(
         name
         for name, c, low, high in zip(problem.names, z, problem.low, problem.high, strict=False)
@@ -192,5 +224,5 @@ def maximise(
     )
     return Solution(
         problem, z, point, gradients, information,
-        promised < (_ROUGH if stalled else _FAR), promised, turn, bound,
+        settled or promised < _FAR, promised, turn, bound,
     )  # fmt: skip

@@ -174,6 +174,7 @@ class Problem:
         self.windows = tuple(windows)
         self.scales = [w.floor for w in self.windows]
         self.active = [np.ones(len(w), bool) for w in self.windows]
+        self._stiff = [max(1.0, _STIFFER * stiffness(axis, w.record.dt)) for w in self.windows]
         self.steps = np.full(len(self.parameters), _WIDEST)
         self.until = math.inf
         self.low, self.high = search_bounds(self.parameters) if bounds is None else bounds
@@ -222,10 +223,10 @@ class Problem:
         given = self.values(z)
         shift = given.pop(SHIFT, 0.0)
         axis = with_values(self.axis, list(given), list(given.values()))
-        for w in self.windows:
-            most = max(1.0, _STIFFER * stiffness(self.axis, w.record.dt))
-            if stiffness(axis, w.record.dt) > most:
-                raise ValueError("an elastic part far too stiff to be seen at this sampling time")
+        if any(
+            stiffness(axis, w.record.dt) > m for w, m in zip(self.windows, self._stiff, strict=True)
+        ):
+            raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         return Model(axis, shift)
 
     def axis_at(self, z: FloatArray) -> FrictionAxis:

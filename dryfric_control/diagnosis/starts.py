@@ -23,7 +23,7 @@ _SHARES = np.arange(0.05, 0.96, 0.06)
 _QUIETER = ((1.0, _SHARES), (0.2, _SHARES[::2]))
 # Number of best grid points that are refined, scales of the line searches around them, and the
 # changes tried: of the logarithm of a parameter; of a share, a fifth of them.
-_VALLEYS, _CLOSER, _ASIDE = 3, (1.0, 0.3), np.linspace(-0.2, 0.2, 9)
+_VALLEYS, _CLOSER, _CLOSEST, _ASIDE = 3, (1.0, 0.3), (0.1,), np.linspace(-0.2, 0.2, 9)
 # The grid is evaluated on one of this many stretches of samples.
 _STRETCHES = 2
 # Scales of the line searches around the end of a fit whose cost has jumps.
@@ -147,28 +147,40 @@ def in_valleys(
                 best.append((place, quiet.evaluated()))
     best = _lowest(best)[: 2 * _VALLEYS]
     best = _lowest((place, one.evaluated(few)) for place, one in best)
-    if shares and best:
-        # The share is nearly the same in every valley.
-        top = best[0][1]
-        for part in _CLOSER:
-            top = top.best_of(shares[0], top.value(shares[0]) + 0.2 * part * _ASIDE)
-        fine = (o for o in _between(top, others, rows, _FINE) if not late())
-        best = _lowest([*best, *((place, one.evaluated()) for place, one in fine)])
-    best = _apart(best)
-    valleys = [one for _, one in best]
-    for i, one in enumerate(valleys):
+    # The share is nearly the same in every valley, but the best length may be another's: the better
+    # the share is known, the more valleys a fine grid of lengths shows.
+    for problem, scales in ((few, _CLOSER), (whole, _CLOSEST)):
+        if shares and best:
+            top = best[0][1].evaluated(problem)
+            for part in scales:
+                top = top.best_of(shares[0], top.value(shares[0]) + 0.2 * part * _ASIDE)
+            fine = (o for o in _between(top, others, rows, _FINE) if not late())
+            best = _lowest([*best, *((place, one.evaluated()) for place, one in fine)])
         # All samples show a valley more narrowly than a few.
-        for problem, part in (*((few, part) for part in _CLOSER), (whole, _CLOSER[-1])):
-            one = one.evaluated(problem)
-            for name in (*others, *shares):
-                if late():
-                    break
-                value, by = one.value(name), part * _ASIDE
-                close = value + 0.2 * by if name in shares else value * np.exp(by)
-                one = one.best_of(name, close)
-        valleys[i] = one.evaluated(whole)
-    valleys = [one for one in valleys if math.isfinite(one.cost)]  # finite on all samples too
-    return sorted([*valleys, *starts], key=lambda one: one.cost)
+        steps = [(whole, _CLOSER[-1])]
+        if problem is few:
+            steps = [(few, part) for part in _CLOSER] + steps
+        near = _apart(best)
+        best = _lowest((i, _refined(one, steps, others, shares, late)) for i, one in near)
+        if not shares:
+            break
+    return sorted([*(one for _, one in best), *starts], key=lambda one: one.cost)
+
+
+def _refined(
+    one: Start, steps: Sequence[tuple[Likelihood, float]], others: Sequence[str],
+    shares: Sequence[str], late: Callable[[], bool],
+) -> Start:  # fmt: skip
+    """The lowest point near a start, by line searches: problems and scales of each."""
+    for problem, part in steps:
+        one = one.evaluated(problem)
+        for name in (*others, *shares):
+            if late():
+                break
+            value, by = one.value(name), part * _ASIDE
+            close = value + 0.2 * by if name in shares else value * np.exp(by)
+            one = one.best_of(name, close)
+    return one
 
 
 def _between(

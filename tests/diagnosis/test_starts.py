@@ -91,6 +91,25 @@ def test_all_samples_show_a_valley_more_narrowly_than_a_few():
     assert best.value(NAMES[2]) == pytest.approx(0.4376, abs=0.002)
 
 
+def test_a_length_that_only_the_true_share_shows_is_looked_for_again():
+    # On a few samples twice the gap is likelier, at a slightly wrong share.
+    def wide(g, s, share):
+        return -60.0 * math.exp(-((math.log(g / 0.026) / 0.3) ** 2) - ((s - share) / 0.05) ** 2)
+
+    def all_say(g, s):
+        there = math.exp(-((math.log(g / 0.013) / 0.08) ** 2) - ((s - 0.668) / 0.003) ** 2)
+        return wide(g, s, 0.668) - 100.0 * there
+
+    guesses = [start(all_say, 0.004 * 2.0**k, s) for k in range(4) for s in (0.35, 0.65)]
+    whole = guesses[0].problem
+    few = SimpleNamespace(**vars(whole))
+    few.tried = lambda z: SimpleNamespace(cost=wide(z[1], z[2], 0.676))
+    few.on = whole.on = lambda runs: few
+    best = in_valleys(guesses, NAMES[1:], never, ())[0]
+    assert best.value(NAMES[1]) == pytest.approx(0.013, rel=0.02)
+    assert best.value(NAMES[2]) == pytest.approx(0.668, abs=0.002)
+
+
 def test_a_net_that_hangs_nowhere_leaves_the_guesses():
     """Costs are infinite where the parts are stiffer than the samples show."""
     guesses = [

@@ -117,8 +117,12 @@ def _rounds(search: Search, state: State, most: int, end: Ends | None, alone: bo
     while True:
         if _added(search, state, most, end, alone):
             return True
-        if not (sift(search, state, edge=False) or other_memory(search, state)):
+        if sift(search, state, edge=False) or other_memory(search, state):
+            continue
+        closer = None if alone else search.looked_closer(state.fit)
+        if closer is None:
             return False
+        state.fit = closer
 
 
 def _ended(search: Search, state: State, candidates: Sequence[Candidate], end: Ends | None) -> bool:

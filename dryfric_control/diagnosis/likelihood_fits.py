@@ -28,6 +28,7 @@ from dryfric_control.estimation.likelihood import (
     Run,
     prepare,
     some_of,
+    worst_of,
 )
 from dryfric_control.estimation.parameters import SHIFT, typical, values_of, with_values
 from dryfric_control.estimation.scoring import maximise
@@ -107,6 +108,8 @@ class Fits:
         self.recorded: list[Run] = [prepare(r) for r in self.records]
         # Width with which measurement noise, which does not act, is taken off the inputs.
         self.width = 0.0
+        # The runs with those samples alone that a fit foresees worst, if they are compared on.
+        self.worst: list[Run] = []
         self._take(self.recorded)
         self.samples = sum(int(r.active.sum()) for r in self.few)
         self.part = self.samples / self.whole
@@ -131,10 +134,28 @@ class Fits:
         """Use these runs from now on, and subsets of their samples."""
         self.runs = runs
         self.few, self.fewer = self._some(runs), self._some(runs, _NET)
+        if self.worst:
+            self.few = [
+                replace(r, active=w.active, pieces=w.pieces)
+                for r, w in zip(runs, self.worst, strict=True)
+            ]
 
     def _some(self, runs: Sequence[Run], most: int = _SOME) -> list[Run]:
         """A subset of about `most` samples of all runs together."""
-        return [some_of(r, max(most * len(r.record) // self.whole, 500)) for r in runs]
+        return [some_of(r, self._part_of(r, most)) for r in runs]
+
+    def _part_of(self, run: Run, most: int) -> int:
+        """Number of samples of a run, if about `most` of all are taken."""
+        return max(most * len(run.record) // self.whole, 500)
+
+    def aim(self, fit: Solution) -> None:
+        """Compare from now on where a fit to all samples foresees them worst.
+
+        What acts rarely may not have acted in evenly spread samples.
+        """
+        rows = zip(fit.problem.runs, fit.point.out, strict=True)
+        self.worst = [worst_of(run, out, self._part_of(run, _SOME)) for run, out in rows]
+        self._take(self.runs)
 
     @property
     def late(self) -> bool:

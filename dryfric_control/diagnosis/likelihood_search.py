@@ -81,8 +81,8 @@ class Search(Screening):
         self._earlier: dict[Solution, Solution | None] = {}
         # Candidates of the last round that held-out data do not confirm: worth, candidate, fit.
         self.unsure: list[tuple[float, Candidate, Solution]] = []
-        # Whether a fit leaves no structure in free runs; set by the caller that has these.
-        self.nothing_left: Callable[[Solution], bool] = lambda fit: False
+        # Tells whether a fit leaves no structure in free runs; set by the caller that has these.
+        self.free_runs: Callable[[Solution], bool] | None = None
         # Full fits of candidates beside a model.
         self._full: dict[tuple[Solution, Candidate], tuple[Candidate, Solution]] = {}
 
@@ -443,6 +443,20 @@ class Search(Screening):
             return found
         return HeldOut.of(*(self._costs_of(self._on_all(one)) for one in (less, fit)))
 
+    def nothing_left(self, now: Solution) -> bool:
+        """Whether free runs show no structure that a fit leaves; False where none judge."""
+        return self.free_runs is not None and self.free_runs(now)
+
+    def looked_closer(self, now: Solution) -> Solution | None:
+        """The fit on samples where it leaves structure; None if it leaves none, or was there."""
+        if self.part == 1.0 or self.worst or self.imposed or self.late:
+            return None
+        if self.free_runs is None or self.free_runs(now):
+            return None
+        self.tell("where structure is left")
+        self.aim(self._on_all(now))
+        return self.fit(now.axis, self.free_of(now), now.z[len(now.problem.names) :])
+
     def _costs_of(self, one: Solution) -> FloatArray:
         """Cost of each block under parameters fitted without that block."""
         if one not in self._costs:
@@ -472,19 +486,30 @@ class Search(Screening):
 
     def vanished(self, fit: Solution, slug: str, free: Sequence[str]) -> bool:
         """Whether an amount without which a cause is not there is no larger than its error."""
+        return not self._there(fit, slug, free, 1.0)
+
+    def _there(
+        self, fit: Solution, slug: str, free: Sequence[str], least: float, everywhere: bool = False
+    ) -> bool:
+        """Whether the amounts of a cause are larger than some number of standard errors.
+
+        Optional amounts are terms of a sum: one significant term is sufficient.
+        """
         values, errors = fit.values(), fit.standard_errors()
         own = [n for n in free if n in values]
-        rows = [(abs(values[n] - zero) <= errors[n], o) for n, zero, o in amounts(slug, own)]
-        needed = [gone for gone, optional in rows if not optional]
-        # Optional amounts are terms of a sum.
-        return any(needed) or bool(rows and not needed and all(gone for gone, _ in rows))
+        rows = [
+            (abs(values[name] - neutral) > least * errors[name], optional)
+            for name, neutral, optional in amounts(slug, own, everywhere)
+        ]
+        needed = all(there for there, optional in rows if not optional)
+        return needed or any(there for there, optional in rows if optional)
 
     def sound(self, fit: Solution, slug: str, free: Sequence[str], edge: bool = False) -> bool:
         """Whether a cause is determined and lies in the travelled range.
 
         `edge`: whether a position at the edge of the range is accepted.
         """
-        values, errors = fit.values(), fit.standard_errors()
+        values = fit.values()
         own = {n: values[n] for n in free if n in values}
         if not placed(slug, own, self.records):
             return False
@@ -493,8 +518,6 @@ class Search(Screening):
             return False
         kinds = effect_class(slug).parameters()
         hidden = hidden_shares(fit)
-        needed: list[bool] = []
-        further: list[bool] = []
         for name in own:
             of_kind = kinds[name.partition(".")[2]]
             kind = of_kind["kind"]
@@ -506,8 +529,4 @@ class Search(Screening):
                 return False
         # An effect with a memory can imitate much of what is missing.
         least = 1.0 / HARDLY if hard(slug) else _SURE
-        for name, neutral, optional in amounts(slug, own, wide(slug, own, self.records)):
-            there = abs(own[name] - neutral) > least * errors[name]
-            (further if optional else needed).append(there)
-        # Optional amounts are terms of a sum: one significant term is sufficient.
-        return all(needed) or any(further)
+        return self._there(fit, slug, free, least, wide(slug, own, self.records))

@@ -97,7 +97,7 @@ def answer(
     def nothing_left(fit: Solution) -> bool:
         return not judge(search)(search, cut(search.shift), search.as_recorded(fit))[1].significant
 
-    search.nothing_left = nothing_left
+    search.free_runs = nothing_left
     state = forward(search, end=ends)
     if state is None:
         return None

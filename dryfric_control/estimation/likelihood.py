@@ -73,6 +73,8 @@ _HIDDEN = 0.05
 # Evenly spread stretches are moved if their fraction of motion is below this part of the
 # record's.
 _STILL = 0.5
+# Largest number of stretches that are foreseen worst, and their shortest length [samples].
+_WORST, _SHORT = 8, 500
 # Bounds of the standard deviation of the random force, over the RMS drive.
 _FORCE = (1e-5, 10.0)
 
@@ -145,6 +147,26 @@ def some_of(run: Run, most: int, count: int = 4) -> Run:
         starts = np.maximum.accumulate(middle - size // 2 - first) + first
         starts = np.clip(starts, first, n - size * count + first)
     return _stretches(run, starts, size)
+
+
+def worst_of(run: Run, out: FloatArray, most: int) -> Run:
+    """Subset of a run with `most` samples in all: the stretches that a model foresees worst.
+
+    `out`: its innovations and their variances in the whole run, shape (2, n).
+    """
+    if len(run.record) <= 1.25 * most:
+        return run
+    size = max(most // _WORST, min(_SHORT, most))
+    seen = run.active & (out[1] > 0.0)
+    square = np.zeros(len(run.record))
+    square[seen] = np.log1p(out[0, seen] ** 2 / (compiled.FREEDOM * out[1, seen]))
+    total = np.append(0.0, np.cumsum(square))
+    first = np.arange(0, len(run.record) - size + 1, max(size // 4, 1))
+    starts: list[int] = []
+    for k in np.argsort(total[first] - total[first + size], kind="stable"):
+        if len(starts) < most // size and all(abs(first[k] - a) >= size for a in starts):
+            starts.append(int(first[k]))
+    return _stretches(run, sorted(starts), size)
 
 
 def _stretches(run: Run, starts: Iterable[int], size: int) -> Run:

@@ -180,6 +180,28 @@ def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, nam
         changed = other_memory(search, state)
     assert state.causes == [beside, hidden] and changed is (slug != hidden)
     assert not other_memory(search, state)  # settled
+    if hidden == "compliance":
+        # The first fit of both is less likely than one without the bias, and goes on from there.
+        assert state.fit.values()["bias_force.force"] == pytest.approx(
+            case.truth["bias_force"]["force"], rel=0.05
+        )
+
+
+@pytest.mark.parametrize(
+    ("slug", "values", "gone"),
+    [
+        ("bias_force", {"force": 0.9}, True),
+        ("bias_force", {"force": 1.1}, False),
+        ("position_dependence", {"slope": 0.9, "curvature": 0.9}, True),
+        # Terms of a sum: one is enough.
+        ("position_dependence", {"slope": 0.0, "curvature": 5.0}, False),
+        ("position_dependence", {"slope": 5.0, "curvature": 0.0}, False),
+    ],
+)
+def test_a_cause_is_gone_where_no_term_is_larger_than_its_error(slug, values, gone):
+    own = {f"{slug}.{n}": v for n, v in values.items()}
+    fit = SimpleNamespace(values=lambda: own, standard_errors=lambda: dict.fromkeys(own, 1.0))
+    assert Search.vanished(Search.__new__(Search), fit, slug, tuple(own)) is gone
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from dryfric_control.estimation.likelihood import (
     Likelihood,
     prepare,
     some_of,
+    worst_of,
 )
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import _inverse
@@ -544,3 +545,38 @@ def test_stretches_lie_where_a_record_moves(moves):
     # Where they move as the record does they stay evenly spread.
     always = prepare(dfc.Record(t, np.sin(t), 1e-6 * np.round(1e5 * np.sin(t)), quantum=1e-6))
     assert [a for a, _ in some_of(always, 4 * size).pieces] == [0, 12666, 25333, 38000]
+
+
+def test_the_stretches_that_a_model_foresees_worst():
+    n = 20_000
+    t = 1e-3 * np.arange(n)
+    run = prepare(dfc.Record(t, np.sin(t), 1e-6 * np.round(1e5 * np.sin(t)), quantum=1e-6))
+    out = np.array([np.random.default_rng(3).standard_normal(n), np.ones(n)])
+    out[0, 5300:5330] += 8.0
+    out[0, 14990:15010] += 8.0
+    out[1, 9000:9100] = 0.0  # no innovations
+    out[0, 9000:9100] = 1e6
+    worst = worst_of(run, out, 2000)
+    pieces = np.array(worst.pieces)
+    assert np.all(np.diff(pieces, axis=1) == 500) and len(pieces) == 4
+    assert np.all(pieces[1:, 0] >= pieces[:-1, 1])
+    for event in (range(5300, 5330), range(14990, 15010)):
+        assert worst.active[event].mean() > 0.4
+    assert worst_of(run, out, 19_000) is run
+
+
+def test_a_rough_cost_ends_where_no_point_around_is_lower():
+    """Contacts stick and slide at other samples with every step: slopes are no guide."""
+    case = truth.make_case("presliding", 12, "decimated")
+    ((_, values),) = case.truth.items()
+    machine = dfc.effects.Presliding(**values)
+    runs = [prepare(record(case))]
+    names = ("mass", "viscous", "coulomb", "presliding.distance")
+    axis = believed(case).replace(effects=(machine,))
+    actual = axis.replace(**{n: case.actual[n] for n in ("mass", "viscous", "coulomb")})
+    known = Likelihood(actual, (), runs)
+    problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(6.68e-5),)), names, runs)
+    found = maximise(problem, problem.start(1.0))
+    assert found.converged
+    assert found.cost < maximise(known, known.start(1.0)).cost - 50.0
+    assert found.values()["presliding.distance"] == pytest.approx(values["distance"], rel=0.005)

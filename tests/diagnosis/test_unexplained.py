@@ -20,7 +20,7 @@ OUTSIDE = [("impacts", 1), ("lost_steps", 3)]
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed"), OUTSIDE)
 def test_what_no_candidate_explains_is_admitted(kind, seed):
-    case = make_outside(seed, kind=kind)
+    case = make_outside(seed, "short", kind=kind)
     found = diagnose(believed(case), record(case), jobs=1)
     assert found.verdict in FLAGGED, str(found)
     assert found.unexplained.significant

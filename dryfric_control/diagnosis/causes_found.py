@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dryfric_control.diagnosis.candidates import holds
-from dryfric_control.diagnosis.likelihood_search import Search
+from dryfric_control.diagnosis.candidates import holds, with_effect
+from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
 from dryfric_control.diagnosis.screening import Candidate
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -133,3 +133,22 @@ def without(search: Search, state: State, slug: str, **settings: Any) -> Solutio
     axis = search.less(fit.axis, slug)
     free = names_without(search, fit, slug, state.free[slug])
     return search.fit(axis, free, **settings)
+
+
+def restarted(search: Search, state: State, slug: str, less: Solution) -> bool:
+    """Fit again from `less`, a fit without a cause, if it is more likely than that with it.
+
+    A fit cannot be less likely than one it contains, unless it has missed the optimum.  Returns
+    whether the new one is notably better.
+    """
+    before = state.fit
+    if less.cost >= before.cost or search.late:
+        return False
+    values = before.values()
+    own = {n.partition(".")[2]: values[n] for n in state.free[slug]}
+    names = (*names_without(search, before, slug, state.free[slug]), *state.free[slug])
+    noises = less.z[len(less.problem.names) :]
+    found = search.fit(with_effect(less.axis, slug, own).axis, names, noises)
+    if found.cost < before.cost:
+        state.fit = found
+    return found.cost < before.cost - EQUAL

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from dryfric_control.diagnosis.candidates import SLUGS
-from dryfric_control.diagnosis.causes_found import State, moved_up, names_without, without
+from dryfric_control.diagnosis.causes_found import (
+    State,
+    moved_up,
+    names_without,
+    restarted,
+    without,
+)
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, far_off
 from dryfric_control.diagnosis.held_out import CLEAR, LEAST, HeldOut
 from dryfric_control.diagnosis.likelihood_search import EQUAL, MOVED, Search
@@ -80,7 +86,10 @@ def confirmed(search: Search, state: State) -> tuple[Solution, list[str], dict[s
                 judged[slug] = _judged(search, state, final, with_all, slug)
         weakest = _weakest(search, state, judged)
         if weakest:
-            name = state.drop(weakest, without(search, state, weakest))
+            less = without(search, state, weakest)
+            if restarted(search, state, weakest, less):
+                continue
+            name = state.drop(weakest, less)
             if judged[weakest].louder > _MISSED:
                 state.refuted.add(name)
         elif _gain_is_choice(search, state, final, kept, judged):

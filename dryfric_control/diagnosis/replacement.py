@@ -6,7 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from dryfric_control.diagnosis.candidates import catalogue, effect_class, own_names, with_effect
-from dryfric_control.diagnosis.causes_found import State, least_addition, names_without, without
+from dryfric_control.diagnosis.causes_found import (
+    State,
+    least_addition,
+    names_without,
+    restarted,
+    without,
+)
 from dryfric_control.diagnosis.likelihood_fits import LATE, hard
 from dryfric_control.diagnosis.likelihood_search import EQUAL, SLACK, Search
 from dryfric_control.diagnosis.screening import Candidate
@@ -55,23 +61,12 @@ def _backward(search: Search, state: State) -> None:
     while i < len(state.causes) and not search.late:
         slug = state.causes[i]
         less = without(search, state, slug)
-        if less.cost < state.fit.cost:
-            _restarted(search, state, slug, less)
+        restarted(search, state, slug, less)
         gain = less.cost - state.fit.cost
         if search.worth(gain, len(state.free[slug])) < 0.0:
             state.drop(slug, less)
         else:
             i += 1
-
-
-def _restarted(search: Search, state: State, slug: str, less: Solution) -> None:
-    """Fit again from one without a cause that is more likely, which it contains."""
-    own = {n.partition(".")[2]: state.fit.values()[n] for n in state.free[slug]}
-    axis = with_effect(less.axis, slug, own).axis
-    names = (*names_without(search, state.fit, slug, state.free[slug]), *state.free[slug])
-    found = search.fit(axis, names, less.z[len(less.problem.names) :])
-    if found.cost < state.fit.cost:
-        state.fit = found
 
 
 def _exchange(search: Search, state: State) -> None:

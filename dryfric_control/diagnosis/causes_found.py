@@ -13,10 +13,10 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, named, renumbered
 
-# A further cause must bring this fraction of the total gain, or reduce the random force by this
-# fraction (gain of log-likelihood per sample): unmodelled force is not white, and the likelihood
-# rewards any effect that resembles it.
-_FURTHER, _QUIETER = 0.02, 0.02
+# A further cause must bring this fraction of the total gain, this gain of log-likelihood per
+# sample, or reduce the random force by this fraction: unmodelled force is not white, and the
+# likelihood rewards any effect that resembles it.
+_FURTHER, _PER_SAMPLE, _QUIETER = 0.02, 0.02, 0.1
 
 
 @dataclass(eq=False)
@@ -107,9 +107,12 @@ class State:
         self.causes.insert(place, self.causes.pop())
 
 
-def least_addition(so_far: float, samples: int) -> float:
-    """Smallest gain of a further cause, in addition to `so_far`, that is notable."""
-    return min(_FURTHER / (1.0 - _FURTHER) * so_far, _QUIETER * samples)
+def least_addition(so_far: float, samples: int, heard: float) -> float:
+    """Smallest gain of a further cause, in addition to `so_far`, that is notable.
+
+    `heard`: see `Solution.heard`, of the fit without it.
+    """
+    return min(_FURTHER / (1.0 - _FURTHER) * so_far, _PER_SAMPLE * samples, _QUIETER * heard)
 
 
 def _alike(one: str, other: str) -> bool:

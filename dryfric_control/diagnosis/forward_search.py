@@ -182,7 +182,7 @@ class _Round:
 
     def __init__(self, search: Search, state: State, now: Solution, so_far: float) -> None:
         self.search, self.state, self.now = search, state, now
-        least = least_addition(so_far, search.samples)
+        least = least_addition(so_far, search.samples, now.heard())
         self.enough = partial(operator.le, least)
         self.needed = least if state.causes else 0.0
         self.candidates: list[Candidate] = []

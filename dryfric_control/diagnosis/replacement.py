@@ -168,8 +168,9 @@ def _with_the_next(
     for mine, rival, half in ranked[:_LOOKED_AHEAD]:
         least = worth - mine + EQUAL
         others = search.screen(half, False, False, least)
+        notable = least_addition(gain, search.samples, half.heard())
         for more, other, fit in search.extend(half, others, least)[:1]:
-            if more > least and half.cost - fit.cost >= least_addition(gain, search.samples):
+            if more > least and half.cost - fit.cost >= notable:
                 return [(rival, half), (other, fit)]
     return []
 

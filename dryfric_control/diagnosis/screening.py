@@ -223,8 +223,9 @@ class Screening(Fits):
         if self.late:
             return tried
         noises = now.z[len(now.problem.names) :]
+        may_change = {*self.base, *self.free_of(now)}
         for values, base in (guess for view in views for guess in guesses(effect, view)):
-            change = {n: c for n, c in base.items() if n in self.base}
+            change = {n: c for n, c in base.items() if n in may_change}
             if (values, change) in seen:
                 continue
             seen.append((dict(values), change))

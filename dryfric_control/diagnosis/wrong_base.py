@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dryfric_control.diagnosis.candidates import SLUGS, Start, effect_class, with_effect
+from dryfric_control.diagnosis.candidates import SLUGS, Start, with_effect
 from dryfric_control.diagnosis.causes import cause_of
 from dryfric_control.diagnosis.causes_found import State
 from dryfric_control.diagnosis.gain_or_base import GAIN, or_a_gain
@@ -16,6 +16,7 @@ from dryfric_control.diagnosis.likelihood_search import EQUAL, Search
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.effects.levels import carrying
 from dryfric_control.model.effects.naming import class_of
 
 # Relative error of a base parameter up to which it counts as right.
@@ -91,29 +92,16 @@ def _load_does_the_same(search: Search, state: State, final: Solution, held: str
 def _with_a_load(search: Search, state: State, final: Solution, held: str) -> Start | None:
     """The axis with load-dependent friction that moves alike while its drive does not brake.
 
-    Friction of F_c + c (N - e) under N = m_l a + f v + F - e, the force that the teeth carry,
-    looks like the mass of the load, viscous friction and level over (1 - c), and like the forces
-    e times (1 + c)/(1 - c); a motor's mass before a play or a spring stays.
+    The base parameter `held` is then as in the nominal axis.
     """
     values, nominal = final.values(), search.nominal[held]
     shares = [p.name for p in final.problem.parameters if p.kind == "share"]
-    share = values[shares[0]] if shares else 1.0  # of the load in the mass
     scale = nominal / values[held]
-    if held == "mass":
-        scale = 1.0 - (1.0 - scale) / share
+    if held == "mass" and shares:  # of the load in the mass
+        scale = 1.0 - (1.0 - scale) / values[shares[0]]
     if not 0.0 < scale < 1.0:
         return None
-    changed = {n: scale * values[n] for n in search.base}
-    changed["mass"] = values["mass"] * (1.0 - share + scale * share)
-    changed[held] = nominal
-    changed |= {n: scale * share / (1.0 - share + scale * share) for n in shares}
-    for slug in state.causes:
-        effect = effect_class(slug)
-        factors = {"force": scale / (2.0 - scale), "friction": scale}
-        if effect.action in factors:
-            kinds = effect.parameters()
-            forces = [n for n in state.free[slug] if kinds[n.partition(".")[2]]["unit"][:1] == "N"]
-            changed |= {n: factors[effect.action] * values[n] for n in forces}
+    changed = {n: v for n, v in carrying(final.axis, scale).items() if n in values}
     axis = with_values(final.axis, [*changed], [*changed.values()])
     return with_effect(axis, _LOAD, {"coefficient": 1.0 - scale})
 

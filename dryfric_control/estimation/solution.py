@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 _OPEN = 1e-9
 # Square root of the information below which it counts as zero.
 _NOTHING = 1e-100
+# Relative fall of the random force by which it is told how much of it samples show.
+_FALL = 0.1
 # Fractions of a Newton step that are tried until one lowers the cost.
 _PARTS = (1.0, 0.3, 0.1)
 
@@ -45,8 +47,8 @@ class Solution:
     gradients, information : ndarray
         `Likelihood.terms` at z.
     converged : bool
-        Whether the predicted fall of the cost is small: below 1, or below 10 if the cost
-        is so rough that no step achieves its prediction.
+        Whether the predicted fall of the cost is below 1, or nothing near is lower, where the
+        cost is so rough that no step achieves its prediction.
     promised : float
         Predicted fall of the cost by a full Newton step.
     at_bound : tuple of str
@@ -204,6 +206,21 @@ class Solution:
     def random_force(self, i: int = 0) -> float:
         """Standard deviation of the random force in record i, held over a sample [N]."""
         return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
+
+    def heard(self) -> float:
+        """Number of samples, each counted by the share of the random force in what it shows.
+
+        It is the gain of log-likelihood per relative fall of the random force: where readings
+        are noisy or coarse, samples show less of it.
+        """
+        total, n = 0.0, len(self.problem.names)
+        for i, (run, now) in enumerate(zip(self.problem.runs, self.point.out, strict=True)):
+            z = self.z.copy()
+            z[n + 2 * i] -= 2.0 * _FALL
+            less = self.problem._filter(z, i)[0]
+            seen = run.active & (now[1] > 0.0) & (less[1] > 0.0)
+            total += 0.5 * float(np.sum(np.log(now[1, seen] / less[1, seen]))) / _FALL
+        return total
 
     def reading_noise(self, i: int = 0) -> float:
         """Standard deviation of a reading's noise in record i."""

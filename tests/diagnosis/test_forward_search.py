@@ -111,16 +111,20 @@ def test_beside_inputs_that_act_early_candidates_are_weighed_on_all_samples():
 
 
 @pytest.mark.parametrize(
-    ("gain", "whole", "expected"),
+    ("gain", "whole", "heard", "expected"),
     [
-        (190.0, 10_000.0, True),  # 2 % of 8000 samples' random force, though 1.9 % of the gain
-        (150.0, 10_000.0, False),
-        (21.0, 1000.0, True),  # 2 % of a small gain
-        (19.0, 1000.0, False),
+        (190.0, 10_000.0, 8000.0, True),  # 2 % a sample, though 1.9 % of the gain
+        (150.0, 10_000.0, 8000.0, False),
+        (21.0, 1000.0, 8000.0, True),  # 2 % of a small gain
+        (19.0, 1000.0, 8000.0, False),
+        (41.0, 10_000.0, 400.0, True),  # a tenth of a random force that readings show faintly
+        (39.0, 10_000.0, 400.0, False),
     ],
 )
-def test_a_further_cause_must_explain_a_part_of_the_gain_or_of_the_force(gain, whole, expected):
-    assert (gain >= least_addition(whole - gain, 8000)) is expected
+def test_a_further_cause_must_explain_a_part_of_the_gain_or_of_the_force(
+    gain, whole, heard, expected
+):
+    assert (gain >= least_addition(whole - gain, 8000, heard)) is expected
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import numpy as np
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.effects.forces import BiasForce
 from dryfric_control.model.effects.guesses import Guess, View, linear
+from dryfric_control.model.effects.naming import named
 
 
 @register_effect
@@ -189,10 +190,31 @@ class LoadDependence(Effect):
         # Friction with the load.
         yield from linear(view, -np.sign(view.v) * np.abs(view.carried), "coefficient", 1e-3)
         # To a drive that hardly brakes it is a gain, which wrong base parameters hide.
-        axis = view.axis
-        base = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": view.level}
-        for share in (0.1, 0.2):
-            yield {"coefficient": share}, {n: (1.0 - share) * value for n, value in base.items()}
+        for share in (0.05, 0.1, 0.15, 0.2, 0.25):
+            level = {"coulomb": (1.0 - share) * view.level}
+            yield {"coefficient": share}, carrying(view.axis, 1.0 - share) | level
+
+
+def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
+    """Values of an axis that moves alike beside load-dependent friction of 1 - scale.
+
+    Friction of F_c + c (N - e) under N = m_l a + f v + F - e, the force that the teeth carry,
+    looks like the mass of the load, viscous friction and level over (1 - c), and like the forces
+    e times (1 + c)/(1 - c), while the drive does not brake; a motor's mass before a play or a
+    spring stays.
+    """
+    changed = {"mass": scale * axis.mass, "viscous": scale * axis.viscous}
+    changed["coulomb"] = 0.5 * scale * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
+    factors = {"force": scale / (2.0 - scale), "friction": scale}
+    for name, effect in named(axis).items():
+        for own, kind in effect.parameters().items():
+            value = getattr(effect, own)
+            if kind["kind"] == "share":
+                rest = 1.0 - value + scale * value
+                changed |= {"mass": rest * axis.mass, f"{name}.{own}": scale * value / rest}
+            elif kind["unit"][:1] == "N" and effect.action in factors:
+                changed[f"{name}.{own}"] = factors[effect.action] * value
+    return changed
 
 
 @register_effect

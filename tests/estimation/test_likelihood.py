@@ -580,3 +580,17 @@ def test_a_rough_cost_ends_where_no_point_around_is_lower():
     assert found.converged
     assert found.cost < maximise(known, known.start(1.0)).cost - 50.0
     assert found.values()["presliding.distance"] == pytest.approx(values["distance"], rel=0.005)
+
+
+def test_fine_readings_show_more_of_the_random_force_than_coarse_ones():
+    shares = []
+    for noise in (1e-9, 1e-5):
+        axis, r = moved_axis(np.random.default_rng(3), 0.24, noise)
+        problem = Likelihood(axis, (), [prepare(r)])
+        found = maximise(problem, problem.start(1.0))
+        moving = np.mean(np.abs(r.derivatives().v) > 1e-3)
+        shares.append(found.heard() / len(r) / moving)
+    # At rest the force does not act.
+    assert 0.7 < moving < 0.95
+    assert shares[0] == pytest.approx(1.0, abs=0.05)
+    assert 0.0 < shares[1] < 0.3

@@ -39,6 +39,8 @@ class State:
         Causes that were dropped after others had joined; they are not tried again.
     settled : set of str
         Causes with a memory that were compared with all others that have one.
+    gained : float
+        Gain of log-likelihood of all causes together.
     late : bool
         Whether time ran out.
     """
@@ -51,6 +53,7 @@ class State:
     first: dict[str, float] = field(default_factory=dict)
     refuted: set[str] = field(default_factory=set)
     settled: set[str] = field(default_factory=set)
+    gained: float = 0.0
     late: bool = False
 
     @property

@@ -138,7 +138,8 @@ def _ended(search: Search, state: State, candidates: Sequence[Candidate], end: E
 
 def _added(search: Search, state: State, most: int, end: Ends | None, alone: bool) -> bool:
     """Add causes to a state while they gain enough; whether `end` ended the search."""
-    first = state.fit.cost
+    # Of the causes found earlier, on whichever samples.
+    first = state.fit.cost + state.gained
     while len(state.causes) < most and not search.late:
         now = search.quieter(state.fit)
         # The gain from smoother inputs must not be credited to a cause.
@@ -162,6 +163,7 @@ def _added(search: Search, state: State, most: int, end: Ends | None, alone: boo
             break
         if not this.single():
             break
+    state.gained = max(first - state.fit.cost, 0.0)
     return False
 
 

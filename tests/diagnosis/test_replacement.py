@@ -165,7 +165,6 @@ def test_what_does_the_same_is_stated_beside_all_the_others():
     [
         ("compliance", "bias_force", ("load_encoder_backlash", 1e-4)),
         ("presliding", "dead_zone", ("backlash", 3e-4)),
-        ("backlash", "bias_force", ("backlash", 3e-4)),
     ],
 )
 def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, named):
@@ -177,8 +176,8 @@ def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, nam
     with among(beside, "compliance", "presliding", "backlash", "load_encoder_backlash"):
         play = (slug, {"gap": gap, "load_fraction": 0.5})
         state = state_with(search, first, (beside, other), play)
-        changed = other_memory(search, state)
-    assert state.causes == [beside, hidden] and changed is (slug != hidden)
+        assert other_memory(search, state)
+    assert state.causes == [beside, hidden]
     assert not other_memory(search, state)  # settled
     if hidden == "compliance":
         # The first fit of both is less likely than one without the bias, and goes on from there.
@@ -297,7 +296,8 @@ def test_a_compliance_whose_load_has_no_mass_becomes_the_contact_that_it_is():
 )
 def test_a_rival_counts_with_the_cause_that_it_leaves_to_be_noticed(worth, gain, found):
     contact, load = (Candidate(slug, (), None, 0.0) for slug in ("presliding", "load_dependence"))
-    half, both = SimpleNamespace(cost=-600.0), SimpleNamespace(cost=-600.0 - gain)
+    half = SimpleNamespace(cost=-600.0, heard=lambda: 8000.0)
+    both = SimpleNamespace(cost=-600.0 - gain)
     search = SimpleNamespace(
         screen=lambda *_: [load], extend=lambda *_: [(worth, load, both)], samples=8000
     )

@@ -5,6 +5,10 @@ from collections.abc import Iterator
 
 import pytest
 
+# Whole, before any worker runs: pytest's main process opens the warnings of two workers in two
+# threads, and two threads that begin to import one package wait for one another.
+from dryfric_control.model.effects.effect import REGISTRY
+
 SLOW_EXAMPLES = ("diagnose", "diagnose_batch", "identify_stribeck")
 
 
@@ -26,8 +30,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(autouse=True)
 def registry_as_before() -> Iterator[None]:
     """Effects that a test or an example registers are gone after it, in whatever order they run."""
-    from dryfric_control.model.effects.effect import REGISTRY
-
     before = dict(REGISTRY)
     yield
     REGISTRY.clear()

@@ -369,7 +369,7 @@ def _full_level(plant, t, x, v, carried, base, s, rest):
     level = base
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     for i in range(first, first + plant.integers[N_PEAKED]):
-        level += _law(plant, i, t, x, v, carried, base, s, rest)
+        level += _law(plant, i, t, x, v, carried, level, s, rest)
     return max(level, 0.0)
 
 

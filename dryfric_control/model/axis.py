@@ -912,7 +912,10 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         for action in ("input", "force", "friction", "reading")
     }
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
-    levels = sorted(by_action["friction"], key=lambda effect: not effect.within_peak)
+    # A share of the level, by place or time, is a share of the level of each direction.
+    levels = sorted(
+        by_action["friction"], key=lambda e: (not e.within_peak, not e.depends_on_direction)
+    )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     # An axis holds one of each kind that has a state, so that adding is collecting.
     states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]

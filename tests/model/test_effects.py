@@ -125,6 +125,39 @@ def test_effects_add_up_in_any_order():
     np.testing.assert_allclose(one.y[1], v, rtol=0, atol=5e-8)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (3, 2, 1, 0), (1, 3, 0, 2)])
+def test_shares_of_the_level_multiply_in_any_order(order):
+    effects = (
+        dfc.effects.PositionDependence(slope=2.0, curvature=-3.0, centre=0.02),
+        dfc.effects.CoulombAsymmetry(1.25),
+        dfc.effects.Drift(rate=0.8),
+        dfc.effects.WarmUp(rise=0.4, time_constant=0.3),
+    )
+    axis = axis_with(*(effects[i] for i in order))
+    for s in (1.0, -1.0):
+
+        def level(t, x, u, s=s):
+            q = x - 0.02
+            along = 1.0 + 2.0 * q - 3.0 * q**2
+            return (COULOMB + 1.25 * s) * along * (1.0 + 0.8 * t) * (1.0 + 0.4 * math.exp(-t / 0.3))
+
+        resp = axis.simulate(np.full(201, s * 9.0), DT, x0=0.01, v0=0.5 * s)
+        x, v = slide(lambda t, s=s: s * 9.0, lambda t, x, v: 0.0, level, 0.5 * s)
+        np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=5e-8)
+
+
+def test_asymmetry_along_the_travel_is_that_of_two_levels():
+    """An effect of the direction and one of the place are what the map of both levels says."""
+    drive = 14.0 * np.sin(np.linspace(0.0, 9.0, 801))
+    place = dfc.effects.PositionDependence(slope=2.0)
+    one = axis_with(dfc.effects.CoulombAsymmetry(1.25), place).simulate(drive, DT)
+    levels = dfc.CoulombMap(plus=[6.25, 12.5], minus=[3.75, 7.5])
+    bare = dfc.FrictionAxis(MASS, VISCOUS, levels, travel=(-0.4, 0.4))
+    other = bare.simulate(drive, DT)
+    np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-9)
+    assert set(one.mode) == {0.0, 1.0, -1.0}
+
+
 def test_coulomb_asymmetry_shifts_each_direction():
     axis = axis_with(dfc.effects.CoulombAsymmetry(1.25))
     for s in (1.0, -1.0):

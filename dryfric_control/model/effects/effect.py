@@ -225,7 +225,9 @@ class Effect:
     - "friction": an addition to the Coulomb level [N]; `level` is that level
       here and in this `direction`, `u` the load of the transmission, which is the drive
       less the force effects, `rest` the time at rest.
-      The Stribeck peak raises what it adds, unless `within_peak` is false;
+      The Stribeck peak raises what it adds, unless `within_peak` is false; of those that it
+      raises, `level` contains what the ones before add, those that depend on the direction
+      first: shares of the level multiply;
     - "input": the drive force that replaces `u` [N];
     - "reading": an addition to the encoder reading [m]; it must change by less than
       the position.

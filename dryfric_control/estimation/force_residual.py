@@ -276,7 +276,7 @@ class View(Sliding):
     def _base(self, change: FloatArray) -> Values:
         """Base parameters from a regression, within plausible bounds."""
         axis = self.axis
-        level = 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
+        level = axis.coulomb.mean
         fastest = 3.0 * level / max(float(np.sqrt(np.mean(self.v**2))), 1e-300)
         # Resistances enter the residual with a minus sign: m a + f v + Fc s is subtracted
         # from the drive.

@@ -90,7 +90,7 @@ class ForceView(Likelihood):
         n = len(self.names)
         self.low[n + 1 :: 2] = self.high[n + 1 :: 2] = 0.0
 
-    def _filter(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+    def innovations(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
         """Innovations of record i, and its motion in place of filtered states."""
         run = self.runs[i]
         axis, n = self.axis_at(z, i), len(run.record)

@@ -343,7 +343,7 @@ class Likelihood:
         n = len(self.names)
         return math.exp(z[n + 2 * i]), math.exp(z[n + 2 * i + 1])
 
-    def _filter(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+    def innovations(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
         """Innovations and states of record i."""
         run = self.runs[i]
         record = run.record
@@ -375,7 +375,7 @@ class Likelihood:
 
     def at(self, z: FloatArray) -> Point:
         """Cost and innovations at search coordinates."""
-        pairs = [self._filter(z, i) for i in range(len(self.runs))]
+        pairs = [self.innovations(z, i) for i in range(len(self.runs))]
         cost = self.prior(z)
         for run, (out, _) in zip(self.runs, pairs, strict=True):
             cost += compiled.cost(out, run.active)
@@ -482,7 +482,7 @@ class Likelihood:
             if moved[j] == z[j]:
                 continue
             try:
-                out = self._filter(moved, i)[0]
+                out = self.innovations(moved, i)[0]
             except ValueError:
                 continue
             if np.isfinite(out).all():

@@ -251,7 +251,7 @@ def _levels(
     sides = []
     for side in ("plus", "minus"):
         coefficients = list(getattr(axis.coulomb, side))
-        for name, now in (("coulomb", _mean_level(axis)), (f"coulomb_{side}", coefficients[0])):
+        for name, now in (("coulomb", axis.coulomb.mean), (f"coulomb_{side}", coefficients[0])):
             if name in given:
                 # A map keeps its shape, unless its level is zero.
                 ratio = given[name] / now if now > 0.0 else 0.0
@@ -262,11 +262,6 @@ def _levels(
             coefficients[i] = given.get(f"coulomb_{side}[{i}]", coefficients[i])
         sides.append(tuple(coefficients))
     return sides[0], sides[1]
-
-
-def _mean_level(axis: FrictionAxis) -> float:
-    """Mean of the two levels at x = 0, the value of "coulomb"."""
-    return 0.5 * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
 
 
 def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis, list[str]]:
@@ -313,7 +308,7 @@ def _get(axis: FrictionAxis, name: str) -> float:
     if name == SHIFT:
         return 0.0
     if name == "coulomb":
-        return _mean_level(axis)
+        return axis.coulomb.mean
     if name in ("coulomb_plus", "coulomb_minus"):
         return float(getattr(axis.coulomb, name.removeprefix("coulomb_"))[0])
     place = _coefficient(axis, name)

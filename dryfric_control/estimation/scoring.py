@@ -47,7 +47,7 @@ def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArr
         for part in _QUIETER:
             new = z.copy()
             new[n + 2 * i] = max(z[n + 2 * i] + 2.0 * math.log(part), problem.low[n + 2 * i])
-            cost = compiled.cost(problem._filter(new, i)[0], run.active)
+            cost = compiled.cost(problem.innovations(new, i)[0], run.active)
             if cost < least:
                 least, quiet[n + 2 * i] = cost, new[n + 2 * i]
     if np.any(quiet != z):
@@ -73,7 +73,7 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
                 moved = z.copy()
                 moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
                 widths.append(abs(moved[j] - z[j]))
-                costs.append(compiled.cost(problem._filter(moved, (j - n) // 2)[0], run.active))
+                costs.append(compiled.cost(problem.innovations(moved, (j - n) // 2)[0], run.active))
             if not np.all(np.isfinite(costs)):
                 continue
             slope = (costs[1] - costs[0]) / sum(widths)

@@ -217,7 +217,7 @@ class Solution:
         for i, (run, now) in enumerate(zip(self.problem.runs, self.point.out, strict=True)):
             z = self.z.copy()
             z[n + 2 * i] -= 2.0 * _FALL
-            less = self.problem._filter(z, i)[0]
+            less = self.problem.innovations(z, i)[0]
             seen = run.active & (now[1] > 0.0) & (less[1] > 0.0)
             total += 0.5 * float(np.sum(np.log(now[1, seen] / less[1, seen]))) / _FALL
         return total

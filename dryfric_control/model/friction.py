@@ -101,6 +101,11 @@ class CoulombMap:
         """Whether the level is the same at every position."""
         return len(self.plus) == 1 and len(self.minus) == 1
 
+    @property
+    def mean(self) -> float:
+        """Mean of the levels of both directions at x = 0, the value of ``"coulomb"``."""
+        return 0.5 * (self.plus[0] + self.minus[0])
+
     def __call__(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
         """Level at positions `x` for motion in `direction` (+1 or -1).
 

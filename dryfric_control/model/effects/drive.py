@@ -178,8 +178,8 @@ class InputGain(Effect):
         # A gain by regression, alone, and as all base parameters over it.
         for c in (view.regress([view.u])[0][0], view.u @ view.residual / (view.u @ view.u)):
             yield {"gain": float(np.clip(1.0 + c, 0.2, 5.0))}, {}
-        level = 0.5 * (view.axis.coulomb.plus[0] + view.axis.coulomb.minus[0])
-        now = {"mass": view.axis.mass, "viscous": view.axis.viscous, "coulomb": level}
+        axis = view.axis
+        now = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": axis.coulomb.mean}
         gain = float(np.median([view.believed[n] / v for n, v in now.items() if v > 0.0]))
         yield {"gain": gain}, {n: gain * v for n, v in now.items()}
 

@@ -203,8 +203,8 @@ def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
     e times (1 + c)/(1 - c), while the drive does not brake; a motor's mass before a play or a
     spring stays.
     """
-    changed = {"mass": scale * axis.mass, "viscous": scale * axis.viscous}
-    changed["coulomb"] = 0.5 * scale * (axis.coulomb.plus[0] + axis.coulomb.minus[0])
+    now = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": axis.coulomb.mean}
+    changed = {name: scale * value for name, value in now.items()}
     factors = {"force": scale / (2.0 - scale), "friction": scale}
     for name, effect in named(axis).items():
         for own, kind in effect.parameters().items():

@@ -11,6 +11,7 @@ import numpy as np
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
+    amounts,
     catalogue,
     effect_class,
     guesses,
@@ -246,7 +247,23 @@ class Screening(Fits):
                     continue
                 tried.append(Start(cost, problem, z, effect))
         tried.sort(key=lambda one: one.cost)
-        return tried
+        return [*self._without_any(now, tried), *tried]
+
+    def _without_any(self, now: Solution, tried: Sequence[Start]) -> list[Start]:
+        """The start with none of an effect, where all guesses are worse; none if it has a shape.
+
+        Guesses made while other causes are missing may be far off, or of the wrong sign.
+        """
+        if not tried or tried[0].cost <= now.cost:
+            return []
+        problem, known = tried[0].problem, len(now.problem.names)
+        own = problem.parameters[known:]
+        neutral = {n: v for n, v, _ in amounts(tried[0].slug, [p.name for p in own], True)}
+        if len(neutral) < len(own) or any(p.logarithmic for p in own):
+            return []
+        z = tried[0].z.copy()
+        z[: known + len(own)] = [*now.z[:known], *(p.search(neutral[p.name]) for p in own)]
+        return [tried[0]._replace(cost=problem.tried(z).cost, z=z)]
 
     def nearest(
         self, less: FrictionAxis, one: Candidate, free: Sequence[str], noises: Any

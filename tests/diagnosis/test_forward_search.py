@@ -57,6 +57,20 @@ def test_where_nothing_gains_enough_a_moved_base_is_left_too(notable, monkeypatc
     assert bool(asked) == (notable > 0.0)
 
 
+@pytest.mark.parametrize("rate", [-0.6, 0.8])
+def test_a_guess_worse_than_nothing_is_no_reason_to_find_nothing(rate, monkeypatch):
+    case = make_case({"drift": {"rate": 0.01}}, 2)
+    search = Search(believed(case), [record(case)])
+    now = search.fit(search.believed, (), iterations=6)
+    view = "dryfric_control.diagnosis.screening.guesses"
+    monkeypatch.setattr(view, lambda effect, view: [({"rate": rate}, {"coulomb": 1e-3})])
+    with among("drift"):
+        (found,) = search.screen(now, first=False)
+    assert found.slug == "drift"
+    assert now.cost - found.cost > 100.0
+    assert found.axis.named_effects()["drift"].rate == pytest.approx(0.01, rel=0.3)
+
+
 def test_an_unconfirmed_cause_with_a_large_share_makes_the_search_go_on():
     case = make_case("bias_force", 4)
     search = Search(believed(case), [record(case)])

@@ -516,6 +516,9 @@ class Search(Screening):
         effect, runs = named(fit.axis)[slug], fit.problem.runs
         if not any(effect.beyond_noise(r.u, fit.random_force(i)) for i, r in enumerate(runs)):
             return False
+        axes = [fit.problem.axis_at(fit.z, i) for i in range(len(runs))]
+        if not all(named(axis)[slug].plausible(axis) for axis in axes):
+            return False
         kinds = effect_class(slug).parameters()
         hidden = hidden_shares(fit)
         for name in own:

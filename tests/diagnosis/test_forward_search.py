@@ -162,6 +162,17 @@ def test_one_term_of_a_sum_is_enough():
         assert search.sound(fit, slug, one.free) is there, fit.values()
 
 
+@pytest.mark.parametrize(("share", "turns"), [(0.25, 6), (0.6, 0), (-0.6, 0)])
+def test_friction_that_resists_one_way_alone_is_a_force(share, turns):
+    """Half the difference of two levels of more than half their mean: no cause, but a bias."""
+    case = make_case({"coulomb_asymmetry": {"asymmetry": 0.2}}, 3)
+    search = Search(believed(case), [record(case)])
+    force = share * case.actual["coulomb"]
+    axis = with_effect(search.believed, "coulomb_asymmetry", {"force": force}).axis
+    fit = search.fit(axis, own_names("coulomb_asymmetry"), iterations=turns)
+    assert search.sound(fit, "coulomb_asymmetry", own_names("coulomb_asymmetry")) is (turns > 0)
+
+
 @pytest.mark.slow
 def test_what_gains_most_and_is_refused_is_no_measure_for_others(monkeypatch):
     case = make_machine(2, ("bias_force", "stribeck"))[0]

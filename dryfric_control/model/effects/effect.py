@@ -476,6 +476,20 @@ class Effect:
         """
         return None
 
+    def plausible(self, axis: BaseAxis) -> bool:
+        """Whether an axis may have it, as far as its values tell.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has it.
+
+        Returns
+        -------
+        bool
+        """
+        return True
+
     def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
         """Whether it changes inputs by more than their noise.
 

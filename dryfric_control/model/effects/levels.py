@@ -13,6 +13,9 @@ from dryfric_control.model.effects.forces import BiasForce
 from dryfric_control.model.effects.guesses import Guess, View, linear
 from dryfric_control.model.effects.naming import named
 
+# Half the difference of the levels of both directions over their mean, at most: three to one.
+_ONE_SIDED = 0.5
+
 
 @register_effect
 @dataclass(frozen=True)
@@ -61,6 +64,10 @@ class CoulombAsymmetry(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] if direction > 0.0 else -p[0]
+
+    def plausible(self, axis: BaseAxis) -> bool:
+        # Friction resists both ways; nearly all of it one way is a constant force.
+        return abs(self.force) <= _ONE_SIDED * axis.coulomb.mean
 
     @classmethod
     def guess(cls, view: View) -> Iterator[Guess]:

@@ -839,7 +839,7 @@ def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
 def law_level(x, way):
     """Level of the machine of `uneven`, by hand."""
     q = x - 0.15
-    return 5.4 * (1.0 + 1.5 * q + 3.0 * q**2) - way * 1.0
+    return (5.4 - way * 1.0) * (1.0 + 1.5 * q + 3.0 * q**2)
 
 
 def test_levels_are_those_of_the_laws(uneven):

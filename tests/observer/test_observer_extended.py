@@ -157,7 +157,7 @@ def test_known_forces_enter_at_the_measured_position():
         net = drive - 40.0 * (x[k] - 0.05) + 2.0 - 5.0 * v[k] ** 2 - 2.0 * v[k]
         net += 1.5 * math.sin(2.0 * math.pi * x[k] / 0.02 + 0.4)
         net += 0.5 * math.sin(2.0 * math.pi * 3.0 * t[k] + 0.2)
-        here = level * (1.0 + 0.5 * (x[k] - 0.1) + 0.02 * t[k]) + 1.0
+        here = (level + 1.0) * (1.0 + 0.5 * (x[k] - 0.1)) * (1.0 + 0.02 * t[k])
         # The load: the drive less all other forces.
         friction[k] = here + 0.1 * abs(drive - (net - drive))
         if k + 1 < n:

@@ -165,6 +165,7 @@ def test_what_does_the_same_is_stated_beside_all_the_others():
     [
         ("compliance", "bias_force", ("load_encoder_backlash", 1e-4)),
         ("presliding", "dead_zone", ("backlash", 3e-4)),
+        ("backlash", "bias_force", ("backlash", 3e-4)),
     ],
 )
 def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, named):
@@ -176,8 +177,8 @@ def test_a_memory_named_in_haste_is_compared_with_all_others(hidden, beside, nam
     with among(beside, "compliance", "presliding", "backlash", "load_encoder_backlash"):
         play = (slug, {"gap": gap, "load_fraction": 0.5})
         state = state_with(search, first, (beside, other), play)
-        assert other_memory(search, state)
-    assert state.causes == [beside, hidden]
+        changed = other_memory(search, state)
+    assert state.causes == [beside, hidden] and changed is (slug != hidden)
     assert not other_memory(search, state)  # settled
     if hidden == "compliance":
         # The first fit of both is less likely than one without the bias, and goes on from there.

@@ -91,6 +91,8 @@ class Exported:
         Signals of one sample.
     promise : str
         The certificate in words.
+    returns : str
+        What a step returns, and of which instant.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Exported:
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     promise: str
+    returns: str
     entry: Callable[..., Any]
     axes: tuple[FrictionAxis, ...]
 
@@ -118,7 +121,7 @@ class Exported:
         }
         for axis in self.axes:
             for effect in axis.effective().effects:
-                if effect.action in ("input", "force", "friction"):
+                if effect.action in ("input", "force", "friction", "reading"):
                     laws[law_address(type(effect))] = (effect.slug, type(effect).law)
         if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
             laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
@@ -283,15 +286,22 @@ def _of_axis(axis: FrictionAxis, dt: float) -> Exported:
         ),
         (Signal("u", force, "drive force, held to the next sample"),),
         (
-            Signal("x", length, "position"),
+            Signal("x", length, "position, as the encoder reads it"),
             Signal("v", f"{length}/s", "velocity"),
             Signal("friction", force, "friction force"),
             Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
         ),
         promise + acting.describe(),
+        "A step returns the axis at the start of the sample, under the new input; then it moves.",
         entries.move,
         (axis,),
     )
+
+
+_ESTIMATED = (
+    "A step returns the estimate at the instant of the reading, under the drive from then on; "
+    "then it predicts the next sample."
+)
 
 
 def _of_observer(design: ObserverDesign, dt: float) -> Exported:
@@ -311,6 +321,7 @@ def _of_observer(design: ObserverDesign, dt: float) -> Exported:
         _drive_and_reading(design.axis),
         _estimates(design.axis),
         design.summary(),
+        _ESTIMATED,
         observer.step,
         (design.axis,),
     )
@@ -332,6 +343,7 @@ def _of_filter(made: HybridFilter, dt: float) -> Exported:
         _drive_and_reading(made.axis),
         (*_estimates(made.axis), *more),
         "A filter of three modes carries no certificate: it states its own standard deviation.",
+        _ESTIMATED,
         hybrid_filter.step,
         (made.axis,),
     )
@@ -360,6 +372,7 @@ def _of_compensation(comp: Compensation, dt: float) -> Exported:
             Signal("friction", force, "its part that compensates friction"),
         ),
         comp.summary(),
+        "A step returns the drive of this sample: give it out at once, and hold it.",
         entries.compensate,
         tuple(axes),
     )

@@ -144,6 +144,19 @@ def test_valgrind_finds_nothing(tmp_path):
 
 
 @needs_gcc
+def test_next_returns_the_end_of_the_sample(tmp_path):
+    axis = AXIS.replace(effects=(E.LoadEncoderBacklash(1e-4, 0.4), E.EccentricEncoder(1e-4, 0.01)))
+    code = native.Native(axis, tmp_path)
+    main = tmp_path / "driver.c"
+    main.write_text(main.read_text().replace("stage_step(", "stage_next("))
+    stepper, expected = axis.stepper(1e-3), []
+    for u in U[:300]:
+        stepper.step(u)
+        expected.append([stepper.x, stepper.v, stepper.F, stepper.mode])
+    assert native.ulps(code.run(U[:300])[0], np.array(expected).T) == 0
+
+
+@needs_gcc
 def test_an_input_that_is_no_number_changes_nothing(tmp_path):
     code = native.Native(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path)
     for bad in (np.nan, np.inf):

@@ -170,7 +170,7 @@ def parser() -> argparse.ArgumentParser:
         "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
     )
     export.add_argument(
-        "--precision", choices=("double", "single"), help="of the C code, default double"
+        "--precision", choices=("double", "single", "mixed"), help="of the C code, default double"
     )
     export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
     export.set_defaults(run=_export, own=export)

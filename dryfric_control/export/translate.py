@@ -152,6 +152,7 @@ class Function:
     pure: bool
     cost: Counter[str]
     known: Any = None  # what it returns, where that is known
+    shifted: bool = False  # whether it takes `SHIFT`
 
 
 _KEYWORDS = frozenset(
@@ -197,6 +198,11 @@ SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
 _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
 
 
+#: In single precision the kernels count time and positions from a near origin: the laws and the
+#: Coulomb map, which alone know the true ones, add what this array of the caller holds.
+SHIFT = "dfc_shift"
+
+
 def unified(a: Kind, b: Kind) -> Kind:
     """Type that holds values of both."""
     if a == b:
@@ -225,10 +231,19 @@ class Translator:
         Name and Python source of each law and task, by the address that the integers hold.
     single : bool
         Whether numbers are `float`.
+    periods : dict, optional
+        Time and length after which a law repeats, by the integers of its axis and its number.
     """
 
-    def __init__(self, laws: dict[int, tuple[str, Any]], single: bool = False) -> None:
-        self.laws, self.single = laws, single
+    def __init__(
+        self,
+        laws: dict[int, tuple[str, Any]],
+        single: bool = False,
+        periods: dict[tuple[tuple[int, ...], int], tuple[float, float]] | None = None,
+    ) -> None:
+        self.laws, self.single, self.periods = laws, single, periods or {}
+        self.shifts: list[tuple[str, float]] = []  # what `SHIFT` holds: "t" or "x", period
+        self.rests = False  # whether a law reads the time at rest
         self.functions: dict[Any, Function] = {}
         self.records: dict[str, str] = {}
         self.helpers: set[str] = set()
@@ -336,14 +351,7 @@ class _Body:
 
     def __init__(self, out: Translator, python: Any, kinds: tuple[Kind, ...], name: str) -> None:
         self.out, self.python, self.name = out, python, name
-        try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
-        except (OSError, TypeError, SyntaxError) as problem:
-            raise NotInC(f"its Python source cannot be read ({problem})") from None
-        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
-        if node is None:
-            raise NotInC("its Python source is no plain function")
-        self.node = node
+        self.node = node = self.node_of(python)
         self.parameters = [a.arg for a in node.args.args]
         self.kinds = dict(zip(self.parameters, kinds, strict=True))
         self.vars: dict[str, Kind] = dict(self.kinds)
@@ -366,6 +374,18 @@ class _Body:
         )
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
+
+    @staticmethod
+    def node_of(python: Any) -> ast.FunctionDef:
+        """Python source of a function."""
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
+        except (OSError, TypeError, SyntaxError) as problem:
+            raise NotInC(f"its Python source cannot be read ({problem})") from None
+        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
+        if node is None:
+            raise NotInC("its Python source is no plain function")
+        return node
 
     def made(self) -> Function:
         """Translate until types and unread variables are settled."""
@@ -390,11 +410,14 @@ class _Body:
                 break
             before = now
         used = tuple(_c(n) in self.read and n not in self.bound for n in self.parameters)
-        returns = self.returns or NOTHING
+        returns, shifted = self.returns or NOTHING, SHIFT in self.read
         given = ", ".join(
-            self.out.declared(self.parameter(n), _c(n))
-            for n, u in zip(self.parameters, used, strict=True)
-            if u
+            [f"const real *{SHIFT}"] * shifted
+            + [
+                self.out.declared(self.parameter(n), _c(n))
+                for n, u in zip(self.parameters, used, strict=True)
+                if u
+            ]
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
         head = f"/* {' '.join(doc.split())} */\n" if doc else ""
@@ -408,7 +431,7 @@ class _Body:
         body = "\n".join(_wrapped(line) for line in self.lines)
         text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
         known = self.results.pop() if len(self.results) == 1 and self.pure else None
-        return Function(self.name, text, returns, used, self.pure, cost, known)
+        return Function(self.name, text, returns, used, self.pure, cost, known, shifted)
 
     def parameter(self, name: str) -> Kind:
         """Type of a parameter; an address that is only read through is one of constants."""
@@ -1136,6 +1159,8 @@ class _Body:
         texts = [
             self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
         ]
+        if made.shifted:
+            texts.insert(0, SHIFT)
         return Value(f"{made.name}({', '.join(texts)})", made.returns)
 
 
@@ -1308,12 +1333,45 @@ def _local(body: _Body, node: ast.Call) -> Value:
     return Value("[]", Pointer("p", element, False, (), size))
 
 
+def _read_parameters(python: Any) -> set[int]:
+    """Numbers of the parameters that a function reads."""
+    body = _Body.node_of(python)
+    names = [a.arg for a in body.args.args]
+    return {names.index(n.id) for n in ast.walk(body) if isinstance(n, ast.Name) and n.id in names}
+
+
+def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
+    """A time or position of the kernels as a law knows it, less whole periods."""
+    if not body.out.single:
+        return value
+    if (variable, period) not in body.out.shifts:
+        body.out.shifts.append((variable, period))
+    place = body.out.shifts.index((variable, period))
+    return Value(f"{value.within(_SUM)} + {SHIFT}[{place}]", F, binds=_SUM)
+
+
+def _base_level(body: _Body, node: ast.Call) -> Value:
+    plant, x, s = [body.value(a) for a in node.args]
+    assert isinstance(plant.kind, Axis)
+    i = plant.kind.integers
+    if i[axis_step.N_PLUS] + i[axis_step.N_MINUS] > 2:
+        x = _true(body, x, "x")
+    return body.call(axis_step.base_level, [plant, x, s], node)
+
+
 def _law(body: _Body, node: ast.Call) -> Value:
     plant, i, *rest = [body.value(a) for a in node.args]
     assert isinstance(plant.kind, Axis)
     place = axis_step.LAWS + 2 * i.known
     address, offset = plant.kind.integers[place], plant.kind.integers[place + 1]
     name, law = body.out.laws[address]
+    read = _read_parameters(law)
+    time, length = body.out.periods.get((plant.kind.integers, i.known), (math.inf, math.inf))
+    if 0 in read:
+        rest[0] = _true(body, rest[0], "t", time)
+    if 1 in read:
+        rest[1] = _true(body, rest[1], "x", length)
+    body.out.rests |= 6 in read
     numbers = Value(f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True), binds=_SUM)
     return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")
 
@@ -1336,5 +1394,6 @@ _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
     np.empty: _local,
     np.zeros: _local,
     axis_step._law: _law,
+    axis_step.base_level: _base_level,
     axis_step._call_task: _task,
 }

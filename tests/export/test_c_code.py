@@ -244,7 +244,7 @@ def test_a_law_without_c_is_refused(tmp_path):
     ("given", "words"),
     [
         ({"obj": 3}, "obj must be a FrictionAxis"),
-        ({"precision": "half"}, 'precision must be "double" or "single"'),
+        ({"precision": "half"}, 'precision must be one of "double", "single"'),
         ({"name": "2fast"}, "is no C identifier"),
         ({"name": "a-b"}, "is no C identifier"),
         ({"name": "naïve"}, "is no C identifier"),

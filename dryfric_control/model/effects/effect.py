@@ -215,7 +215,7 @@ class Effect:
     axis with other base parameters; for "delay", "lag", "contact" and
     "transmission" a method ``inner(axis)`` that returns an `Inner` with the
     numbers of its state.  A law that oscillates along the travel or in time states
-    `shortest_length` and `shortest_time`.
+    `shortest_length` and `shortest_time`, and one that repeats its `periods`.
 
     Notes
     -----
@@ -311,6 +311,15 @@ class Effect:
     def shortest_time(self) -> float:
         """Time over which the law may oscillate by itself [s], inf where it does not."""
         return math.inf
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """Time [s] and length after which the law repeats, inf where it does not.
+
+        C in single precision leaves out whole periods, so that it stays accurate after
+        hours and far from zero.
+        """
+        return math.inf, math.inf
 
     @classmethod
     def parameters(cls) -> dict[str, dict[str, Any]]:

@@ -63,6 +63,11 @@ class EccentricEncoder(Effect):
         "the velocity, that of cogging does not."
     )
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats along the travel."""
+        return math.inf, self.period
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])

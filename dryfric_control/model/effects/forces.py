@@ -282,6 +282,11 @@ class Gravity(Effect):
         """A quarter of a turn [rad]."""
         return 0.5 * math.pi if self.amplitude > 0.0 else math.inf
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats with every turn."""
+        return math.inf, 2.0 * math.pi
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
@@ -345,6 +350,11 @@ class Cogging(Effect):
     def shortest_length(self) -> float:
         """A quarter of the period."""
         return 0.25 * self.period if self.amplitude > 0.0 else math.inf
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats along the travel."""
+        return math.inf, self.period
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -410,6 +420,11 @@ class TimePeriodic(Effect):
         if self.amplitude == 0.0 or self.frequency < 1e-300:
             return math.inf
         return 0.125 / self.frequency
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats in time."""
+        return 1.0 / self.frequency if self.frequency > 1e-300 else math.inf, math.inf
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

@@ -26,6 +26,8 @@ PRECISIONS = {
 }
 #: Samples after which single precision looks whether the origin of the positions is still near.
 _LOOKS = 64
+#: The time at rest that grew by one sample, in several steps, is off by less than this share.
+_ROUNDED = 1e-5
 _GROUPS = ("add", "multiply", "divide", "compare", "function", "call")
 
 
@@ -453,7 +455,7 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
             rest, dt = f"{state}[{self.made.rest}]", self.out.number(self.made.dt)
             before += f"    const real rest = {rest};\n"
             after = (
-                f"    if ({rest} == rest + {dt}) {{\n"
+                f"    if (fabsf({rest} - (rest + {dt})) <= {self.out.number(_ROUNDED)} * rest) {{\n"
                 f"        const real more = {dt} + state->rest;\n"
                 f"        {rest} = rest + more;\n"
                 f"        state->rest = more - ({rest} - rest);\n"

@@ -1,5 +1,6 @@
 """Single precision after hours and far from zero, against double precision and closed forms."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import native
 
 import dryfric_control as dfc
-from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.compiled import axis_step, compensation, hybrid_filter, observer
 from dryfric_control.observer.runtime import first_memory, tables
 
 pytestmark = pytest.mark.skipif(native.GCC is None, reason="no gcc: exported C is not compiled")
@@ -60,13 +61,21 @@ def test_a_slow_change_goes_on(tmp_path, effect):
     assert abs(friction[-1] / (8.0 * (1.0 + share)) - 1.0) < 1e-6
 
 
-def test_time_at_rest_is_summed_without_loss(tmp_path):
-    axis, n = stage(E.DwellTime(4.0, 60.0)), 1_200_000  # two minutes
-    level = 8.0 + 4.0 * -np.expm1(-DT * n / 60.0)
-    for part, mode in ((-1e-4, 0.0), (1e-4, 1.0)):  # just below and above what it holds
-        u = np.zeros(n + 2)
-        u[n:] = level + part
-        assert native.Native(axis, tmp_path / f"{mode}", "single", DT).run(u)[0][3, -1] == mode
+@pytest.mark.parametrize(
+    "more", [(), (E.Presliding(2e-5),), (E.InputDelay(2.3e-4),)], ids=["rigid", "elastic", "late"]
+)
+def test_time_at_rest_is_summed_without_loss(tmp_path, more):
+    n = 200_000  # 20 s, of which a float that grows by samples loses 30 ms
+    code = native.Native(stage(E.DwellTime(4.0, 60.0), *more), tmp_path, "single", DT)
+    (tmp_path / "driver.c").write_text(
+        '#include "stage.h"\n#include <stdio.h>\nint main(void)\n{\n    stage_state s;\n'
+        "    stage_output o;\n    stage_init(&s, 0, 0);\n"
+        f"    for (int k = 0; k < {n}; ++k)\n        (void)stage_step(&s, 2, &o);\n"
+        f'    printf("%.9g", (double)s.memory[{axis_step.REST}]);\n    return 0;\n}}\n'
+    )
+    program = code.compiled(tmp_path / "alone")
+    rest = float(subprocess.run([program], capture_output=True, check=True).stdout)
+    assert abs(rest - n * DT) < 1e-5
 
 
 FAR = 5.0

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control._version import __version__
+from dryfric_control.compiled import axis_step
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, SHIFT, Function, Translator
 from dryfric_control.store.files import replacing, write_document
@@ -547,7 +548,9 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
         for name, array in made.tables.items():
             kept = array
             if name.endswith("integers"):
-                kept = array[:_COUNTS]  # addresses follow, of this process alone
+                # Addresses are those of this process alone.
+                kept = array[: axis_step.LAWS].copy()
+                kept[[axis_step.RIGID_TASK, axis_step.TASK]] = 0
             tables[name] = {"shape": list(array.shape), "values": plain(kept)}
         return {
             "name": made.name,
@@ -650,4 +653,3 @@ _WORDS = {
     "function": "functions of math.h",
     "call": "calls before inlining",
 }
-_COUNTS = 13

@@ -374,6 +374,7 @@ class _Body:
         )
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
+        self.inside = _inside(node)
 
     @staticmethod
     def node_of(python: Any) -> ast.FunctionDef:
@@ -395,7 +396,6 @@ class _Body:
             self.bound: dict[str, Value] = {}
             self.declared: set[str] = set()
             self.late: dict[str, Kind] = {}
-            self.unrolling_seen = False
             self.returned: list[Any] = []
             self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
             for name, kind in self.kinds.items():
@@ -425,9 +425,11 @@ class _Body:
         head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
         if returns.erased:
             return Function(self.name, "", returns, used, True, cost)
-        for n, kind in self.late.items():
-            if n not in self.dead:
-                self.place(n, kind)
+        self.lines[:0] = [
+            f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
+            for n, kind in self.late.items()
+            if n not in self.dead
+        ]
         body = "\n".join(_wrapped(line) for line in self.lines)
         text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
         known = self.results.pop() if len(self.results) == 1 and self.pure else None
@@ -442,36 +444,6 @@ class _Body:
         if any(re.search(rf"\b{c}\b(?!\[)|^\s*{c}\[.*\] [-+*/]?= ", line) for line in lines):
             return kind
         return Pointer("p", kind.element, True)
-
-    def place(self, name: str, kind: Kind) -> None:
-        """Declare a variable that is first stored inside a block, in the smallest block it has."""
-        c, paths = _c(name), _paths(self.lines)
-        found = [i for i, line in enumerate(self.lines) if _uses(_bare(line), {c})]
-        if not found:
-            return
-        block = paths[found[0]]
-        for i in found:
-            block = _shared(block, paths[i])
-        first, declaration = found[0], self.out.declared(kind, c)
-        line = self.lines[first]
-        start = re.match(rf"(\s*){c} = ", line)
-        if start and paths[first] == block:
-            once = name in self.once and not self.unrolling_seen
-            constant = "const " if once and not isinstance(kind, (Pointer, Axis)) else ""
-            self.lines[first] = f"{start[1]}{constant}{declaration} = {line[start.end() :]}"
-            return
-        # What a loop carries from turn to turn is declared outside of it.
-        for depth, opened in enumerate(block):
-            if self.lines[opened].lstrip().startswith("for "):
-                block = block[:depth]
-                break
-        before = max(
-            i
-            for i in range(first + 1)
-            if paths[i] == block and not self.lines[i].lstrip().startswith("}")
-        )
-        indent = "    " * (len(block) + 1)
-        self.lines.insert(before, f"{indent}{declaration} = {self.zero(kind)};")
 
     def zero(self, kind: Kind) -> str:
         """Something to start from, never read."""
@@ -630,7 +602,7 @@ class _Body:
         text = self.converted(value, kind)
         if name in self.declared or name in self.parameters:
             self.emit(f"{_c(name)} = {text};")
-        elif self.depth == 0:
+        elif self.depth == 0 or (name in self.inside and not self.unrolling):
             self.declared.add(name)
             fixed = name in self.once and not self.unrolling
             constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
@@ -774,7 +746,6 @@ class _Body:
             raise self.fail(node, "break and continue in a loop over laws")
         cost: Counter[str] = Counter()
         self.unrolling += 1
-        self.unrolling_seen = True
         for i in turns:
             self.bound[node.target.id] = Value(str(i), INT, i)
             cost += self.block(node.body)
@@ -1233,23 +1204,34 @@ def _read(lines: list[str]) -> set[str]:
     return words
 
 
-def _paths(lines: list[str]) -> list[tuple[int, ...]]:
-    """Lines that open the blocks in which each line stands."""
-    paths: list[tuple[int, ...]] = []
-    path: tuple[int, ...] = ()
-    for i, line in enumerate(lines):
-        if line.lstrip().startswith("}"):
-            path = path[:-1]
-        paths.append(path)
-        if line.endswith("{"):
-            path = (*path, i)
-    return paths
+def _inside(node: ast.FunctionDef) -> set[str]:
+    """Variables that only one block knows, which stores them before it reads them."""
 
+    def counted(nodes: list[ast.stmt]) -> Counter[str]:
+        return Counter(n.id for one in nodes for n in ast.walk(one) if isinstance(n, ast.Name))
 
-def _shared(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-    """The blocks in which both stand."""
-    n = next((i for i, (p, q) in enumerate(zip(a, b, strict=False)) if p != q), min(len(a), len(b)))
-    return a[:n]
+    everywhere, found = counted(node.body), set()
+    for owner in ast.walk(node):
+        for part in ("body", "orelse"):
+            block = getattr(owner, part, None)
+            if not isinstance(block, list):
+                continue
+            here, seen = counted(block), Counter[str]()
+            for statement in block:
+                if isinstance(statement, ast.Assign):
+                    stored = {
+                        n.id
+                        for n in ast.walk(statement)
+                        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+                    }
+                    own = counted([statement])
+                    found |= {
+                        n
+                        for n in stored
+                        if not seen[n] and own[n] == 1 and here[n] == everywhere[n]
+                    }
+                seen += counted([statement])
+    return found
 
 
 def _wrapped(line: str) -> str:

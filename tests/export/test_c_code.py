@@ -290,6 +290,7 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     assert "u [N]: drive force" in text and "decay" in text and "mode -1, 0 or 1" in text
     data, intact = read_document(numbers, "export", 1)
     assert intact and data["dt"] == 1e-3
+    assert max(data["tables"]["axis_integers"]["values"]) < 100  # counts, and no address
     assert data["operations"]["multiply"] > 10
     assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()
 

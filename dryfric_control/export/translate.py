@@ -1214,33 +1214,26 @@ def _calls_law(node: ast.For) -> bool:
     return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
 
 
+def _names(nodes: list[ast.stmt]) -> Counter[str]:
+    """How often each variable occurs."""
+    return Counter(n.id for one in nodes for n in ast.walk(one) if isinstance(n, ast.Name))
+
+
 def _inside(node: ast.FunctionDef) -> set[str]:
     """Variables that only one block knows, which stores them before it reads them."""
-
-    def counted(nodes: list[ast.stmt]) -> Counter[str]:
-        return Counter(n.id for one in nodes for n in ast.walk(one) if isinstance(n, ast.Name))
-
-    everywhere, found = counted(node.body), set()
+    everywhere, found = _names(node.body), set()
     for owner in ast.walk(node):
-        for part in ("body", "orelse"):
-            block = getattr(owner, part, None)
+        for block in (getattr(owner, "body", None), getattr(owner, "orelse", None)):
             if not isinstance(block, list):
                 continue
-            here, seen = counted(block), Counter[str]()
+            here, seen = _names(block), Counter[str]()
             for statement in block:
+                own = _names([statement])
                 if isinstance(statement, ast.Assign):
-                    stored = {
-                        n.id
-                        for n in ast.walk(statement)
-                        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-                    }
-                    own = counted([statement])
-                    found |= {
-                        n
-                        for n in stored
-                        if not seen[n] and own[n] == 1 and here[n] == everywhere[n]
-                    }
-                seen += counted([statement])
+                    stored = {n.id for n in ast.walk(statement) if isinstance(n, ast.Name)}
+                    first = {n for n in stored if own[n] == 1 and not seen[n]}
+                    found |= {n for n in first if here[n] == everywhere[n]}
+                seen += own
     return found
 
 

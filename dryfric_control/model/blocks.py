@@ -22,6 +22,7 @@ from dryfric_control.checks import instance, positive
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.loop import encode
 from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
+from dryfric_control.model.block import Block
 from dryfric_control.model.loops import PositionController
 
 Vector = NDArray[np.float64]
@@ -93,7 +94,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u"],
@@ -159,7 +160,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
         )
         return np.array([float(mode)])
 
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u", "x", "v"],
@@ -187,7 +188,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
         return np.array([memory[0], memory[1], now, friction])
 
-    return ct.nlsys(
+    return Block(
         None,
         output,
         inputs=["u", "x", "v", "mode"],
@@ -311,7 +312,7 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     1.5
     """
     quantum = positive("quantum", quantum, unit="m", zero=True)
-    return ct.nlsys(
+    return Block(
         None,
         lambda t, x, u, params: np.array([encode(u[0], quantum)]),
         inputs=["x"],

@@ -19,6 +19,7 @@ from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.block import Block
 from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
@@ -189,7 +190,7 @@ class HybridFilter:
             kernel.step(*tables, memory, t, u[0], u[1], out)
             return memory, out
 
-        return ct.nlsys(
+        return Block(
             lambda t, x, u, params: sample(t, x, u)[0],
             lambda t, x, u, params: sample(t, x, u)[1][:5],
             inputs=["u", "y"],

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled import observer as kernel
 from dryfric_control.drawing import MEASURED, legend_above, panels, settled_scale, shade_stuck
+from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.units import check_units
@@ -359,7 +360,7 @@ def pi_observer(
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u", "y"],

@@ -29,6 +29,7 @@ from dryfric_control.model.effects.drive import InputDelay
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
+from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.axis_file import axis_to_dict
 from dryfric_control.store.files import write_document
 from dryfric_control.text import Result, length_text, plain_data, prefixed, typeset
@@ -485,6 +486,7 @@ def design_compensation(
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
     quantum = increment(encoder_quantum, axis.unit("m"), zero=True)
+    check_quantum_and_dt("encoder_quantum", quantum, dt)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
     if not isinstance(law, str) or law not in tuned.LAWS:
         raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")

@@ -24,6 +24,7 @@ from dryfric_control.compiled.loop import encode
 from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
 from dryfric_control.model.block import Block
 from dryfric_control.model.loops import PositionController
+from dryfric_control.order import check_bandwidth_and_dt, check_quantum_and_dt
 
 Vector = NDArray[np.float64]
 
@@ -302,7 +303,7 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     Raises
     ------
     ValueError
-        If `quantum` is negative or `dt` not positive.
+        If `quantum` is negative or `dt` not positive, or the two look exchanged.
 
     Examples
     --------
@@ -312,12 +313,14 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     1.5
     """
     quantum = positive("quantum", quantum, unit="m", zero=True)
+    dt = positive("dt", dt, unit="s")
+    check_quantum_and_dt("quantum", quantum, dt)
     return Block(
         None,
         lambda t, x, u, params: np.array([encode(u[0], quantum)]),
         inputs=["x"],
         outputs=["y"],
-        dt=positive("dt", dt, unit="s"),
+        dt=dt,
         name=name,
     )
 
@@ -346,7 +349,7 @@ def reference_filter(
     Raises
     ------
     ValueError
-        If the corner is not between zero and the Nyquist frequency.
+        If the corner is not between zero and the Nyquist frequency, or looks exchanged with `dt`.
 
     Examples
     --------
@@ -356,6 +359,7 @@ def reference_filter(
     """
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     dt = positive("dt", dt, unit="s")
+    check_bandwidth_and_dt(bandwidth, dt)
     if isinstance(order, bool) or order not in range(1, 9):
         raise ValueError(f"order must be a whole number from 1 to 8, got {order!r}")
     if bandwidth >= np.pi / dt:

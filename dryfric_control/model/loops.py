@@ -32,6 +32,7 @@ from dryfric_control.model.axis import (
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.order import check_bandwidth_and_dt
 from dryfric_control.units import same_unit
 
 
@@ -191,6 +192,7 @@ class PositionController:
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
         dt = positive("dt", dt, unit="s")
+        check_bandwidth_and_dt(bandwidth, dt)
         if bandwidth * dt > 0.2:
             raise ValueError(
                 f"bandwidth {bandwidth:g} rad/s is too high for dt = {dt:g} s: keep "

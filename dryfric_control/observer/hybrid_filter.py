@@ -24,6 +24,7 @@ from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
 from dryfric_control.observer.weights import coulomb_level
+from dryfric_control.order import check_drive_and_reading, check_quantum_and_dt
 
 Array = NDArray[np.float64]
 
@@ -124,8 +125,8 @@ class HybridFilter:
         Raises
         ------
         ValueError
-            If `u` and `y` are not finite records of one length, or the record
-            was sampled at another time step.
+            If `u` and `y` are not finite records of one length, or exchanged, or the
+            record was sampled at another time step.
 
         Examples
         --------
@@ -155,6 +156,7 @@ class HybridFilter:
             raise ValueError(
                 f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
             )
+        check_drive_and_reading(self.axis, self.dt, drive, reading)
         out = np.empty((drive.size, kernel.OUTPUTS))
         kernel.run(*self.tables, np.zeros(self.memory_size), drive, reading, out)
         return HybridResponse(
@@ -327,6 +329,7 @@ def hybrid_filter(
     own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
     dt = sampling_time(dt)
     quantum = increment(encoder_quantum, axis.unit("m"))
+    check_quantum_and_dt("encoder_quantum", quantum, dt)
     excess = positive("excess", excess)
     if excess_speed is None:
         excess_speed = own.stribeck.speed if own.stribeck else _STICK_SPEEDS * own.stick_speed

@@ -217,22 +217,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0, or 2 after an error of the user's, reported in one line.
+        0; 2 after an error of the user's, 130 after an interrupt, each reported in one line.
     """
     chosen, unknown = parser().parse_known_args(arguments)
     if unknown:
         near = did_you_mean(unknown[0], chosen.own._option_string_actions)
         chosen.own.error(f"{' '.join(unknown)} is not known{near}")
-    import matplotlib
-
-    matplotlib.use("Agg")
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
         try:
+            import matplotlib
+
+            matplotlib.use("Agg")
             chosen.run(chosen)
         except (ValueError, OSError, ImportError) as problem:
             _say(str(problem))
             return 2
+        except KeyboardInterrupt:
+            _say("interrupted")
+            return 130
     return 0
 
 

@@ -392,3 +392,14 @@ def test_arguments_are_refused_before_a_record_is_read(option, words, tmp_path, 
     axis.write_text("mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n")
     assert main(["diagnose", "nowhere.csv", "--axis", str(axis), *option]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_an_interrupt_is_one_line_and_status_130(monkeypatch, capsys, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dryfric_control.demo.run", interrupted)
+    assert main(["demo", "--out", str(tmp_path)]) == 130
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.splitlines() == [told.err.strip()]
+    assert told.err.endswith("interrupted\n")

@@ -522,3 +522,38 @@ def test_a_compliance_with_hardly_any_load_is_an_elastic_contact(share):
     # A motor next to nothing before its load, or a load that does not rub, is no contact.
     stiff = dfc.effects.Compliance(stiffness=4e4, damping=20.0, load_fraction=0.95)
     assert stiff.nested(soft) is None and spring.nested(soft.replace(coulomb=0.0)) is None
+
+
+@pytest.mark.parametrize("part", [0.0, 0.3])
+def test_the_impact_of_a_play_is_the_one_that_is_written_down(part):
+    """Half a play under 5 N on 1 kg ends at 0.1 m/s; friction takes its part of the impulse."""
+    effects = (
+        dfc.effects.Backlash(gap=2e-3, load_fraction=0.5),
+        *([dfc.effects.LoadDependence(coefficient=part)] if part else []),
+    )
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1e-3, effects=effects)
+    v = axis.simulate(np.full(2200, 5.0), dt=1e-5).y[1]
+    met = int(np.argmin(np.diff(v)))
+    assert v[met] == pytest.approx(np.sqrt(2.0 * 5.0 * 1e-3), rel=1e-3)
+    motor = 1.0 - part
+    # A sample of 1e-5 s changes the velocity by at most 5e-5 m/s.
+    assert v[met + 1] == pytest.approx(motor * 0.1 / (motor + 1.0), abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("effect", "shares"),
+    [
+        (dfc.effects.StribeckAsymmetry(difference=0.5, speed=0.01), (0.5, -0.5)),
+        (dfc.effects.VelocityStrengthening(deficit=0.5, speed=0.01), (-0.5, -0.5)),
+    ],
+)
+def test_shares_outside_the_peak_are_of_the_level_of_the_map(effect, shares):
+    """Beside a peak of a quarter and an asymmetry of 2 N, which the peak raises, on 8 and 6 N."""
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=0.0, coulomb=(8.0, 6.0), stribeck=dfc.Stribeck(0.25, 0.01),
+        stick_speed=1e-9, effects=(dfc.effects.CoulombAsymmetry(2.0), effect),
+    )  # fmt: skip
+    for s, level, share in ((1, 8.0, shares[0]), (-1, 6.0, shares[1])):
+        holds = 1.25 * (level + 2.0 * s) + share * level
+        for u, mode in ((0.999 * s * holds, 0), (1.001 * s * holds, s)):
+            assert axis.simulate([u] * 3, dt=1e-6).mode[0] == mode

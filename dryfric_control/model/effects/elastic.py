@@ -118,11 +118,19 @@ class Backlash(Effect):
 
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects.  In contact
-    the two move as one until the contact would have to pull; they meet again
-    in a plastic impact that keeps the momentum.  Position and velocity are the
-    motor's, friction and mode the load's.  A simulation starts with the motor
-    in the middle of the gap.  In contact the net force on both masses counts
-    for a friction that depends on it.
+    the two move as one until the contact would have to pull.  Where they meet
+    again, the impact is plastic and takes no time: both have the velocity
+
+    .. math:: \frac{(1 - \lambda)\, m_m v_m + m_l v_l}{(1 - \lambda)\, m_m + m_l}
+
+    with m_m, v_m of the motor and m_l, v_l of the load.  Friction that grows with the load of
+    the transmission, by lambda per newton, takes that part of an impulse along the motion
+    (and adds it to one against it: lambda is negative then); without such friction momentum is
+    conserved.  Coulomb level and drive do nothing in no time, and nothing rebounds.
+
+    Position and velocity are the motor's, friction and mode the load's.  A
+    simulation starts with the motor in the middle of the gap.  In contact the
+    net force on both masses counts for a friction that depends on it.
 
     Examples
     --------

@@ -304,7 +304,9 @@ class StribeckAsymmetry(Effect):
     .. math:: F_c \to F_c \left(1 + s \cdot \text{difference} \cdot
         e^{-(v/\text{speed})^2}\right), \quad s = \pm 1 \text{ the direction}
 
-    With a Stribeck peak of the same velocity, each direction has its own excess;
+    F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
+    the Stribeck peak nor what other effects add counts.  With a Stribeck peak of the same
+    velocity, each direction has its own excess, difference added to or subtracted from it;
     without one, friction at low velocity is higher in one direction and lower in the other.
 
     Examples
@@ -319,7 +321,7 @@ class StribeckAsymmetry(Effect):
     """
 
     difference: float = parameter(
-        "1", "half the difference of the excess, positive minus negative direction",
+        "1", "half the difference of the excess of the own Coulomb level, positive minus negative",
         bounds=(-10.0, 10.0), breaks_away=True, size=1.0,
     )  # fmt: skip
     speed: float = parameter(
@@ -379,7 +381,7 @@ class VelocityStrengthening(Effect):
     Parameters
     ----------
     deficit : float
-        Share of the Coulomb level that is missing at rest [1].
+        Share of the axis' own Coulomb level that is missing at rest [1].
     speed : float
         Speed over which friction reaches its level [m/s].
 
@@ -387,6 +389,10 @@ class VelocityStrengthening(Effect):
     -----
     .. math:: F_c \to F_c \left(1 - \text{deficit} \cdot
         (1 - \tanh({|v|}/\text{speed}))\right)
+
+    F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
+    the Stribeck peak nor what other effects add counts, so that a peak of excess sigma leaves
+    (1 + sigma - deficit) F_c at rest.
 
     The opposite of a Stribeck peak: at constant force motion is stable at every velocity, and
     an axis does not stick and slip.
@@ -403,7 +409,9 @@ class VelocityStrengthening(Effect):
     (1, True)
     """
 
-    deficit: float = parameter("1", "share of the level missing at rest", bounds=(0.0, 0.95))
+    deficit: float = parameter(
+        "1", "share of the axis' own Coulomb level missing at rest", bounds=(0.0, 0.95)
+    )
     speed: float = parameter(
         "m/s",
         "velocity over which it rises",

@@ -39,6 +39,7 @@ from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexpla
 from dryfric_control.diagnosis.selection import Selection, Selector, in_place
 from dryfric_control.estimation.parameters import checked_knowledge, typical, values_of, with_values
 from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
+from dryfric_control.estimation.uncertainty import ratio_interval
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.identification.replay import replay
 from dryfric_control.model.axis import FrictionAxis
@@ -659,19 +660,12 @@ def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
         rows.append(bench.mean_squares(at.errors)[measured])
     floor = noise_floor(bench, final.axis, [final.axis] * REPLAYS, at, measured)
     confirmed = floor.reached(bench.scores(at.costs), measured)
-    rng = np.random.default_rng(0)
     labels = np.unique(selector.labels[np.flatnonzero(measured)], return_inverse=True)[1]
-    blocks = [
-        np.array([row[labels == i].sum() for i in range(int(labels.max()) + 1)]) for row in rows
-    ]
-    picks = rng.integers(0, blocks[0].size, size=(2000, blocks[0].size))
-    ratios = np.sqrt(blocks[0][picks].sum(axis=1) / blocks[1][picks].sum(axis=1))
-    low, high = np.quantile(ratios, [0.05, 0.95])
     gain = Gain(
         before=float(np.sqrt(rows[0].mean())),
         after=float(np.sqrt(rows[1].mean())),
         floor=usual_rms([floor.squares[:, measured]]),
-        interval=(float(low), float(high)),
+        interval=ratio_interval(*rows, labels),
         unit=axis.units[0],
     )
     return gain, confirmed and not far_above(rows[1:], [floor.squares[:, measured]])

@@ -11,6 +11,8 @@ Vector = NDArray[np.float64]
 
 #: Time over which accelerations are taken [s]: quantisation is small over it.
 _SPAN = 0.05
+#: Samples that are sufficient.
+_ENOUGH = 2000
 #: Longest step and widest increment that are mistaken for one another.
 _STEP, _INCREMENT = 1e-5, 0.1
 
@@ -88,9 +90,11 @@ def _misfit(axis: Any, dt: float, u: Vector, y: Vector) -> float:
     """Force that the equation of motion lacks while moving, as a part of all its terms."""
     axis = axis.effective()
     n = max(1, min(u.size // 10, round(_SPAN / dt)))
-    v = (y[2 * n :] - y[: -2 * n]) / (2.0 * n * dt)
-    inertia = axis.mass * (y[2 * n :] - 2.0 * y[n:-n] + y[: -2 * n]) / (n * dt) ** 2
-    terms = np.array([u[n:-n], -inertia, -axis.viscous * v, -axis.coulomb.mean * np.sign(v)])
+    at = np.arange(n, u.size - n, 1 + u.size // _ENOUGH)
+    after, before = y[at + n], y[at - n]
+    v = (after - before) / (2.0 * n * dt)
+    inertia = axis.mass * (after - 2.0 * y[at] + before) / (n * dt) ** 2
+    terms = np.array([u[at], -inertia, -axis.viscous * v, -axis.coulomb.mean * np.sign(v)])
     moving = np.abs(v) > 0.1 * np.abs(v).max(initial=0.0)
     with np.errstate(invalid="ignore"):
         return float(np.abs(terms.sum(0))[moving].sum() / np.abs(terms)[:, moving].sum())

@@ -374,10 +374,7 @@ def test_finer_samples_of_the_same_input_change_nothing(effects):
     axis = rich_axis(*effects, dfc.effects.Spring(30.0), dfc.effects.QuadraticDrag(2.0))
     one = axis.simulate(u, DT).y[0]
     other = axis.simulate(np.repeat(u, 5), DT / 5).y[0, ::5]
-    # A Stribeck level that falls as the contact springs back is followed step by step:
-    # 0.1 N in 0.1 ms off gives 5e-6 m/s a turn, which dies in 0.1 s.
-    limit = 5e-7 if PRESLIDING in effects else 1e-8
-    assert np.abs(one - other).max() < limit
+    assert np.abs(one - other).max() < 1e-8
 
 
 MORE = (

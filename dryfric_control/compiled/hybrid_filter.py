@@ -90,10 +90,10 @@ _FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
 _CELL = 1.0 / 12.0  # variance of a reading inside its cell
 _FAR = 5.0  # standard deviations beyond which the tail is not normal
 _ADAPTS = 0.02  # adaptation rate of the reading noise, per sample
-_REFUTED, _SEVERAL = (
-    1e-5,
-    2.0,
-)  # probability of a reading, and its distance in cells, that refute rest
+_REFUTED = 1e-5  # probability of a reading below which rest is refuted
+_SEVERAL = 2.0  # and its distance from rest, in cells
+_SHARP = 5.0  # inverse uncertainty of the level that holds at a reversal, as of the levels at first
+_TURNS = 1e-6  # probability of a reversal below which there is none
 _PIVOT = 1e-12  # smallest pivot, as a fraction of the variance
 _SMALLEST, _LARGEST = 1e-12, 1e20  # bounds of variances
 _MOST = 0.25  # upper bound of the variance of a relative error
@@ -188,6 +188,19 @@ def _shrink(s, P, k, factor):
     s[P + k * (k + 3) // 2] *= factor * factor
     for i in range(k + 1, STATES):
         s[P + i * (i + 1) // 2 + k] *= factor
+
+
+@axis_step.internal
+def _add(s, P, i, k, factor):
+    """Add `factor` times state k to state i: the covariance of the sum."""
+    both, own = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k), P + i * (i + 3) // 2
+    s[own] += factor * (2.0 * s[both] + factor * s[P + k * (k + 3) // 2])
+    for j in range(STATES):
+        if j != i:
+            low, high = min(j, k), max(j, k)
+            shared = s[P + high * (high + 1) // 2 + low]
+            low, high = min(i, j), max(i, j)
+            s[P + high * (high + 1) // 2 + low] += factor * shared
 
 
 @axis_step.internal
@@ -328,12 +341,12 @@ def _rest(numbers, s, push, hold, level):
 
 
 @axis_step.internal
-def _slide(numbers, s, mode, load, level, slope, turns):
+def _slide(numbers, s, mode, load, level, slope, turns, back):
     """Advance a sliding mode by one sample: continue, stop, or reverse.
 
     `load` is the net force without friction, `level` the friction level and
-    `slope` its derivative with velocity; `turns`: whether the load would start motion
-    in the other direction.
+    `slope` its derivative with velocity; `turns`: the probability that the load starts
+    motion in the other direction, against the level `back`.
     """
     side = 1.0 if mode == 1 else -1.0
     own = PLUS - 1 + mode
@@ -393,21 +406,48 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     part, mean, kept = _without(
         _share(before, part, numbers[AGAIN]), side * ahead, variance, part, mean, kept
     )
-    for k in range(GAUSSIAN):
-        s[LEAVING + k] = s[AHEAD + k]
+    # The part that crosses zero velocity stops there, or reverses: another force acts from then on.
+    left = max(s[mode] * max(1.0 - part, _STOPS), _LEAST)
+    past = 0.0
+    if side * ahead < 0.0:
+        past = min(ahead / (ahead - v), 1.0) if side * v > 0.0 else 1.0
+    _leave(numbers, s, mode, 0, left * (1.0 - turns), ahead, past, 0.0, 0.0)
+    if turns > _TURNS:
+        after = load + side * back * (1.0 + s[source + MINUS + 1 - mode])
+        bend = min(max(after / net, 0.0), 1.0) if net != 0.0 else 0.0
+        grip = past * gain * side * back
+        _leave(numbers, s, mode, 3 - mode, left * turns, ahead, past, bend, grip)
     # The part of the density on its side of zero velocity continues.
     if s[mode] * part > _LEAST:
         _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
         _arrive(s, mode, mode, s[mode] * part, AHEAD)
-    # The rest stops, or reverses.
-    if side * ahead < 0.0:
-        s[LEAVING + X] = s[source + X] + 0.5 * v
-    s[LEAVING + COVARIANCE] += 0.01
-    _forget(s, LEAVING, V, 0.0, numbers[START] * (1.0 if turns else 0.01))
-    if turns:
+
+
+@axis_step.internal
+def _leave(numbers, s, mode, into, probability, ahead, past, bend, grip):
+    """Move the part of a sliding mode that has crossed zero velocity to another mode.
+
+    `ahead` is the velocity without the switch, `past` the part of the sample behind it,
+    `bend` the net force there over the one before, and `grip` the derivative of the velocity
+    with the relative level.
+    """
+    P = LEAVING + COVARIANCE
+    for k in range(GAUSSIAN):
+        s[LEAVING + k] = s[AHEAD + k]
+    s[LEAVING + X] += 0.5 * past * (bend - 1.0) * ahead
+    _add(s, P, X, V, past * (bend - 1.0))
+    s[P] += 0.01
+    if into != 0:
         _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
-    left = max(s[mode] * max(1.0 - part, _STOPS), _LEAST)
-    _arrive(s, mode, 3 - mode if turns else 0, left, LEAVING)
+    if into != 0 and past > 0.0:
+        s[LEAVING + V] *= bend
+        _shrink(s, P, V, bend)
+        _add(s, P, V, MINUS + 1 - mode, grip)
+        _add(s, P, V, OVER, grip)
+        s[P + 2] += numbers[START]
+    else:
+        _forget(s, LEAVING, V, 0.0, numbers[START] * (0.01 if into == 0 else 1.0))
+    _arrive(s, mode, into, probability, LEAVING)
 
 
 @axis_step.internal
@@ -483,7 +523,8 @@ def _move(numbers, plant, memory, s, t, y):
         w = _load(plant, t, drive, place, v, side, 0.0)
         back = 2 - mode
         error = s[BELIEFS + mode * GAUSSIAN + PLUS + back]
-        turns = -side * w * unit > hold[back] * (1.0 + error) * s[RELEASE]
+        ratio = -side * w * unit / max(hold[back] * (1.0 + error), 0.05)
+        turns = _below(_SHARP * (ratio - s[RELEASE]))
         friction = axis_step.sliding_level(plant, t, place, v, w, side)
         slope = 0.0
         if plant.numbers[axis_step.EXCESS] > 0.0:
@@ -493,7 +534,7 @@ def _move(numbers, plant, memory, s, t, y):
             near = max(near, spread)
             slope = axis_step.sliding_level(plant, t, place, v + side * near, w, side) - friction
             slope *= unit * pace / near
-        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns)
+        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns, level[back])
     plus = push * unit / max(hold[0] * (1.0 + s[BELIEFS + PLUS]), 0.05)
     minus = -push * unit / max(hold[1] * (1.0 + s[BELIEFS + MINUS]), 0.05)
     return plus, minus

@@ -113,6 +113,22 @@ def test_what_was_cut_before_is_not_cut_again():
 
 
 @njit
+def add(s, i, k, factor):
+    kernel._add(axis_step.pointer(s), 0, i, k, factor)
+
+
+@pytest.mark.parametrize(("i", "k"), [(0, 1), (1, 0), (1, 4), (5, 2)])
+def test_a_state_is_added_to_another(i, k):
+    root = np.random.default_rng(0).normal(size=(6, 6))
+    step = np.eye(6)
+    step[i, k] = 0.7
+    lower = np.tril_indices(6)
+    s = (root @ root.T)[lower]
+    add(s, i, k, 0.7)
+    assert s == pytest.approx((step @ root @ root.T @ step.T)[lower], rel=1e-12)
+
+
+@njit
 def make_positive(s):
     kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
 
@@ -358,6 +374,15 @@ def test_an_exact_plant_is_not_lost_at_50_khz(quantum, frequency, ratio, phase):
     assert np.mean((seen.mode != run.mode)[late]) < 0.05
 
 
+def test_a_reversal_inside_a_sample_is_followed():
+    u, run = driven(5e-3, 4.0, 3.1, 2.0, 2000)
+    seen = dfc.hybrid_filter(EXACT, 5e-3, 1e-7).run(u, rounded(run.y[0], 1e-7))
+    after = np.flatnonzero(run.mode[1:] * run.mode[:-1] < 0.0)[5:] + 1
+    assert after.size > 20
+    error = np.abs(seen.outputs[1] - run.y[1])[after]
+    assert np.median(error / np.abs(run.y[1][after])) < 0.02
+
+
 @pytest.mark.parametrize("dt", [2e-2, 5e-3, 1e-3, 2e-4, 2e-5])
 @pytest.mark.parametrize("quantum", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
 def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
@@ -371,8 +396,9 @@ def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
         )
         seen = dfc.hybrid_filter(EXACT, dt, quantum or 1e-9).run(u, rounded(run.y[0], quantum))
         error = np.abs(seen.outputs[1] - run.y[1])[200:]
-        assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.025
-        assert np.sqrt(np.mean(error**2)) < 0.025 * np.std(run.y[1])
+        assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.01
+        # The coarsest encoder leaves up to 0.013, at 50 Hz.
+        assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(run.y[1])
 
 
 # --- nothing breaks it -----------------------------------------------------------------

@@ -29,9 +29,9 @@ from dryfric_control.estimation.parameters import (
     values_of,
     with_values,
 )
-from dryfric_control.estimation.stiffness import stiffness, sum_of_inverses
+from dryfric_control.estimation.stiffness import stiffness
 from dryfric_control.estimation.windows import shifted
-from dryfric_control.model.axis import FrictionAxis, check_pace
+from dryfric_control.model.axis import FrictionAxis, check_pace, inverse_masses
 from dryfric_control.records.motion import directions, rest_times
 from dryfric_control.records.record import Record
 
@@ -358,7 +358,7 @@ class Likelihood:
             raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
         # Integration errors far below the effect of the random force do not matter.
-        hidden = _HIDDEN * math.sqrt(force) * record.dt * sum_of_inverses(axis, record.dt)
+        hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse_masses(axis, record.dt)
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -34,6 +35,9 @@ _WITH_STATE = ("delay", "lag", "contact", "transmission")
 MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
 #: Most samples of delay, and most turns of an effect in one sample.
 MOST_SAMPLES = 1e6
+#: Most that an elastic part may swing in one sample [rad]: samples show up to pi, and each
+#: radian costs steps.
+MOST_SWING = 100.0
 
 
 class Arrays(NamedTuple):
@@ -857,6 +861,48 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
                 f"{effect.describe(axis.units)} turns round {dt / effect.shortest_time:.3g} times "
                 f"in one sample of dt = {dt:g} s: check its units"
             )
+    rates = elastic_rates(axis, dt)
+    for effect in axis.effects:
+        swing = rates.get(effect.action, 0.0) * dt
+        decay = rates["damping"] * dt if effect.action == "transmission" else 0.0
+        if swing > MOST_SWING:
+            inner, unit = effect.inner(axis), axis.unit("N/m")
+            stiffness, less = inner.contact + inner.stiffness, MOST_SWING / swing
+            raise ValueError(
+                f"{effect.describe(axis.units)} is too stiff: with {stiffness:.3g} {unit} it "
+                f"swings by {swing:.3g} rad in one sample of dt = {dt:g} s. Use at most "
+                f"{stiffness * less**2:.3g} {unit}, a dt of at most {dt * less:.3g} s, or leave it "
+                "out: the samples show a rigid axis"
+            )
+        if decay > MOST_VISCOUS:
+            raise ValueError(
+                f"{effect.describe(axis.units)} is damped by {decay:.3g} time constants in one "
+                f"sample of dt = {dt:g} s: check the units of its damping"
+            )
+
+
+def inverse_masses(axis: FrictionAxis, dt: float) -> float:
+    """Sum of the inverse masses of motor and load [1/kg]."""
+    arrays = axis.arrays(dt)
+    numbers = arrays.numbers
+    # With two masses the numbers are stored twice, those of the load second.
+    load = arrays.integers[axis_step.N_NUMBERS] if numbers[axis_step.STIFFNESS] > 0.0 else 0
+    return float(numbers[axis_step.INVERSE_MOTOR] + numbers[load + axis_step.INVERSE_MASS])
+
+
+def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
+    """Natural frequencies of "contact" and "transmission", and the decay by its "damping" [1/s].
+
+    Each is 0 without such a part.
+    """
+    numbers, inverse = axis.arrays(dt).numbers, inverse_masses(axis, dt)
+    return {
+        "contact": math.sqrt(
+            numbers[axis_step.CONTACT_STIFFNESS] * numbers[axis_step.INVERSE_MASS]
+        ),
+        "transmission": math.sqrt(numbers[axis_step.STIFFNESS] * inverse),
+        "damping": float(numbers[axis_step.DAMPING]) * inverse,
+    }
 
 
 def check_finite(outputs: NDArray[np.float64]) -> None:

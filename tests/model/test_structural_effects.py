@@ -519,3 +519,46 @@ def test_a_compliance_with_hardly_any_load_is_an_elastic_contact(share):
     # A motor next to nothing before its load, or a load that does not rub, is no contact.
     stiff = dfc.effects.Compliance(stiffness=4e4, damping=20.0, load_fraction=0.95)
     assert stiff.nested(soft) is None and spring.nested(soft.replace(coulomb=0.0)) is None
+
+
+# --- too stiff for the samples ---------------------------------------------------------
+
+TOO_STIFF = [
+    (dfc.effects.Compliance(stiffness=1e11, damping=60.0, load_fraction=0.5), "compliance: .*447"),
+    (dfc.effects.Presliding(distance=1e-13), "presliding: .*6.32e\\+03"),
+]
+
+
+@pytest.mark.parametrize(("effect", "says"), TOO_STIFF, ids=["compliance", "presliding"])
+@pytest.mark.parametrize(
+    "begin",
+    [
+        lambda axis: axis.simulate(np.ones(1_000_000), dt=DT),
+        lambda axis: axis.stepper(DT),
+        lambda axis: dfc.axis_block(axis, DT),
+    ],
+    ids=["simulate", "stepper", "block"],
+)
+def test_what_is_too_stiff_for_the_samples_is_refused(effect, says, begin):
+    with pytest.raises(ValueError, match=says + " rad .* Use at most .* N/m, a dt of at most"):
+        begin(axis_with(effect))
+
+
+def test_a_damping_that_samples_cannot_resolve_is_refused():
+    effect = dfc.effects.Compliance(stiffness=1e5, damping=1e12, load_fraction=0.5)
+    with pytest.raises(ValueError, match=r"2e\+09 time constants .* units of its damping"):
+        axis_with(effect).simulate(np.ones(1_000_000), dt=DT)
+
+
+@pytest.mark.parametrize("effect, _", TOO_STIFF, ids=["compliance", "presliding"])
+def test_the_stiffness_that_a_refusal_offers_runs_and_is_rigid(effect, _):
+    with pytest.raises(ValueError, match="too stiff") as refused:
+        axis_with(effect).stepper(DT)
+    most = 0.99 * float(str(refused.value).split("Use at most ")[1].split()[0])
+    changed = {"stiffness": most} if hasattr(effect, "stiffness") else {"distance": COULOMB / most}
+    effect = dataclasses.replace(effect, **changed)
+    u = 12.0 * np.sin(0.01 * np.arange(700))
+    run = axis_with(effect, viscous=15.0).simulate(u, dt=DT)
+    rigid = axis_with(viscous=15.0).simulate(u, dt=DT)
+    # Each stop leaves energy in a swing, which the rigid axis has not: 5e-4 of the travel.
+    assert np.abs(run.y[0] - rigid.y[0]).max() < 1e-3 * np.ptp(rigid.y[0])

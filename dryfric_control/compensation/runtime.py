@@ -18,7 +18,7 @@ from dryfric_control.model.profiles import MotionProfile
 Array = NDArray[np.float64]
 
 _STATES = (
-    "samples", "integral", "speed", "reading", "ahead", "direction", "contact", "still",
+    "samples", "integral", "speed", "error", "ahead", "direction", "contact", "still",
     "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
     "mean_drive", "mean_error", "compensation", "sliding_integral", "expected",
     "level_seen", "peak_seen",

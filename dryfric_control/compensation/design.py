@@ -239,9 +239,37 @@ class Compensation(Result):
                 f"noise  one encoder increment steps the drive by {self.drive_step:.3g} {force}"
                 f"{share}"
             )
+            free = self._free_of_noise()
+            if free is not None:
+                yield (
+                    f"       the low-pass that keeps it so has its price: without it the tube were "
+                    f"{length_text(free.certify().tube, length)}, and the step "
+                    f"{free.drive_step:.3g} {force}"
+                )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
         yield f"other effects fed forward: {effects}"
         yield from self.certificate._shown()
+
+    def _free_of_noise(self) -> Compensation | None:
+        """The design without a bound on the noise in the drive, if that makes a difference."""
+        least = tuned.FILTER * self.dt
+        if self.filter_time <= least:
+            return None
+        delay = self.drive_delay + self.input_delay
+        slow, quick = (
+            min(
+                self.tuning.phase / (delay + tuned.SAMPLED * self.dt + filtered),
+                tuned.FASTEST / self.dt,
+            )
+            for filtered in (self.filter_time, least)
+        )
+        w = quick if math.isclose(self.bandwidth, slow) else self.bandwidth
+        kp, kd = tuned.proportional(self.rigid_axis, self.tuning, w)
+        return replace(
+            self, bandwidth=w, kp=kp, kd=kd, ki=self.ki * (kp * w) / (self.kp * self.bandwidth),
+            filter_time=least,
+            disturbance_bandwidth=tuned.estimate_bandwidth(w, self.dt, delay, least),
+        )  # fmt: skip
 
     @panels(3)
     def plot(self, axes: Any) -> str:

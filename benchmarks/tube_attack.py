@@ -1,4 +1,4 @@
-"""Attack on the tracking tube: axes within the mismatch that leave the tube they were certified for.
+"""Attack on the tracking tube: which axis within the mismatch leaves it?
 
 Run ``python benchmarks/tube_attack.py --plants 5000``.  Each design is drawn at random (mass,
 delay, encoder, mismatch, Stribeck peak, levels by direction); its plants lie at the corners of the

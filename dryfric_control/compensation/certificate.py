@@ -275,9 +275,7 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
     return np.asarray(total[:3])
 
 
-def loop_responses(
-    loop: Loop, mass: float, viscous: float, delay: float
-) -> tuple[float, Array]:
+def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Array]:
     """Spectral radius and responses of the linear loop of one axis, until they have faded.
 
     Parameters
@@ -486,8 +484,9 @@ def certify_tracking(
         if reference is not None:
             missing = _missing(loop, reference, mass, viscous, delay)
             missed, quick, drive = np.abs(oaconvolve(missing[:, None], response, axes=0)).max(0)
-            start = mass * abs(float(reference.velocity[0])) / dt
-            missed, quick, drive = np.array([missed, quick, drive]) + start * np.abs(response).max(0)
+            # An axis at rest under a reference that moves has the momentum to make up.
+            start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
+            missed, quick, drive = np.array([missed, quick, drive]) + start
         reading = half * one.reading
         gain = stick_slip_gain(response[:, 0]) if bounded else one.l1
         # Where the feedforward changes sides, it and friction brake what the axis is too fast by.

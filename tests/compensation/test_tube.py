@@ -93,42 +93,43 @@ def explicit_tube(comp):
     level = max(float(axis.coulomb(0.0, s)) for s in (1, -1))
     sigma = axis.stribeck.excess if axis.stribeck else 0.0
     left = (mu + comp.correction) * level + (1.0 + mu) ** 2 * sigma * level
-    tubes = []
     own = d - comp.input_delay / dt
-    for m, f, part in itertools.product((1 - mu, 1.0, 1 + mu), (1 - mu, 1 + mu), (0.0, 0.5, 1.0)):
-        mass, rate, late = axis.mass * m, axis.viscous * f / (axis.mass * m), own + part * (d - own)
-        whole = int(late + 1e-9)
-        after = late - whole
-        sums = {}
-        for what in ("force", "reading"):
-            x = v = filtered = last = used = 0.0
-            hat, line, xs = np.zeros(3), [0.0] * (whole + 2), []
-            for k in range(6000):
-                y = x + (what == "reading" and k == 0)
-                filtered = keep * filtered + (1.0 - keep) * (y - last) / dt
-                last = y
-                hat = M @ (hat + [0.0, 0.0, used])
-                hat = hat + gain * (y - hat[0]) - [0.0, 0.0, used]
-                slip = (1.0 - share) * filtered + share * hat[1]
-                used = -comp.kp * y - comp.kd * slip
-                line = [used, *line[:-1]]
-                push = float(what == "force" and k == 0)
-                for drive, time in ((line[whole + 1], after), (line[whole], 1.0 - after)):
-                    h, end = time * dt, (drive + push) / mass / rate
-                    fall = math.exp(-rate * h)
-                    x, v = x + end * h + (v - end) * (1.0 - fall) / rate, end + (v - end) * fall
-                xs.append(x)
-                if k > 300 and max(map(abs, xs[-200:])) < 1e-7 * max(map(abs, xs)):
-                    break
-            sums[what] = np.array(xs)
-            if what == "reading":
-                vs = np.abs(np.diff(np.append(0.0, xs))).sum()
-        g = sums["force"]
-        h = np.cumsum(g)
-        l1 = np.abs(g).sum()
+    # All corners side by side, each with a force of one sample and with a reading that is off.
+    corners = np.array([
+        (m, f, own + part * (d - own), kind)
+        for m, f, part, kind in itertools.product(
+            (1 - mu, 1.0, 1 + mu), (1 - mu, 1 + mu), (0.0, 0.5, 1.0), (0, 1)
+        )
+    ])  # fmt: skip
+    mass = axis.mass * corners[:, 0]
+    rate = axis.viscous * corners[:, 1] / mass
+    whole = (corners[:, 2] + 1e-9).astype(int)
+    after = corners[:, 2] - whole
+    off, every = corners[:, 3] == 1, np.arange(len(corners))
+    x = v = filtered = last = used = np.zeros(len(corners))
+    hat = np.zeros((3, len(corners)))
+    line = np.zeros((whole.max() + 2, len(corners)))
+    xs: list[np.ndarray] = []
+    while len(xs) < 300 or np.abs(xs[-200:]).max() > 1e-7 * np.abs(xs).max():
+        y = x + (off & (not xs))
+        filtered = keep * filtered + (1.0 - keep) * (y - last) / dt
+        last = y
+        hat = M @ (hat + np.outer([0.0, 0.0, 1.0], used))
+        hat = hat + np.outer(gain, y - hat[0]) - np.outer([0.0, 0.0, 1.0], used)
+        used = -comp.kp * y - comp.kd * ((1.0 - share) * filtered + share * hat[1])
+        line = np.vstack([used, line[:-1]])
+        push = ~off & (not xs)
+        for drive, time in ((line[whole + 1, every], after), (line[whole, every], 1.0 - after)):
+            h, end = time * dt, (drive + push) / mass / rate
+            fall = np.exp(-rate * h)
+            x, v = x + end * h + (v - end) * (1.0 - fall) / rate, end + (v - end) * fall
+        xs.append(x)
+    half = 0.5 * comp.encoder_quantum
+    tubes = []
+    for g, reading in zip(np.array(xs).T[0::2], np.array(xs).T[1::2], strict=True):
+        h, l1 = np.cumsum(g), np.abs(g).sum()
         stick = max(np.cumsum(np.abs(g)) / (1.0 - np.abs(1.0 - h / h[-1])))
-        half = 0.5 * comp.encoder_quantum
-        tubes.append((stick * left, l1 * left, half * np.abs(sums["reading"]).sum(), vs))
+        tubes.append((stick * left, l1 * left, half * np.abs(reading).sum()))
     return tubes, left
 
 
@@ -205,10 +206,9 @@ def test_no_course_of_friction_does_more_than_the_tube_says(delay, quantum):
         for course, t in itertools.product(courses, (3, 9, 14)):
             lasting = [*course, 120]
             signs = np.repeat([(-1.0) ** i for i in range(len(lasting))], lasting)[:120]
-            assert (
-                friction_program(g, gv, found.friction_most, found.friction_left, signs, t)
-                <= bound * (1.0 + 1e-6)
-            )
+            assert friction_program(
+                g, gv, found.friction_most, found.friction_left, signs, t
+            ) <= bound * (1.0 + 1e-6)
 
 
 def test_slips_and_stops_of_an_overdamped_loop_gain_nothing():

@@ -122,7 +122,9 @@ def drawn(seed):
     )
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 30))])
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 30))]
+)
 def test_the_certificate_holds_by_numpy_alone(seed):
     design = drawn(seed)
     found, nodes = margins(design)

@@ -128,7 +128,7 @@ class TrackingCertificate(Result):
     >>> comp.certificate.tube > comp.certify(mismatch=0.1).tube
     True
     >>> print(f"{1e3 * comp.certificate.delay_margin:.1f} ms")
-    2.1 ms
+    1.6 ms
     """
 
     tube: float

@@ -242,7 +242,7 @@ class Compensation(Result):
             free = self._free_of_noise()
             if free is not None:
                 yield (
-                    f"       the low-pass that keeps it so has its price: without it the tube were "
+                    f"       the low-pass that keeps it so has its price: without it the tube would be "
                     f"{length_text(free.certify().tube, length)}, and the step "
                     f"{free.drive_step:.3g} {force}"
                 )
@@ -512,7 +512,8 @@ def design_compensation(
 
     c_s and sigma are learned by normalised least mean squares from the switched
     observer's friction while it slides; l is what they leave, of which a small part q
-    is fed back.  c_s stays within half a level.  With presliding, s runs from -1 to 1 as
+    is fed back.  While the reference moves, c_s, sigma, q l and the integral together change
+    the nominal friction by at most `correction` levels.  With presliding, s runs from -1 to 1 as
     the reference covers the presliding distance (Dahl's shape, as Prandtl's element has it).
 
     At rest of reference and axis the integral is held once the error is within
@@ -520,8 +521,9 @@ def design_compensation(
     widens the tolerance by half: corrections end, and a constant drive below
     breakaway does not hunt.
 
-    e_v combines the measured velocity with that of the observer, whose model has no delay:
-    it leads the axis, which damps the loop in spite of the delay.
+    e_v combines the low-passed difference of e with an estimate by an observer of e, whose
+    model has no delay: it leads the axis, which damps the loop in spite of the delay.  The
+    feedback knows neither modes nor friction, so that its loop is linear.
 
     Static input effects (gain, dead zone) are inverted.  Effects that need
     states of their own (backlash, compliance) are not compensated.
@@ -533,7 +535,7 @@ def design_compensation(
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
     >>> comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6, input_delay=3e-3)
     >>> round(comp.bandwidth)
-    186
+    158
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")

@@ -163,7 +163,8 @@ class TrackingCertificate(Result):
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
             f"at the worst axis; force left over at most {self.friction_left:.4g} {force} while "
-            f"the axis slides with the reference, {self.friction_most:.4g} {force} otherwise"
+            f"the axis slides with the reference, {self.friction_most:.4g} {force} otherwise; "
+            f"whatever friction does, the error is below {length_text(self.ceiling, length)}"
         )
         if self.known:
             yield f"known  taken to be as the nominal axis has them: {', '.join(self.known)}"
@@ -503,7 +504,7 @@ def certify_tracking(
         made = {
             name: float(size) / shrink if shrink > 0.0 else math.inf
             for name, size in made.items()
-            if size > 0.0
+            if size > 1e-9 * one.l1 * sliding  # not of rounding alone
         }
         if sum(made.values()) > sum(parts.values()):
             parts = made

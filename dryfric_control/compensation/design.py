@@ -242,8 +242,8 @@ class Compensation(Result):
             free = self._free_of_noise()
             if free is not None:
                 yield (
-                    f"       the low-pass that keeps it so has its price: without it the tube would be "
-                    f"{length_text(free.certify().tube, length)}, and the step "
+                    "       the low-pass that keeps it so has its price: without it the tube would "
+                    f"be {length_text(free.certify().tube, length)}, and the step "
                     f"{free.drive_step:.3g} {force}"
                 )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"

@@ -30,6 +30,7 @@ from dryfric_control.records.bad_readings import (
     NONE,
     REASONS,
     Masked,
+    absurd,
     bridged,
     evened,
     filled,
@@ -37,10 +38,8 @@ from dryfric_control.records.bad_readings import (
     without,
 )
 from dryfric_control.records.comparison import Comparison, compared
-from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record
+from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
-from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
@@ -51,21 +50,20 @@ from dryfric_control.records.record_checks import (
     checked_units,
     clipped,
     estimated_quantum,
-    extra_vectors,
+    grid_of,
     increasing_steps,
     plain_text,
     resample,
+    sound_rows,
     spread_of,
     uniform_step,
     unwrapped,
     vector,
     vectors,
-    warn,
     warn_if_suspect,
 )
-from dryfric_control.records.record_warning import RecordWarning
+from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
-from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import replacing
 from dryfric_control.ties import samples
 
@@ -182,8 +180,8 @@ class Record:
     def __init__(
         self,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         units: Mapping[str, str] | None = None,
@@ -200,19 +198,18 @@ class Record:
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
             quantum = positive_number("quantum", quantum, zero_allowed=True)
-        notes = checked_notes(notes)
-        tv, uv, xv, rv = vectors(t, u, x, reference)
-        more, stored = extra_vectors(channels, tv.size), checked_raw(raw)
+        tv, uv, xv, rv, more, made = vectors(t, u, x, reference, channels)
+        notes, stored = checked_notes(notes) + made, checked_raw(raw)
+        if x is None:
+            quantum, labels = 0.0, labels | position_unit(labels)
         dt = uniform_step(tv)
-        if unwrap is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
-            notes += (f"x unwrapped with period {unwrap:g}",)
         usable = None if good is None else usable_readings(good, xv.size)
-        seen = quantum
-        if seen is None:
-            seen = estimated_quantum(xv, stored.get("x", ("", 1.0))[1]) or 0.0
-        xv, masked = repaired(xv, seen, usable)
-        check_motion(uv, xv)
+        factor = stored.get("x", ("", 1.0))[1]
+        if unwrap is not None:
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap), grid_of(xv, factor))
+            notes += (f"x unwrapped with period {unwrap:g}",)
+        xv, masked, seen = repaired(xv, quantum, factor, usable)
+        check_motion(uv, xv, seen or None)
         if quantum is not None and quantum > np.ptp(xv):
             raise ValueError(
                 f"quantum = {quantum:g} is larger than the range of x, {np.ptp(xv):.6g}: give it "
@@ -300,6 +297,7 @@ class Record:
             self.units == other.units
             and self.name == other.name
             and self.channels.keys() == other.channels.keys()
+            and np.array_equal(self.masked.indices, other.masked.indices)
             and all(np.array_equal(a, b) for a, b in pairs)
         )
 
@@ -664,8 +662,8 @@ class Record:
     def from_irregular(
         cls,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         dt: float | None = None,
@@ -709,7 +707,14 @@ class Record:
         >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
-        tv, uv, xv, rv = vectors(t, u, x, reference)
+        found = vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
+        good = options.pop("good", None)
+        good = None if good is None else usable_readings(good, found.x.size)
+        found, good, lacking = sound_rows(found, good)
+        tv, uv, xv, rv, more, made = found
+        if x is None:
+            labels = checked_units(options.get("units"))
+            options |= {"units": labels | position_unit(labels), "quantum": 0.0}
         steps = increasing_steps(tv)
         median = float(np.median(steps))
         step = float(f"{median:.3g}") if dt is None else positive_number("dt", dt)
@@ -722,15 +727,13 @@ class Record:
                 f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
                 f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
+        factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
         if (period := options.pop("unwrap", None)) is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period))
-        check_motion(uv, xv)
-        if options.get("quantum") is None:
-            factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
-            options["quantum"] = estimated_quantum(xv, factor) or 0.0
-        seen = float(options["quantum"])
-        notes = list(checked_notes(options.get("notes", ())))
-        xv, masked = repaired(xv, seen, None)
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period), grid_of(xv, factor))
+        notes = [*checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
+        xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
+        options["quantum"] = seen
+        check_motion(uv, xv, seen or None)
         even = evened(tv, xv, spread_of(xv, seen))
         if even is not None:
             late = float(np.ptp(tv - even))
@@ -739,7 +742,7 @@ class Record:
         notes.append(
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
-        others = extra_vectors(options.pop("channels", None), tv.size) | {"x": xv}
+        others = more | {"x": xv}
         if rv is not None:
             others["reference"] = rv
         grid, held, others = resample(tv, uv, others, step, hold, interpolation)
@@ -749,18 +752,20 @@ class Record:
         record = cls(grid, held, x, others.pop("reference", None), channels=others, **options)
         # Readings that were bad leave a gap as those that were lost do.
         record.__dict__["masked"] = Masked(lost, (FILLED,) * lost.size, x[lost])
-        if lost.size or even is not None:
-            parts = [told(record.bad)] if lost.size else []
+        if lost.size or even is not None or lacking:
+            parts = [f"{lost.size} filled and masked"] if lost.size else []
             parts += [notes[-2]] if even is not None else []
-            warn(f"of {len(record)} samples of the new record: {'; '.join(parts)}")
+            before = f"{lacking} in the source; " if lacking else ""
+            after = "; ".join(parts) or "none lost"
+            warn(f"{before}of {len(record)} samples of the new record: {after}")
         return record
 
     @classmethod
     def split_at_gaps(
         cls,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         units: Mapping[str, str] | None = None,
@@ -783,12 +788,11 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
-        tv, uv, xv, rv = vectors(t, u, x, reference)
+        tv, uv, xv, rv, more, _ = vectors(t, u, x, reference, channels)
         steps = increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         check_motion(uv, xv)
         whole = object.__new__(cls)
-        more = extra_vectors(channels, tv.size)
         labels = checked_units(units)
         step, quantum = float(np.median(steps)), estimated_quantum(xv, 1.0)
         whole._set(tv, uv, xv, rv, step, labels, name, (), quantum, more, {})
@@ -917,7 +921,10 @@ class Record:
         """
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
-        return record_of(frame, columns, **options)
+        # Here: reading makes records.
+        from dryfric_control.records.read import read_record
+
+        return read_record(frame, columns, **options)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Data frame that `from_frame` turns back into this record.
@@ -938,7 +945,8 @@ class Record:
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file that `read_record` reads back bit for bit.
 
-        The file appears whole or not at all.
+        The file appears whole or not at all.  Where readings are masked, ``x`` has what was
+        recorded and the column ``good`` is 0.
 
         Parameters
         ----------
@@ -961,16 +969,33 @@ class Record:
                 chunk = (c[a : a + 65_536].tolist() for c in columns.values())
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
 
-    def _columns(self) -> dict[str, FloatArray]:
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write everything the record holds to a JSON file.
+
+        `load_record` reads it.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
+        # Here: what is saved may hold records.
+        from dryfric_control.records.saved import save_object
+
+        save_object(self, path, "record", 1, (Record,))
+
+    def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""
         channels = {"t": self.t, "u": self.u, "x": self.measured}
         if self.reference is not None:
             channels["reference"] = self.reference
         channels |= self.channels
-        return {self._label(role, role): array for role, array in channels.items()}
+        columns = {self._label(role, role): array for role, array in channels.items()}
+        return columns | ({"good": self.good.astype(np.int64)} if self.masked.reasons else {})
 
     def _meta(self) -> dict[str, Any]:
-        kept = {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes)}
+        kept = {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes),
+                "masked": list(self.masked.reasons)}  # fmt: skip
         return kept | ({"raw": {k: list(v) for k, v in self.raw.items()}} if self.raw else {})
 
     def _label(self, text: str, role: str) -> str:
@@ -998,7 +1023,7 @@ class Record:
             ("reference", "yes" if self.reference is not None else "no"),
             *((("units", assumed),) if assumed else ()),
             *(("channel", self._label(name, name)) for name in self.channels),
-            *(("raw", f"{k}: {f:.6g} per {u or 'unit'}") for k, (u, f) in self.raw.items()),
+            *((("factors", factors(self.raw)),) if self.raw else ()),
             ("quantum", quantum),
             ("noise", f"{self.noise:.3g}{unit_x}"),
             *((("bad samples", told(self.bad)),) if any(self.bad.values()) else ()),
@@ -1107,50 +1132,10 @@ class Record:
         return control_plot(axes)
 
 
-def record_of(
-    source: Any,
-    columns: Mapping[str, str | int | None] | None = None,
-    gain: float | Mapping[str, float] | Scaling = 1.0,
-    *,
-    units: Mapping[str, str] | None = None,
-    name: str | None = None,
-    dt: float | None = None,
-    rate: float | None = None,
-    max_gap: float | None = None,
-    unwrap: float | None = None,
-    max_rows: int = MAX_ROWS,
-) -> Record:
-    """Record from whatever `read_record` takes."""
-    if rate is not None and dt is not None:
-        raise ValueError(
-            "rate and dt are both given: rate is for a source without a column of time"
-        )
-    if max_gap is not None and dt is None:
-        raise ValueError("max_gap is for resampling: give dt= too")
-    step = None if dt is None else positive_number("dt", dt)
-    if rate is not None:
-        step = 1.0 / positive_number("rate", rate)
-    timed = False if rate is not None else None if dt is not None else True
-    found = read_channels(source, columns, gain, units, max_rows, step, timed)
-    values = dict(found.values)
-    extras = {role: values.pop(role) for role in EXTRAS if role in values}
-    options: dict[str, Any] = {
-        "units": found.units,
-        "name": found.name if name is None else name,
-        "notes": found.notes,
-        "quantum": found.quantum,
-        "unwrap": unwrap,
-        "channels": extras,
-        "raw": found.raw,
-    }
-    try:
-        if dt is not None and found.timed:
-            return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
-        return Record(**values, **options)
-    except ValueError as problem:
-        if not isinstance(source, (str, os.PathLike)):
-            raise
-        raise ValueError(f"{Path(source).name}: {problem}") from None
+def position_unit(units: Mapping[str, str]) -> dict[str, str]:
+    """Unit of a position that is the integral of a velocity."""
+    unit = units.get("v", "").removesuffix("/s")
+    return {"x": unit} if unit else {}
 
 
 def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
@@ -1169,9 +1154,15 @@ def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
 
 
 def repaired(
-    x: FloatArray, quantum: float, good: npt.NDArray[np.bool_] | None
-) -> tuple[FloatArray, Masked]:
-    """Positions bridged over what is bad, found or given."""
+    x: FloatArray, quantum: float | None, factor: float, good: npt.NDArray[np.bool_] | None
+) -> tuple[FloatArray, Masked, float]:
+    """Positions bridged over what is bad, found or given, and their quantum, 0 for none.
+
+    Without one, it is estimated from what may be a reading at all.
+    """
+    if quantum is None:
+        sound = without(x.size, np.array(absurd(x), np.int64)) if good is None else good
+        quantum = estimated_quantum(x[sound], factor) or 0.0
     if good is None:
         found = find(x, spread_of(x, quantum), quantum)
         index = np.fromiter(found, np.int64, len(found))
@@ -1180,8 +1171,8 @@ def repaired(
         index = np.flatnonzero(~good)
         reasons = (GIVEN,) * index.size
     if not index.size:
-        return x, NONE
-    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index])
+        return x, NONE, quantum
+    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index]), quantum
 
 
 def told(counts: Mapping[str, int]) -> str:

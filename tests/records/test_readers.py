@@ -402,7 +402,7 @@ def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
     )
     columns = {"u": "/drive.cmd.force.0", "x": "/encoder.x"}
     same(dfc.read_record(write(tmp_path, log, "run.mcap"), columns=columns))
-    with pytest.raises(ValueError, match="no column recognised as u; available: .*'/drive.cmd"):
+    with pytest.raises(ValueError, match="'/drive.cmd.force.0', .* could each be u"):
         dfc.read_record(write(tmp_path, log, "run.mcap"), columns={"x": "/encoder.x"})
 
 
@@ -423,9 +423,12 @@ def test_mcap_of_ros_2(tmp_path):
         writer.write_message("/joint_states", schema, joints, log_time=stamp, publish_time=stamp)
     writer.finish()
     path = write(tmp_path, file.getvalue(), "run.mcap")
-    record = dfc.read_record(path, columns={"u": "effort.1", "x": "position.1"})
-    same(record)
-    assert record.notes[0] == "left out: 'position.0', 'effort.0'"
+    for asked in (dict(joint="b"), dict(columns={"x": "position.b"})):
+        record = dfc.read_record(path, **asked)
+        same(record)
+        assert record.notes[0] == "left out: 'position.a', 'effort.a'"
+    with pytest.raises(ValueError, match="'effort.a', 'effort.b' could each be u.*joint="):
+        dfc.read_record(path)
 
 
 # -- what is kept ------------------------------------------------------------------------------------

@@ -206,6 +206,9 @@ DIALECTS = {
         [(d - datetime.timedelta(minutes=59)).strftime("%H:%M:%S.%f") for d in DATES], U, X,
         heading="t,u,x",
     ),
+    "serial monitor of Arduino": "".join(
+        f"{d.strftime('%H:%M:%S.%f')[:-3]} -> {u}\t{x}\n" for d, u, x in zip(DATES, U, X, strict=True)
+    ),
     "Scope, a time for each": scope(True),
     "Scope, a time for all": scope(False),
     "SimpleFOC, no heading": text(T, X, U, V, X, mark="\t"),

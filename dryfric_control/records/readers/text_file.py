@@ -7,6 +7,7 @@ import datetime
 import gzip
 import io
 import json
+import math
 import re
 import zlib
 from collections.abc import Iterator
@@ -40,8 +41,7 @@ _FORTRAN = re.compile(r"(?<=[\d.])(?:[dD]([+-]?)|([+-]))(?=\d)")
 #: Words for a number that is not there.
 _NO_NUMBER = ("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---")
 _WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
-# Whole numbers that may lie beyond 2^53, where float64 leaves some out.
-_LONG = re.compile(r"(?<![\d.])\d{16,19}(?![\d.eE])", re.ASCII)
+_EXACT = 2.0**53  # beyond, float64 leaves whole numbers out
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 
 _DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
@@ -102,7 +102,7 @@ def read_text(
     """Chosen columns of a text file; if lenient, a number that is missing is nan."""
     layout: _Layout | None = None
     source = _Source(path, [])
-    parts: list[npt.NDArray[Any]] = []
+    parts: list[list[npt.NDArray[Any]]] = []
     notes: tuple[str, ...] = ()
     rows = 0
     for chunk, last in _chunks(source):
@@ -126,13 +126,12 @@ def read_text(
         raise ValueError(f"{path.name} holds no data, only blank or comment lines")
     if not parts:
         raise ValueError(f"{path.name} holds a heading and no data rows")
-    data = np.concatenate(parts)
-    for k in range(len(layout.chosen), data.shape[1]):
-        if not np.array_equal(data[:, k], data[:, list(layout.chosen).index("t")]):
-            raise ValueError(
-                f"{path.name}: its channels have times of their own; export them with one time"
-            )
-    values = {role: _column(data[:, k]) for k, role in enumerate(layout.chosen)}
+    data = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    values = {role: _column(data.pop(0)) for role in layout.chosen}
+    if not all(np.array_equal(values["t"], times) for times in data):
+        raise ValueError(
+            f"{path.name}: its channels have times of their own; export them with one time"
+        )
     for role in layout.optional:
         if not np.isfinite(values[role]).mean() > (0.8 if lenient else 1.0 - 1e-12):
             del values[role], layout.chosen[role]
@@ -221,7 +220,7 @@ def read_column(path: Path, max_rows: int) -> tuple[str, list[npt.NDArray[Any]]]
 def _column(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Numbers of one column, whole ones beyond 2^53 as integers."""
     if values.dtype != object:
-        return values.copy()
+        return values
     if all(float(v).is_integer() for v in values):
         try:
             return np.array([int(v) for v in values], dtype=np.int64)
@@ -293,7 +292,9 @@ def _content(source: _Source) -> Iterator[tuple[list[tuple[int, str]], bool]]:
                 yield chunk, False
                 chunk = []
             source.complete = line[-1] == "\n"
-            chunk.append((number, line.rstrip("\r\n").replace("\N{MINUS SIGN}", "-")))
+            if not line.isascii():
+                line = line.replace("\N{MINUS SIGN}", "-")
+            chunk.append((number, line.rstrip("\r\n").replace(" -> ", "\t", 1)))
     if chunk:
         yield chunk, True
 
@@ -489,72 +490,69 @@ def _is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> npt.NDArray[Any]:
-    """Chosen columns of some lines, shape (lines, chosen columns)."""
-    text = "\n".join(line for _, line in chunk)
-    decimal = layout.decimal
+def _parse(layout: _Layout, chunk: list[tuple[int, str]]) -> list[npt.NDArray[Any]]:
+    """Chosen columns of some lines, then those of other times."""
+    lines, mark, width = [line for _, line in chunk], layout.delimiter, len(layout.headings)
+    text = "\n".join(lines)
+    count = (lambda line: line.count(mark) + 1) if mark else (lambda line: len(line.split()))
+    if '"' not in text and "#" not in text and {*map(count, lines)} == {width}:
+        cells = (mark or " ").join(lines).split(mark)
+    else:
+        cells = []
+        for number, line in chunk:
+            row = _row(layout, line)
+            if len(row) != width:
+                raise ValueError(
+                    f"{layout.where}: row {number} has {len(row)} columns, the first has {width}"
+                )
+            cells += row
     clock = layout.chosen.get("t")
-    if clock is not None and not layout.dated:
-        first = _row(layout, chunk[0][1])
-        layout.dated = len(first) > clock and _stamp(first[clock]) is not None
-    if layout.dated or _LONG.search(text):
-        return _parse_slowly(layout, chunk, exact=True)
-    if layout.delimiter != ",":
-        if decimal == "," and "." not in text:
-            text = text.replace(",", ".")
-        elif decimal == "," or "," in text:
-            return _parse_slowly(layout, chunk)
-    if '"' in text or "#" in text or not text.isascii():
-        return _parse_slowly(layout, chunk)
-    pick = [*layout.chosen.values(), *layout.twins]
-    try:
-        data = np.loadtxt(text.split("\n"), delimiter=layout.delimiter, comments=None, ndmin=2)
-    except ValueError:
-        return _parse_slowly(layout, chunk)  # reads what can be read, or says what cannot
-    if data.shape != (len(chunk), len(layout.headings)):
-        return _parse_slowly(layout, chunk)
-    if "." in text and decimal != ",":
-        layout.decimal = "."
-    return np.ascontiguousarray(data[:, pick])
-
-
-def _parse_slowly(
-    layout: _Layout, chunk: list[tuple[int, str]], exact: bool = False
-) -> npt.NDArray[Any]:
-    """Cell by cell: text in other columns is fine, errors say the place."""
-    width = len(layout.headings)
+    layout.dated = layout.dated or (clock is not None and _stamp(cells[clock].strip()) is not None)
     pick = [*layout.chosen.items(), *(("t", k) for k in layout.twins)]
-    out = np.empty((len(chunk), len(pick)), dtype=object if exact else np.float64)
-    for i, (number, line) in enumerate(chunk):
-        cells = _row(layout, line)
-        if len(cells) != width:
-            raise ValueError(
-                f"{layout.where}: row {number} has {len(cells)} columns, the first has {width}"
-            )
-        for j, (role, k) in enumerate(pick):
-            cell = cells[k]
-            if role == "t" and layout.dated and (stamp := _stamp(cell)) is not None:
-                out[i, j] = stamp
+    return [_numbers(layout, role, k, cells[k::width], chunk) for role, k in pick]
+
+
+def _numbers(
+    layout: _Layout, role: str, column: int, cells: list[str], chunk: list[tuple[int, str]]
+) -> npt.NDArray[Any]:
+    """Numbers of some cells of a column: all at once, or one by one where something is amiss."""
+    text = "\n".join(cells)
+    comma, point = "," in text, "." in text
+    exact = layout.dated
+    other = comma and (point or layout.delimiter == "," or layout.decimal == ".")
+    if not (other or "_" in text or not text.isascii() or (layout.decimal == "," and point)):
+        try:
+            values = np.array(list(map(float, text.replace(",", ".").split("\n"))))
+            layout.decimal = layout.decimal or "," * comma or "." * point
+            if not np.abs(values).max() > _EXACT:
+                return values
+            exact = True
+        except ValueError:
+            pass  # below is said what cannot be read
+    out: list[float | int] = []
+    for (number, _), cell in zip(chunk, map(str.strip, cells), strict=True):
+        if role == "t" and layout.dated and (stamp := _stamp(cell)) is not None:
+            out.append(stamp)
+            continue
+        if not _is_number(cell) or (layout.delimiter == "," and "," in cell):
+            if role in layout.optional or (layout.lenient and cell.lower() in _NO_NUMBER):
+                out.append(math.nan)
                 continue
-            if not _is_number(cell) or (layout.delimiter == "," and "," in cell):
-                if role in layout.optional or (layout.lenient and cell.lower() in _NO_NUMBER):
-                    out[i, j] = np.nan
-                    continue
-                what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
-                label = layout.headings[k] or str(k)
-                raise ValueError(
-                    f"{layout.where}: row {number}, column {label!r} ({role}): {what}"
-                    + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1)
-                )
-            mark = "," if "," in cell else "." if "." in cell else ""
-            if mark and layout.decimal and mark != layout.decimal:
-                raise ValueError(
-                    f"{layout.where}: row {number}: {cell[:40]!r} mixes decimal commas and points; "
-                    "write all numbers one way, without thousands separators"
-                )
-            layout.decimal = layout.decimal or mark
-            out[i, j] = _exact(cell) if exact else _number(cell)
-    return out
+            what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
+            label = layout.headings[column] or str(column)
+            raise ValueError(
+                f"{layout.where}: row {number}, column {label!r} ({role}): {what}"
+                + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1)
+            )
+        mark = "," if "," in cell else "." if "." in cell else ""
+        if mark and layout.decimal and mark != layout.decimal:
+            raise ValueError(
+                f"{layout.where}: row {number}: {cell[:40]!r} mixes decimal commas and points; "
+                "write all numbers one way, without thousands separators"
+            )
+        layout.decimal = layout.decimal or mark
+        out.append(_exact(cell) if exact else _number(cell))
+    return np.array(out, dtype=object if exact else np.float64)
 
 
 def _row(layout: _Layout, line: str) -> list[str]:

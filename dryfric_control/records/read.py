@@ -140,7 +140,7 @@ def read_record(
             raise
         raise ValueError(f"{Path(source).name}: {problem}") from None
     if found.masked and len(found.masked) == len(record.masked.reasons):
-        record.__dict__["masked"] = record.masked._replace(reasons=found.masked)
+        return record._with(masked=record.masked._replace(reasons=found.masked))
     return record
 
 

@@ -13,7 +13,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -96,9 +96,9 @@ class Record:
     t : array_like, shape (n,)
         Time [s], increasing in steps that agree within 1 %.
     u : array_like, shape (n,)
-        Drive force or torque, ``u[k]`` held from ``t[k]`` to ``t[k+1]``.
+        Drive force or torque, ``u[k]`` held from ``t[k]`` to ``t[k+1]``; None for a free motion.
     x : array_like, shape (n,)
-        Measured position at ``t[k]``.
+        Measured position at ``t[k]``; None for the integral of ``channels["v"]``, from 0.
     reference : array_like, shape (n,), optional
         Commanded position.
     units : mapping, optional
@@ -217,7 +217,8 @@ class Record:
             )
         warn_if_suspect(tv, dt, uv)
         name = None if name is None else plain_text(name)
-        self._set(tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
+        values = (tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
+        self._set(dict(zip(_PARTS, values, strict=True)))
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
@@ -228,56 +229,36 @@ class Record:
                 stacklevel=3,
             )
 
-    def _set(
-        self,
-        t: FloatArray,
-        u: FloatArray,
-        x: FloatArray,
-        reference: FloatArray | None,
-        dt: float,
-        units: Mapping[str, str],
-        name: str | None,
-        notes: tuple[str, ...],
-        quantum: float | None,
-        channels: Mapping[str, FloatArray],
-        raw: Mapping[str, tuple[str, float]],
-        masked: tuple[Any, ...] = NONE,
-    ) -> None:
-        masked = Masked(*masked)
-        for array in (t, u, x, reference, masked.indices, masked.readings, *channels.values()):
+    def _set(self, parts: Mapping[str, Any]) -> None:
+        """Take parts as they are, arrays read-only."""
+        self.__dict__.update(parts, masked=Masked(*parts["masked"]))
+        arrays = self.t, self.u, self.x, self.reference, *self.masked[::2], *self.channels.values()
+        for array in arrays:
             if array is not None:
                 array.setflags(write=False)
-        self.__dict__.update(
-            t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes, quantum=quantum,
-            units=MappingProxyType(dict(units)), channels=MappingProxyType(dict(channels)),
-            raw=MappingProxyType(dict(raw)), masked=masked,
-        )  # fmt: skip
+        for name in ("units", "channels", "raw"):
+            self.__dict__[name] = MappingProxyType(dict(parts[name]))
 
-    def _derived(
-        self,
-        t: FloatArray,
-        u: FloatArray,
-        x: FloatArray,
-        reference: FloatArray | None,
-        dt: float,
-        note: str = "",
-        channels: Mapping[str, FloatArray] | None = None,
-        masked: Masked = NONE,
-    ) -> Record:
+    def _with(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
-        part = object.__new__(Record)
-        notes = self.notes + ((note,) if note else ())
-        part._set(
-            t, u, x, reference, dt, self.units, self.name, notes, self.quantum, channels or {},
-            self.raw, masked,
-        )  # fmt: skip
-        return part
+        kept = {name: self.__dict__[name] for name in _PARTS} | changes
+        return restored(*(kept | {"notes": self.notes + (note,) * bool(note)}).values())
+
+    def _at(self, pick: slice) -> dict[str, Any]:
+        """What is left of the channels and the mask at some samples."""
+        arrays = {name: self.__dict__[name] for name in ("t", "u", "x", "reference")}
+        # One after another in memory, as compiled functions want them.
+        parts: dict[str, Any] = {
+            name: array if array is None else np.ascontiguousarray(array[pick])
+            for name, array in (arrays | dict(self.channels)).items()
+        }
+        channels = {name: parts.pop(name) for name in self.channels}
+        return parts | {"channels": channels, "masked": self.masked.within(pick)}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (
-            self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
-            self.notes, self.quantum, dict(self.channels), dict(self.raw), tuple(self.masked),
-        )  # fmt: skip
+        plain = {"units": dict(self.units), "channels": dict(self.channels), "raw": dict(self.raw),
+                 "masked": tuple(self.masked)}  # fmt: skip
+        return restored, tuple(({name: self.__dict__[name] for name in _PARTS} | plain).values())
 
     # ------------------------------------------------------------ properties
 
@@ -454,7 +435,7 @@ class Record:
         if quantum := self.resolution.quantum:
             shift = rng.uniform(0.0, quantum) if origin is None else origin
             x = quantum * np.round((x - shift) / quantum) + shift
-        return self._derived(self.t, self.u, x, self.reference, self.dt, "read anew")
+        return self._with("read anew", x=x, channels={}, masked=NONE)
 
     def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
         """The record with another input or other positions.
@@ -483,19 +464,18 @@ class Record:
         >>> float(record.replace(u=35.0 * record.u).u[0])
         35.0
         """
-        new = {"u": self.u, "x": self.x}
-        for name, values in (("u", u), ("x", x)):
-            if values is not None:
-                new[name] = vector(name, values)
-            if new[name].size != len(self):
+        new: dict[str, Any] = {
+            name: vector(name, values)
+            for name, values in (("u", u), ("x", x))
+            if values is not None
+        }
+        for name, values in new.items():
+            if values.size != len(self):
                 raise ValueError(
-                    f"{name} has {new[name].size} samples but the record has {len(self)}; give "
-                    "one each"
+                    f"{name} has {values.size} samples but the record has {len(self)}; give one "
+                    "each"
                 )
-        return self._derived(
-            self.t, new["u"], new["x"], self.reference, self.dt, channels=self.channels,
-            masked=self.masked,
-        )  # fmt: skip
+        return self._with(**new)
 
     def __getitem__(self, key: slice) -> Record:
         """The samples of a slice with step 1."""
@@ -509,13 +489,7 @@ class Record:
                 f"the slice {start}:{stop} of a record of {len(self)} samples holds "
                 f"{max(0, stop - start)}, at least 2 are needed"
             )
-        part = slice(start, stop)
-        r = None if self.reference is None else self.reference[part]
-        more = {name: values[part] for name, values in self.channels.items()}
-        return self._derived(
-            self.t[part], self.u[part], self.x[part], r, self.dt, channels=more,
-            masked=self.masked.within(part),
-        )  # fmt: skip
+        return self._with(**self._at(slice(start, stop)))
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -626,14 +600,9 @@ class Record:
         if factor == 1:
             return self
         pick = slice(0, groups * int(factor), int(factor))
-        u = self.u[: groups * int(factor)].reshape(groups, -1).mean(axis=1)
-        r = None if self.reference is None else self.reference[pick].copy()
-        return self._derived(
-            self.t[pick].copy(), u, self.x[pick].copy(), r, self.dt * int(factor),
-            f"decimated by {factor}",
-            {name: values[pick].copy() for name, values in self.channels.items()},
-            self.masked.within(pick),
-        )  # fmt: skip
+        u = self.u[: pick.stop].reshape(groups, -1).mean(axis=1)
+        parts = self._at(pick) | {"u": u, "dt": self.dt * int(factor)}
+        return self._with(f"decimated by {factor}", **parts)
 
     def resampled(self, dt: float) -> Record:
         """The record at another step, as `from_irregular` does it.
@@ -656,7 +625,7 @@ class Record:
         note = f"resampled from {self.dt:g} s to {dt:g} s"
         lost = filled(self.t[self.good], t, dt)
         masked = Masked(lost, (FILLED,) * lost.size, x[lost])
-        return self._derived(t, u, x, r, dt, note, others, masked)
+        return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=others, masked=masked)
 
     @classmethod
     def from_irregular(
@@ -677,7 +646,8 @@ class Record:
         Parameters
         ----------
         t, u, x, reference : array_like, shape (n,)
-            As for `Record`; ``t`` increasing with any steps.
+            As for `Record`; ``t`` increasing with any steps.  Samples that are not finite, and up
+            to 5 % that repeat a stamp, count as lost.
         dt : float, optional
             Step of the grid [s]; the median step when left out.
         hold : {"zero", "first"}
@@ -692,8 +662,8 @@ class Record:
             Longest step that may be filled [s], 5 median steps when left
             out.
         **options
-            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw`` of
-            `Record`.
+            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw``, ``good``
+            of `Record`.
 
         Returns
         -------
@@ -751,7 +721,7 @@ class Record:
         options |= {"notes": notes, "good": without(grid.size, lost)}
         record = cls(grid, held, x, others.pop("reference", None), channels=others, **options)
         # Readings that were bad leave a gap as those that were lost do.
-        record.__dict__["masked"] = Masked(lost, (FILLED,) * lost.size, x[lost])
+        record = record._with(masked=Masked(lost, (FILLED,) * lost.size, x[lost]))
         if lost.size or even is not None or lacking:
             parts = [f"{lost.size} filled and masked"] if lost.size else []
             parts += [notes[-2]] if even is not None else []
@@ -792,10 +762,9 @@ class Record:
         steps = increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         check_motion(uv, xv)
-        whole = object.__new__(cls)
-        labels = checked_units(units)
-        step, quantum = float(np.median(steps)), estimated_quantum(xv, 1.0)
-        whole._set(tv, uv, xv, rv, step, labels, name, (), quantum, more, {})
+        labels, step = checked_units(units), float(np.median(steps))
+        quantum = estimated_quantum(xv, 1.0)
+        whole = restored(tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -804,12 +773,7 @@ class Record:
             )
         if lost := tv.size - sum(b - a for a, b in stretches):
             warn(f"{lost} samples in stretches of fewer than {MIN_SAMPLES} were left out")
-        found = []
-        for a, b in stretches:
-            part = whole[a:b]
-            part.__dict__["dt"] = uniform_step(part.t)
-            found.append(part)
-        return tuple(found)
+        return tuple(whole[a:b]._with(dt=uniform_step(tv[a:b])) for a, b in stretches)
 
     # ----------------------------------------------------------- derivatives
 
@@ -1183,5 +1147,8 @@ def told(counts: Mapping[str, int]) -> str:
 def restored(*parts: Any) -> Record:
     """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
-    record._set(*parts)
+    record._set(dict(zip(_PARTS, parts, strict=True)))
     return record
+
+
+_PARTS = tuple(item.name for item in fields(Record))

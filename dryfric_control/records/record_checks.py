@@ -214,12 +214,11 @@ def sound_rows(found: Channels, good: BoolArray | None) -> tuple[Channels, BoolA
             f"{lacking} of {t.size} rows have no number for t, u or x, the first is row "
             f"{np.argmin(whole)}: too many to be bridged"
         )
-    keep = np.flatnonzero(whole)
-    doubled = np.diff(t[keep], prepend=-np.inf) == 0.0
-    if (repeats := int(np.count_nonzero(doubled))) > _DOUBLED * t.size:
+    doubled = np.diff(t, prepend=np.nan) == 0.0
+    repeats = int(np.count_nonzero(doubled & whole))
+    if repeats > _DOUBLED * t.size:
         repeats = 0  # no accident: refused with what it may be
-    if repeats:
-        keep = keep[~doubled]
+    keep = np.flatnonzero(whole & ~doubled if repeats else whole)
 
     def part(values: FloatArray) -> FloatArray:
         values = values[keep]
@@ -396,8 +395,8 @@ def _period(x: FloatArray, wraps: IntArray, grid: float | None) -> float:
 
 
 # Errors of a period of the encoder from which on it is another one: in changes of the step from
-# sample to sample, and in parts of itself; wraps from which on they are no accident.
-_OTHER, _SHARE, _SURE = 8.0, 1e-4, 3
+# sample to sample, of one wrap and of several alike, and in parts of itself; least several wraps.
+_OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
 
 
 def unwrapped(
@@ -418,13 +417,15 @@ def unwrapped(
         off = turns[wraps] * (step[wraps] - 0.5 * (step[wraps - 1] + step[wraps + 1]))
         usual = float(np.median(np.abs(np.diff(step))))
         wrong = abs(float(np.median(off)))
-        if wrong > max(_OTHER * usual, 2.0 * (grid or 0.0), _SHARE * period):
+        alike = wraps.size >= _SURE and np.median(np.abs(off - np.median(off))) < 0.5 * wrong
+        limit = (_ALIKE_OTHER if alike else _OTHER) * usual
+        if wrong > max(limit, 2.0 * (grid or 0.0), _SHARE * period):
             message = (
                 f"unwrap = {period:.10g} leaves a jump of {wrong:.4g} where x wraps around, "
                 f"{wraps.size} times, first after x[{wraps[0]}]: is the period unwrap="
                 f"{_period(x, wraps, grid):.10g}?"
             )
-            if wraps.size >= _SURE and np.median(np.abs(off - np.median(off))) < 0.5 * wrong:
+            if alike:
                 raise ValueError(message)
             warn(message)
     if reference is not None:
@@ -640,7 +641,7 @@ def resample(
         raise ValueError(
             f'interpolation must be "monotone", "linear" or "cubic", got {interpolation!r}'
         )
-    count = (t[-1] - t[0]) / dt + 1e-6
+    count = (t[-1] - t[0] + 2 * np.spacing(np.abs(t).max())) / dt + 1e-6
     if not MIN_SAMPLES - 1 <= count <= 10 * MAX_ROWS:
         raise ValueError(
             f"dt = {dt:g} s would make {count + 1:.3g} samples of {t[-1] - t[0]:.4g} s; it takes "

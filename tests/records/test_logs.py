@@ -319,6 +319,11 @@ def test_a_repeated_stamp_is_bridged_and_masked():
     with pytest.warns(dfc.RecordWarning, match="1 row with the stamp of the row before"):
         record = dfc.read_record({"t": stamps, "u": U, "x": X}, dt=DT)
     assert len(record) == N and np.flatnonzero(~record.good).tolist() == [170]
+    u = U.copy()
+    u[169] = np.nan  # a row without a number does not make that with its stamp the right one
+    with pytest.warns(dfc.RecordWarning, match="1 row without a number and 1 row with the stamp"):
+        record = dfc.read_record({"t": stamps, "u": u, "x": X}, dt=DT)
+    assert np.flatnonzero(~record.good).tolist() == [169, 170]
     with pytest.raises(ValueError, match="an even clock in coarse stamps, give rate="):
         dfc.read_record({"t": np.repeat(T[::2], 2), "u": U, "x": X}, dt=DT)
 
@@ -379,6 +384,14 @@ def test_a_counter_set_to_zero_is_told():
     ramp = np.where(np.arange(N) < 300, T, T - T[300])
     with pytest.raises(ValueError, match="wraps around.*or the counter was set to zero, split"):
         dfc.Record(T, U, ramp)
+
+
+def test_stamps_of_today_keep_every_sample():
+    """Near 1.7e9 s a stamp is rounded to 2.4e-7 s, and the last sample was lost."""
+    stamps = 1.7e9 + np.arange(N) / 60.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert len(dfc.read_record({"t": stamps, "u": U, "x": X}, dt=1 / 60)) == N
 
 
 # -- encoders that wrap ----------------------------------------------------------------------------

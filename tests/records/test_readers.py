@@ -375,6 +375,20 @@ def test_mcap_of_one_topic(tmp_path):
         dfc.read_record(write(tmp_path, log[:500], "run.mcap"))
 
 
+def test_stamps_in_headers_go_before_those_of_the_log(tmp_path):
+    rng = np.random.default_rng(0)
+    log = mcap_log(
+        (
+            "/joint_states",
+            10**18 + 10**6 * k + int(rng.integers(10**7)),  # as the logger got to it
+            {"header": {"stamp": {"sec": 100, "nanosec": 10**6 * k}}, "name": ["a", "b"],
+             "position": [0.0, float(X[k])], "effort": [0.0, float(U[k])]},
+        )
+        for k in range(N)
+    )  # fmt: skip
+    same(dfc.read_record(write(tmp_path, log, "run.mcap"), joint="b"))
+
+
 def test_mcap_with_a_damaged_length_takes_no_memory(tmp_path):
     log = mcap_log([("/axis", 0, {"x": 1.0})])
     path = tmp_path / "run.mcap"

@@ -64,7 +64,7 @@ def read_mcap(path: Path, columns: Any, max_rows: int, joint: Any = None) -> dic
     return table | {h: () for h in headings if h not in table}
 
 
-def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[float]]]]:
+def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Seconds and numeric fields of each topic."""
     try:
         from mcap.reader import make_reader
@@ -103,11 +103,14 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
         raise ValueError(too_long(path.name, max_rows))
     stamps = {topic: times for topic, times in stamps.items() if found[topic]}
     clock = 0 if all(own for times in stamps.values() for own, _ in times) else 1
-    start = min((times[0][clock] for times in stamps.values()), default=0)
-    return {
-        topic: (np.array([t[clock] - start for t in times], dtype=np.float64) * 1e-9, found[topic])
-        for topic, times in stamps.items()
-    }
+    start = min((t[clock] for times in stamps.values() for t in times), default=0)
+    topics = {}
+    for topic, times in stamps.items():
+        since = np.array([t[clock] - start for t in times])
+        order = np.argsort(since, kind="stable")  # a logger may write one after the next
+        columns = {key: np.array(values)[order] for key, values in found[topic].items()}
+        topics[topic] = since[order] * 1e-9, columns
+    return topics
 
 
 def _stamp(fields: dict[str, float]) -> int:

@@ -1,11 +1,11 @@
 """Damage sound files at random and watch what the readers do.
 
 Run ``python benchmarks/fuzz_readers.py --minutes 30``.  Sound CSV, MAT, gzip, xlsx, parquet, mcap,
-TOML (axis) and JSON (observer design, fit, BAM log) files are changed by hypothesis in one to
-four places: bytes overwritten, inserted, removed, repeated, flipped, words replaced by what
-breaks parsers, the rest cut off.  A reader may refuse with a ValueError or return something
-sound; whatever else it does is a find, kept in ``--keep DIR``.  Prints counts, and returns 1 if
-there were finds.
+npz, npy, jsonl, TOML (axis) and JSON (observer design, fit, record, BAM log) files are changed by
+hypothesis in one to four places: bytes overwritten, inserted, removed, repeated, flipped, words
+replaced by what breaks parsers, the rest cut off.  A reader may refuse with a ValueError or
+return something sound; whatever else it does is a find, kept in ``--keep DIR``.  Prints counts,
+and returns 1 if there were finds.
 ``tests/store/test_files.py`` runs the same for a moment with a fixed seed.
 """
 

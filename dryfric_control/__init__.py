@@ -53,7 +53,14 @@ from dryfric_control.observer import (
     pi_observer,
     simulate_observed_loop,
 )
-from dryfric_control.records import Record, RecordWarning, Scaling, read_bam, read_record
+from dryfric_control.records import (
+    Record,
+    RecordWarning,
+    Scaling,
+    load_record,
+    read_bam,
+    read_record,
+)
 from dryfric_control.store.axis_file import read_axis, write_axis
 from dryfric_control.store.batch import run_batch
 
@@ -94,6 +101,7 @@ __all__ = [
     "load_design",
     "load_diagnosis",
     "load_fit",
+    "load_record",
     "monte_carlo",
     "motion_profile",
     "next_experiment",

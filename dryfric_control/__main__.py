@@ -25,7 +25,10 @@ _AS_OPTIONS = tuple(
         (r"Split there .*read_record\(\.\.\., dt=(\S+)\)", r"Fill them by --dt \1"),
         (r"Use Record\.split_at_gaps\(\.\.\.\), or allow it with max_gap=(\S+)",
          r"Allow it with --max-gap \1"),
-        (r"these samples and use Record\.from_irregular", "these rows and give --dt"),
+        (r"these samples, or bridge and mask them by .*",
+         "these rows, or give --dt, which fills and masks them"),
+        (r"give rate= and", "give --rate and"),
+        (r"or one joint: joint=\.\.\.", "or one joint: --joint"),
         (r"leave rate= out, .*", "leave --rate out"),
         (r" Of files with one channel each, .*", ""),
         (r"give (dt|rate)= \[", r"give --\1 ["),
@@ -96,7 +99,11 @@ def parser() -> argparse.ArgumentParser:
         "--columns",
         type=_pairs,
         metavar="t=..,u=..,x=..",
-        help="headings of time, input and position where they are not the usual ones",
+        help="headings or numbers of time, input and position where they are not the usual ones, "
+        "none for none",
+    )
+    diagnose.add_argument(
+        "--joint", metavar="NAME", help="joint of a log of several, as in its headings"
     )
     diagnose.add_argument(
         "--units",
@@ -114,6 +121,8 @@ def parser() -> argparse.ArgumentParser:
         ("--counts-per-turn", "N", "encoder counts per turn"),
         ("--gear-ratio", "N", "turns of the motor per turn of the load"),
         ("--lead", "M", "travel of a linear axis per turn of the load [m]"),
+        ("--pinion-radius", "R", "radius of a pinion or belt pulley [m]"),
+        ("--piston-area", "A", "area on which a measured pressure acts [m^2]"),
         ("--torque-constant", "K", "torque of the motor per current [N m/A]"),
         ("--rated-torque", "T", "torque of the motor at 100 %% [N m]"),
         ("--force-constant", "K", "force of a linear motor per current [N/A]"),
@@ -170,21 +179,21 @@ def parser() -> argparse.ArgumentParser:
         "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
     )
     export.add_argument(
-        "--precision", choices=("double", "single"), help="of the C code, default double"
+        "--precision", choices=("double", "single", "mixed"), help="of the C code, default double"
     )
     export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
     export.set_defaults(run=_export, own=export)
     return top
 
 
-def _pairs(text: str) -> dict[str, str]:
-    """Mapping from ``t=a,u=b``."""
-    pairs = {}
+def _pairs(text: str) -> dict[str, str | None]:
+    """Mapping from ``t=a,u=b``; None for none."""
+    pairs: dict[str, str | None] = {}
     for part in text.split(","):
         role, mark, value = (word.strip() for word in part.partition("="))
         if not (mark and value):
             raise argparse.ArgumentTypeError(f"{part!r} must be such as u=force")
-        pairs[role] = value
+        pairs[role] = None if value.lower() == "none" else value
     return pairs
 
 
@@ -201,7 +210,7 @@ def _tolerances(text: str) -> dict[str, float]:
 def _numbers(pairs: str, text: str, right: str) -> dict[str, float]:
     """Numbers by name; what is right is said where they are none."""
     try:
-        return {name: float(value) for name, value in _pairs(pairs).items()}
+        return {name: float(value or "none") for name, value in _pairs(pairs).items()}
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"{text!r} must be {right}") from None
 
@@ -217,22 +226,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0, or 2 after an error of the user's, reported in one line.
+        0; 2 after an error of the user's, 130 after an interrupt, each reported in one line.
     """
     chosen, unknown = parser().parse_known_args(arguments)
     if unknown:
         near = did_you_mean(unknown[0], chosen.own._option_string_actions)
         chosen.own.error(f"{' '.join(unknown)} is not known{near}")
-    import matplotlib
-
-    matplotlib.use("Agg")
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
         try:
+            import matplotlib
+
+            matplotlib.use("Agg")
             chosen.run(chosen)
         except (ValueError, OSError, ImportError) as problem:
             _say(str(problem))
             return 2
+        except KeyboardInterrupt:
+            _say("interrupted")
+            return 130
     return 0
 
 
@@ -289,6 +301,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
             chosen.columns,
             scaling,
             units=chosen.units,
+            joint=chosen.joint,
             **sampling,
         )
         check_units(axis, record, Path(path).name)

@@ -76,10 +76,10 @@ def increment(value: object, unit: str, *, zero: bool = False, stacklevel: int =
     Warns
     -----
     UserWarning
-        If it is half a metre or half a radian or more.
+        If it is half a metre or half a radian or more; in raw units a count is an increment.
     """
     number = positive("encoder_quantum", value, unit=unit, zero=zero)
-    if number >= 0.5:
+    if number >= 0.5 and unit in ("m", "rad"):
         warnings.warn(
             f"encoder_quantum = {number:g} {unit} is coarse for an axis: it is the length of one "
             f"count in {unit}, not a number of counts",

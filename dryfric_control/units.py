@@ -10,6 +10,7 @@ import math
 import re
 from typing import Any, NamedTuple
 
+from dryfric_control.order import check_drive_and_reading
 from dryfric_control.text import did_you_mean
 
 
@@ -206,7 +207,7 @@ def axis_units(units: Any) -> tuple[str, str]:
 
 
 def check_units(axis: Any, record: Any, name: str = "record") -> None:
-    """Refuse a record whose units are not those of the axis.
+    """Refuse a record whose units, or drive and position, are not those of the axis.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
     Raises
     ------
     ValueError
-        With both units and how to make them agree.
+        With both units and how to make them agree; or if drive and position are exchanged.
     """
     for role, wanted in zip("xu", axis.units, strict=True):
         unit = record.units.get(role, "")
@@ -241,6 +242,7 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
             )
             + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
         )
+    check_drive_and_reading(axis, record.dt, record.u, record.x, (f"{name}.u", f"{name}.x"))
 
 
 def same_unit(one: str, other: str) -> bool:

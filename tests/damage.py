@@ -127,6 +127,24 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
                 ["t,u,x [counts]", *(f"{T[k]},{U[k]},{2**62 + k**2 % 97}" for k in range(N))]
             ).encode(),
         ],
+        "log": [
+            _csv(rows[:, :3], "2026-03-02T10:00:00Z,u,x").replace(b"\n0.0", b"\n12:00:00.0"),
+            _csv(rows[:, :3], "t\tu\tx", "\t").decode().replace("-", "\N{MINUS SIGN}").encode("utf-16"),
+            b"Name\tScope\n\nName\tActTorque\tName\tActPos\nSampleTime[ms]\t1\tSampleTime[ms]\t1\n"
+            + _csv(np.c_[1e3 * T, U, 1e3 * T, X], "", "\t").lstrip(),
+            _csv(rows[:, :3], "time,q3_tau_J,q3").replace(b"\n", b"D+00\n").replace(b"q3D+00", b"q3"),
+            _csv(np.where(np.arange(N)[:, None] == 30, np.nan, rows[:, :3]), "t,u,x"),
+        ],
+        "arrays": [_written(folder, "a.npz", lambda p: np.savez(p, **named))],
+        "array": [_written(folder, "a.npy", lambda p: np.save(p, rows[:, :3]))],
+        "lines": [
+            b"\n".join(
+                json.dumps({"t": T[k], "name": ["a", "b"], "position": [0.0, X[k]],
+                            "effort": [0.1, U[k]]}).encode()
+                for k in range(N)
+            )
+        ],
+        "record": [_written(folder, "record.json", record.save)],
         "gz": [gzip.compress(_csv(rows, "t,u,x,r"), mtime=0)],
         "column": [b"pos [mm]\n" + b"\n".join(b"%.6f" % v for v in X), _csv(rows[:, :2], "% t u", " ")],
         "mcap": _mcap(),
@@ -241,6 +259,12 @@ def _column(path: Path) -> dfc.Record:
     return dfc.read_record({"t": T, "u": U, "x": path})
 
 
+def _bridged(path: Path) -> dfc.Record:
+    return dfc.read_record(
+        path, dt=1e-3, max_gap=1.0, joint="b" if path.suffix == ".jsonl" else None
+    )
+
+
 def _record_sound(record: dfc.Record) -> bool:
     channels = [record.t, record.u, record.x]
     channels += [] if record.reference is None else [record.reference]
@@ -284,6 +308,11 @@ READERS = {
     "parquet": Reader(".parquet", dfc.read_record, _record_sound),
     "mcap": Reader(".mcap", dfc.read_record, _record_sound),
     "fit": Reader(".json", dfc.load_fit, lambda fit: len(fit.summary()) > 0),
+    "log": Reader(".csv", _bridged, _record_sound),
+    "arrays": Reader(".npz", dfc.read_record, _record_sound),
+    "array": Reader(".npy", dfc.read_record, _record_sound),
+    "lines": Reader(".jsonl", _bridged, _record_sound),
+    "record": Reader(".json", dfc.load_record, _record_sound),
     "axis": Reader(".toml", dfc.read_axis, _axis_sound),
     "design": Reader(".json", dfc.load_design, _design_sound),
     "bam": Reader(".json", dfc.read_bam, _log_sound),

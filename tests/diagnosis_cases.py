@@ -16,10 +16,6 @@ import numpy as np
 from truth import Case
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.candidates import with_effect
-from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.screening import Candidate
-from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.effects.effect import REGISTRY
 
 #: Slug of a wrong base parameter and the parameter.
@@ -166,9 +162,3 @@ def _phase(case: Case, slug: str, true: dict[str, float], got: dict[str, float])
         rate = 2.0 * math.pi * (got["frequency"] - true["frequency"])
         difference = got["phase"] - true["phase"] + rate * 0.5 * float(case.t[-1])
     return float(np.angle(np.exp(1j * difference)))
-
-
-def tried(search: Search, first: Solution, slug: str, values: Mapping[str, float]) -> Candidate:
-    """A candidate as a screening leaves it: a guess, and its cost."""
-    one = with_effect(first.axis, slug, dict(values))
-    return Candidate(slug, one.free, one.axis, search.fit(one.axis, one.free).cost)

@@ -200,6 +200,7 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scaling.from_dict": (dfc.Scaling.from_dict, dict(data={})),
     "Scaling.from_file": (dfc.Scaling.from_file, dict(path="axis.toml")),
     "load_fit": (dfc.load_fit, dict(path="fit.json")),
+    "load_record": (dfc.load_record, dict(path="record.json")),
     "load_diagnosis": (dfc.load_diagnosis, dict(path="diagnosis.json")),
     "read_bam": (dfc.read_bam, dict(path="log.json")),
     "read_axis": (dfc.read_axis, dict(path="axis.toml")),
@@ -718,7 +719,7 @@ rows(
     (dict(t=T + 2e-4 * np.sin(np.arange(N))), "Resample"),
     (dict(x=WRAPPED), "unwrap=6.283185307"),
     (dict(x=np.full(N, 0.1)), "never moved"),
-    (dict(u=np.zeros(N)), "without excitation"),
+    (dict(u=np.full(N, 0.3)), "without excitation"),
     (dict(u=U + 1j), "real part"),
     (dict(x=X.astype(str)), "convert it"),
     (dict(t=np.arange(N).astype("M8[ms]")), "pass seconds"),
@@ -762,7 +763,9 @@ rows(
     (dict(interpolation="spline"), '"monotone"'),
     (dict(max_gap=-1.0), "positive"),
     (dict(t=T[KEPT], u=U[KEPT], x=X[KEPT]), "max_gap=", "gap"),
-    (dict(x=nan_at(X)), "remove"),
+    (dict(x=np.full(N, np.nan)), "remove"),
+    (dict(x=np.where(T < 1.0, np.nan, X)), "too many", "rows"),
+    (dict(good=[True]), "one for each reading", "good"),
 )
 CASES.append(Case("Record.from_irregular", dict(colour="red"), "unexpected", kind=TypeError))
 rows(
@@ -871,6 +874,7 @@ rows(
     (dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
     (dict(unwrap=-1.0), "positive"),
     (dict(name=7), "text"),
+    (dict(joint="elbow"), "available", "joint 'elbow'"),
 )
 rows(
     "Scaling",
@@ -887,10 +891,13 @@ rows(
             "rated_torque",
             "force_constant",
             "rated_force",
+            "pinion_radius",
+            "piston_area",
         )
     ),
     (dict(load_encoder="yes"), "True or False"),
     (dict(rated_torque=1.0, rated_force=1.0), "a motor has one"),
+    (dict(lead=0.1, pinion_radius=0.02), "an axis has one"),
 )
 rows("Scaling.of", (dict(gain="2"), "number"))
 rows(
@@ -924,10 +931,10 @@ files(
     ("heads.csv", "t,u,x\n", "heads.csv", "no data rows"),
     ("text.csv", columns(T[:20], U[:20], ["zero"] * 20), "row 2", "not a number"),
     ("hole.csv", columns(T[:20], U[:20], X[:20]) + "0.02,,1\n", "row 22", "empty"),
-    ("ragged.csv", columns(T[:20], U[:20], X[:20]) + "0.02,1\n", "row 22", "columns"),
+    ("ragged.csv", columns(T[:20], U[:20], X[:20]) + "0.02,1\n0.03,1,1\n", "row 22", "columns"),
     ("two.csv", columns(T[:20], U[:20], heading="t,u"), "two.csv", "at least t, u and x"),
     ("who.csv", columns(T, U, X, heading="a,b,c"), "who.csv", "columns="),
-    ("nan.csv", columns(T, nan_at(U), X), "u", "remove"),
+    ("nan.csv", columns(T, nan_at(U), X), "u", "dt="),
     ("back.csv", columns(BACK, U, X), "t", "sort"),
     ("gap.csv", columns(T[KEPT], U[KEPT], X[KEPT]), "dropped", "split_at_gaps"),
     ("twice.csv", columns(np.repeat(T, 2), np.repeat(U, 2), np.repeat(X, 2)), "t", "keep one"),
@@ -936,7 +943,7 @@ files(
     ("huge.csv", columns(T, U, X), "huge.csv", "max_rows=", dict(max_rows=1000)),
     ("long.csv", b"t,u,x\n" + b"1" * 1_100_000, "line 2", "too long"),
     ("binary.csv", bytes(range(256)), "binary.csv", "plain text"),
-    ("wide.csv", "t,u,x\n0,0,0\n".encode("utf-16"), "wide.csv", "UTF-8"),
+    ("wide.csv", "t,u,x\n0,0,0\n".encode("utf-16")[:-1], "wide.csv", "plain text"),
     ("comma.csv", "t;u;x\n0,0;1.5;0\n", "comma.csv", "one way"),
     ("newer.csv", "# dryfric-control record 99 {}\n" + columns(T, U, X), "format 99", "update"),
     ("torn.csv", "# dryfric-control record 1 {\n" + columns(T, U, X), "torn.csv", "remove it"),
@@ -1072,6 +1079,7 @@ CASES += [
     ),
     Case("ObserverDesign.save", {}, "observer.json", "nowhere", kind=FileNotFoundError),
     Case("load_fit", dict(path="/nowhere/f.json"), "no file", "f.json", kind=FileNotFoundError),
+    Case("load_record", dict(path="/nowhere/r.json"), "no file", "r.json", kind=FileNotFoundError),
     Case(
         "load_diagnosis", dict(path="/nowhere/d.json"), "no file", "d.json", kind=FileNotFoundError
     ),

@@ -300,8 +300,9 @@ def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option,
         ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
         (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
         (table("t;u;x", (T[::-1], X, X)), "run.csv: t goes back"),
-        (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows and give --dt"),
-        (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; delete the row, and give --dt"),
+        (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows, or give --dt"),
+        (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; give --dt"),
+        (table("t;u1;u2;x1;x2", (T, X, X, X, X)), "say which: --columns u=..., or one joint: --joint"),
         (table("t;u [N m];x [rad]", (T, X, X)), 'with units = ["rad", "N m"] in its file'),
         (table("t;u [N];x [rad]", (T, X, X)), "--gain x=... [m per rad] and --units x=m"),
     ],
@@ -392,3 +393,14 @@ def test_arguments_are_refused_before_a_record_is_read(option, words, tmp_path, 
     axis.write_text("mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n")
     assert main(["diagnose", "nowhere.csv", "--axis", str(axis), *option]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_an_interrupt_is_one_line_and_status_130(monkeypatch, capsys, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dryfric_control.demo.run", interrupted)
+    assert main(["demo", "--out", str(tmp_path)]) == 130
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.splitlines() == [told.err.strip()]
+    assert told.err.endswith("interrupted\n")

@@ -2,11 +2,13 @@
 
 import json
 import re
+import warnings
 from pathlib import Path
 
 import matplotlib
 import pytest
 
+import dryfric_control as dfc
 from dryfric_control import demo
 from dryfric_control.__main__ import main
 from dryfric_control._version import __version__
@@ -97,3 +99,10 @@ def test_version_is_the_package_s(capsys):
         main(["--version"])
     assert stop.value.code == 0
     assert __version__ in capsys.readouterr().out
+
+
+def test_the_preset_of_the_demo_brings_no_warning():
+    """One increment is no coarse encoder where positions are in increments."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dfc.presets.clutch_observer()

@@ -28,7 +28,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
-PAGES = ["README.md", "docs/tutorial.md", "docs/observer.md", *GUIDES]
+PAGES = ["README.md", "docs/tutorial.md", "docs/observer.md", "docs/effects.md", *GUIDES]
 
 
 def extension(name):
@@ -222,6 +222,30 @@ def test_links_and_images_of_a_page_resolve(page):
 def test_names_of_the_package_on_a_page_exist(page):
     for name in set(re.findall(r"\bdfc((?:\.[A-Za-z_]\w*)+)", (ROOT / page).read_text("utf-8"))):
         operator.attrgetter(name[1:])(dfc)
+
+
+@pytest.mark.parametrize("page", [page for page in MARKDOWN if "CHANGELOG" not in page])
+def test_calls_in_the_text_of_a_page_have_their_arguments_in_order(page):
+    """Blocks are run; of a call within a sentence, names of arguments are in their places."""
+    for code in re.findall(r"`(dfc\.[^`\n]+\))`", prose(ROOT / page)):
+        for node in ast.walk(ast.parse(code)):
+            called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+            if not re.fullmatch(r"dfc[.\w]+", called):
+                continue
+            signature = inspect.signature(operator.attrgetter(called[4:])(dfc))
+            given = [one for one in node.args if not isinstance(one, ast.Constant)]
+            signature.bind_partial(*node.args, **{k.arg: k.value for k in node.keywords if k.arg})
+            for place, argument in zip(signature.parameters, given, strict=False):
+                name = ast.unparse(argument)
+                assert name == place or name not in signature.parameters, (
+                    f"{page}: {code} gives {name} as {place}"
+                )
+
+
+def test_every_page_with_code_is_run():
+    assert {page for page in MARKDOWN if "```python" in (ROOT / page).read_text("utf-8")} <= {
+        *PAGES
+    }
 
 
 #: Pages whose diagnoses try the whole catalogue; those of the others try some causes.

@@ -11,20 +11,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
-from scipy.signal import oaconvolve
+from scipy.signal import lfilter, oaconvolve
 
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.text import Result, length_text
 
 Array = NDArray[np.float64]
 
 #: State of the linear loop that is the drive of the sample before.
-DRIVE = 12
+DRIVE = 10
+#: What friction that brakes slips at reversals adds to the stick-slip gain, as a part of it:
+#: `tests/compensation/test_tube.py` searches for more, by linear programs over the courses that
+#: friction can take.
+_TURN = 0.15
+#: Lags of the drive after which nothing is left of a change.
+_LAGS = 5
 #: A response is followed until it has fallen to this part.
-_FADED = 1e-7
+_FADED = 1e-6
 _LONGEST = 200_000
 #: Largest delay margin that is searched for [samples].
 _LATEST = 200
@@ -39,11 +44,13 @@ class Loop(NamedTuple):
 
     numbers: Any  # of the compiled law
     axis: FrictionAxis  # one rigid mass
-    observer: ObserverDesign | None
     drive_delay: float  # of the axis itself [s]
+    drive_lag: float
     input_delay: float  # beyond it, at most [s]
     encoder_quantum: float
     tolerance: float
+    left_out: tuple[str, ...] = ()  # effects that the certificate does not cover
+    known: tuple[str, ...] = ()  # effects that it takes as they are
 
     @property
     def dt(self) -> float:
@@ -56,21 +63,11 @@ class LoopGains(NamedTuple):
 
     radius: float  # spectral radius
     l1: float  # largest error for a force of 1 N whatever its course [m/N]
-    above: float  # largest error of one sign for a step of 1 N [m/N]
-    below: float  # and of the other
-    impulse: float  # largest error for an impulse of 1 N s [m/(N s)]
+    speed: float  # largest velocity of the error for it [m/(N s)]
+    drive: float  # largest drive for it [1]
     reading: float  # largest error for reading errors of 1 m [1]
-    asked: float = 0.0  # largest error if a reference's m a and f v are missing [m]
-
-    @property
-    def turn(self) -> float:
-        """Largest error for a force that goes from -1 N to 1 N once [m/N]."""
-        return min(self.l1, 2.0 * max(self.above, self.below))
-
-    @property
-    def pulse(self) -> float:
-        """Largest error for a force that rises to 1 N and falls once [m/N]."""
-        return min(self.l1, self.above + self.below)
+    reading_speed: float  # largest velocity of the error for them [1/s]
+    reading_drive: float  # largest drive for them [N/m]
 
 
 class Condition(NamedTuple):
@@ -114,6 +111,14 @@ class TrackingCertificate(Result):
         its peak while the reference is slow, force effects, and kp times the tube [N].
     limit : float
         Largest force of the drive [N].
+    friction_most : float
+        What friction and its compensation may leave while the axis sticks, or slides against
+        the reference [N].
+    ceiling : float
+        Bound of the error by the linear loop alone, whatever course friction takes within its
+        levels [m].
+    known : tuple of str
+        Effects that count as known: the certificate takes them as the nominal axis has them.
 
     Examples
     --------
@@ -123,7 +128,7 @@ class TrackingCertificate(Result):
     >>> comp.certificate.tube > comp.certify(mismatch=0.1).tube
     True
     >>> print(f"{1e3 * comp.certificate.delay_margin:.1f} ms")
-    1.9 ms
+    1.6 ms
     """
 
     tube: float
@@ -139,6 +144,9 @@ class TrackingCertificate(Result):
     delay_margin: float = 0.0
     drive_needed: float = 0.0
     limit: float = math.inf
+    friction_most: float = 0.0
+    ceiling: float = math.inf
+    known: tuple[str, ...] = ()
 
     @property
     def no_hunting(self) -> bool:
@@ -154,8 +162,12 @@ class TrackingCertificate(Result):
         )
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
-            f"at the worst axis; force left over at most {self.friction_left:.4g} {force}"
+            f"at the worst axis; force left over at most {self.friction_left:.4g} {force} while "
+            f"the axis slides with the reference, {self.friction_most:.4g} {force} otherwise; "
+            f"whatever friction does, the error is below {length_text(self.ceiling, length)}"
         )
+        if self.known:
+            yield f"known  taken to be as the nominal axis has them: {', '.join(self.known)}"
         yield (
             f"delay  the nominal loop is stable for a drive delay of less than "
             f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
@@ -171,7 +183,7 @@ class TrackingCertificate(Result):
 
 
 def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Array, Array]:
-    """Linear loop while the axis slides, reference at zero.
+    """Linear loop of the tracking error: what acts on it beside friction.
 
     Parameters
     ----------
@@ -180,7 +192,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     mass, viscous : float
         Those of the axis [kg], [N s/m].
     delay : float
-        Delay of the drive [s].
+        Delay of the drive [s], its lag not counted.
 
     Returns
     -------
@@ -192,71 +204,80 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
 
     Notes
     -----
-    One sample written out as the compiled law and the observer run it, read off
-    column by column; the axis is sampled exactly.
+    One sample written out as the compiled law runs it, read off column by column; the axis is
+    sampled exactly.  The integral of a law that bounds it is not part of the loop: it counts
+    among the forces.
     """
     c = loop.numbers
     dt = loop.dt
-    longest = math.ceil(delay / dt) + 1
-    rate = viscous / mass
-    fall = math.exp(-rate * dt)
-    moved = -math.expm1(-rate * dt) / rate if rate * dt > 1e-9 else dt
-    pushed = (dt - moved) / (rate * mass) if rate * dt > 1e-6 else 0.5 * dt**2 / mass
-    observer = loop.observer
-    if observer is not None:
-        A, B, E = observer.mode_matrices(1)
-        # Of the estimate before a reading, in either form.
-        gain = [1.0, 0.0, 0.0] - observer.error_dynamics(1).A[:, 0]
-    # x, v, integral, filtered speed, last reading, observer (3), baseline (6), past drives
-    first = 14
-
-    def seen(drives: Array, late: float) -> float:
-        whole = int(late / dt + 1e-9)
-        part = late / dt - whole
-        return float((1.0 - part) * drives[whole] + part * drives[whole + 1])
+    whole = int(delay / dt + 1e-9)
+    # x, v, drive behind its lag; the drive before the delay's fraction is over, and after it.
+    part = min(max(delay - whole * dt, 0.0), dt)
+    early = _held(mass, viscous, loop.drive_lag, part)
+    late = _held(mass, viscous, loop.drive_lag, dt - part)
+    bounded = c[kernel.HOLDS] != 0.0
+    own = 3 if loop.drive_lag > 0.0 else 2
 
     def step(state: Array, force: float, noise: float) -> Array:
         after = np.zeros(state.size)
         y = state[0] + noise
-        after[3] = c[kernel.KEEP] * state[3] + (1.0 - c[kernel.KEEP]) * (y - state[4]) / dt
-        after[4] = y
-        speed, u = after[3], -c[kernel.KP] * y + state[2]
-        if c[kernel.KI] > 0.0:
-            after[2] = state[2] - c[kernel.KI] * dt * y
-        if observer is not None:
-            speed += c[kernel.SPEED_SHARE] * (state[6] - speed)
-            u -= c[kernel.RESIDUAL] * state[7]
-        elif c[kernel.SOURCE] != kernel.NOTHING:
+        after[4] = c[kernel.KEEP] * state[4] + (1.0 - c[kernel.KEEP]) * (y - state[5]) / dt
+        after[5] = y
+        speed, u = after[4], -c[kernel.KP] * y
+        if c[kernel.KI] > 0.0 and not bounded:
+            after[3] = state[3] - c[kernel.KI] * dt * y
+            u += state[3]
+        if c[kernel.SOURCE] != kernel.NOTHING:
             memory = np.zeros(kernel.LINE)
-            memory[kernel.INNER : kernel.INNER + 6] = state[8:14]
-            memory[kernel.SPEED] = speed
-            estimate, speed = kernel.disturbance(c, memory, y)
-            u += c[kernel.RESIDUAL] * estimate
+            memory[kernel.INNER : kernel.INNER + 5] = state[6:11]
+            if bounded:
+                kernel.extended(c, memory, y)
+            else:
+                u += c[kernel.RESIDUAL] * kernel.disturbance(c, memory, y)
+            if c[kernel.SOURCE] == kernel.EXTENDED:
+                speed = memory[kernel.INNER + 1]
+            elif bounded:
+                speed += c[kernel.SPEED_SHARE] * (memory[kernel.INNER + 1] - speed)
             used = 4 if c[kernel.SOURCE] == kernel.DISTURBANCE else 3
-            after[8 : 8 + used] = memory[kernel.INNER : kernel.INNER + used]
+            after[6 : 6 + used] = memory[kernel.INNER : kernel.INNER + used]
         u -= c[kernel.KD] * speed
         after[DRIVE] = u
-        drives = np.concatenate([[u], state[first:], [0.0]])
-        after[first:] = drives[: state.size - first]
-        if observer is not None:
-            error = y - state[5]
-            after[5:7] = A @ state[5:7] + B * u + E * state[7] + gain[:2] * error
-            after[7] = state[7] + gain[2] * error
-        total = seen(drives, delay) + force
-        after[0] = state[0] + moved * state[1] + pushed * total
-        after[1] = fall * state[1] + moved / mass * total
+        drives = np.concatenate([[u], state[DRIVE:], [0.0]])
+        after[DRIVE + 1 :] = drives[1 : state.size - DRIVE]
+        moving = state[:3]
+        for held, drive in ((early, drives[whole + 1]), (late, drives[whole])):
+            moving = held @ np.concatenate([moving, [drive, force]])
+        after[:own] = moving[:own]
         return after
 
-    n = first + longest + 1
+    n = DRIVE + whole + 2
     zero = np.zeros(n)
     matrix = np.column_stack([step(column, 0.0, 0.0) for column in np.eye(n)])
     return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
 
 
-def loop_gains(
-    loop: Loop, mass: float, viscous: float, delay: float, courses: Array | None = None
-) -> LoopGains:
-    """Gains of the linear loop of one axis.
+def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
+    """Position, velocity and drive behind its lag after a time, from these, drive and force."""
+    rates = np.zeros((5, 5))
+    rates[0, 1], rates[1, 1], rates[1, 4] = 1.0, -viscous / mass, 1.0 / mass
+    if lag > 0.0:
+        rates[1, 2], rates[2, 2], rates[2, 3] = 1.0 / mass, -1.0 / lag, 1.0 / lag
+    else:
+        rates[1, 3] = 1.0 / mass
+    # Exponential of a small matrix: a series, after halving and before squaring again.
+    halvings = max(math.ceil(math.log2(max(np.abs(rates).max() * time, 1e-300))) + 3, 0)
+    small = rates * time / 2.0**halvings
+    term = total = np.eye(5)
+    for k in range(1, 16):
+        term = term @ small / k
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return np.asarray(total[:3])
+
+
+def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Array]:
+    """Spectral radius and responses of the linear loop of one axis, until they have faded.
 
     Parameters
     ----------
@@ -266,41 +287,42 @@ def loop_gains(
         Those of the axis [kg], [N s/m].
     delay : float
         Delay of the drive [s].
-    courses : ndarray, shape (2, n), optional
-        Inertia and viscous friction along a reference [N].
 
     Returns
     -------
-    LoopGains
-        All infinite if the loop is unstable.
+    float
+        Spectral radius.
+    ndarray, shape (n, 3, 2)
+        Position, velocity and drive 1 to n samples after the begin of a sample over which a
+        force of 1 N acts, and of one whose reading is 1 m off; empty if the loop is unstable.
     """
     A, B = loop_matrices(loop, mass, viscous, delay)
-    radius = float(np.abs(np.linalg.eigvals(A)).max())
+    radius = spectral_radius(A)
     if radius >= 1.0:
-        return LoopGains(radius, *(math.inf,) * 6)
-    n = min(int(math.log(_FADED) / math.log(radius)) + 2, _LONGEST) if radius > 0.0 else 50
-    # Position of one sample after the other, a block of samples at a time.
+        return radius, np.empty((0, 3, 2))
+    n = min(int(math.log(_FADED) / math.log(radius)) + A.shape[0], _LONGEST)
+    # One sample after the other, a block of samples at a time.
     block = math.isqrt(n) + 1
-    rows, power = np.empty((block, A.shape[0])), np.eye(A.shape[0])
+    shown = np.eye(A.shape[0])[[0, 1, DRIVE]]
+    rows, power = np.empty((block, *shown.shape)), np.eye(A.shape[0])
     for k in range(block):
-        rows[k], power = power[0], A @ power
-    blocks, state = np.empty((block, block, 2)), B
+        rows[k], power = shown @ power, A @ power
+    blocks, state = np.empty((block, block, 3, 2)), B
     for k in range(block):
         blocks[k], state = rows @ state, power @ state
-    response = blocks.reshape(-1, 2)
-    l1, reading = np.abs(response).sum(axis=0)
-    force = response[:, 0]
-    stepped = np.cumsum(force)
-    asked = np.zeros((2, 1)) if courses is None else oaconvolve(courses, force[None], axes=1)
-    return LoopGains(
-        radius,
-        float(l1),
-        float(max(stepped.max(), 0.0)),
-        float(max(-stepped.min(), 0.0)),
-        float(np.abs(force).max()) / loop.dt,
-        float(reading),
-        float(np.abs(asked).sum(axis=0).max()),
-    )
+    return radius, blocks.reshape(-1, 3, 2)
+
+
+def spectral_radius(A: Array) -> float:
+    """Largest magnitude of the eigenvalues."""
+    return float(np.abs(np.linalg.eigvals(A)).max())
+
+
+def loop_gains(radius: float, responses: Array) -> LoopGains:
+    """Gains of a linear loop by its responses; all infinite if it is unstable."""
+    if not responses.size:
+        return LoopGains(radius, *(math.inf,) * 6)
+    return LoopGains(radius, *(float(one) for one in np.abs(responses).sum(axis=0).T.ravel()))
 
 
 def delay_margin(loop: Loop) -> float:
@@ -341,13 +363,44 @@ def delay_margin(loop: Loop) -> float:
     return below
 
 
+def stick_slip_gain(force: Array) -> float:
+    """Largest error of an axis that slips and sticks, for 1 N left while it slips [m/N].
+
+    Parameters
+    ----------
+    force : ndarray, shape (n,)
+        Position k + 1 samples after a force of 1 N over a sample began to act.
+
+    Notes
+    -----
+    A slip that starts at rest with an error E ends at most at ::
+
+        E abs(1 - h(t) / h(inf)) + D sum_{k < t} abs(g[k]),        h the step response
+
+    t samples later.  This stays within E if, for every t::
+
+        E >= D sum_{k < t} abs(g[k]) / (1 - abs(1 - h(t) / h(inf)))
+
+    so that the smallest such E is a fixed point of slips and stops; the map contracts if no
+    denominator vanishes, else the gain is infinite.
+    """
+    if not force.size:
+        return math.inf
+    step = np.cumsum(force)
+    kept = np.abs(1.0 - step / step[-1])
+    # At first, as long as nothing of the error is gone, nothing has been added either.
+    begun = step > 1e-9 * step[-1]
+    if np.any(kept[begun] >= 1.0) or np.any(step[~begun] < 0.0):
+        return math.inf
+    return float(np.max(np.cumsum(np.abs(force))[begun] / (1.0 - kept[begun])))
+
+
 def certify_tracking(
     loop: Loop,
     mismatch: float,
     learned: float,
     excess: float,
     reference: MotionProfile | None = None,
-    nominal_error: float = 0.0,
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest.
 
@@ -363,95 +416,170 @@ def certify_tracking(
         Largest Stribeck excess of the axis.
     reference : MotionProfile, optional
         Default: one so slow that inertia and viscous friction do not count.
-    nominal_error : float, optional
-        Largest error along the reference with nothing off but the delay [m].
 
     Notes
     -----
-    The force left over is at most ::
+    The feedback reads nothing but the error, and its loop is linear: with g the response of the
+    position to a force, in the worst of the loops within the mismatch (corners of mass, viscous
+    coefficient and delay) ::
 
-        F = (1 - l) mu L + S + mu (m abs(a) + f abs(v))
+        e = -g * (w + m a + f v missing + reading errors),   w = feedforward + integral - friction
 
-    with L the largest level, mu the mismatch, l what was learned, and S the whole
-    Stribeck peak of an axis within the mismatch: axis and reference may be at
-    different speeds.  A law that feeds no level or peak forward leaves all of it.
-    With g the response of the position to that force, in the worst of the linear
-    loops within the mismatch (corners of mass, viscous coefficient and delay), ::
+    *Sliding with the reference*, w is at most ::
 
-        abs(e) <= L1(g) F
+        D = (1 - l) (mu L + c L) + max(sigma L, (1 + mu) sigma_a L)
 
-    whatever the force does.  At a reversal it does less: with h the step response,
-    a level error that changes sign once gives at most 2 max abs(h) times its size,
-    a peak that rises and falls once at most max h - min h.  The
-    smaller bound of each part is taken: the certificate holds for reversals
-    further apart than the memory of the loop.  The forces m a and f v of a reference
-    are known sample by sample: what lacks of them is mu g * (m a) and mu g * (f v),
-    whose signs are taken as they add.  The error of the nominal axis itself, whose
-    feedforward is early and whose speed is filtered, is simulated along the reference and
-    added.  Force effects that depend on place enter by their slope, as a small gain, and
-    otherwise count as known; a feedforward that is early by the whole delay pushes with
-    m a at a reversal; the encoder is off by half an increment.
+    with L the largest level, mu the mismatch, l what was learned, c the largest correction by
+    learning and integral together, sigma and sigma_a the nominal and the largest excess: axis and
+    reference may be at different velocities.  *Stuck*, or *sliding against the reference*, it
+    is at most W, all of the feedforward and all of the friction; but then w drives the axis on only
+    while the error's velocity has the sign that takes it back.  `friction_tube` turns this into a
+    bound, for whatever reference and however near its reversals are to each other.  A law that
+    does not bound its corrections, and a law without feedforward, leaves W always: abs(e) <= L1 W.
+
+    At rest, after a settling time, the integral may go beyond its bound, so slowly that it
+    changes by no more than the correction within the memory of the loop; the slip that ends
+    it starts from a net force of zero, and what acts on it is again at most D.
+
+    The forces m a and f v of a reference are known sample by sample, and so is what lacks of
+    them on each axis, early or late feedforward included.  Forces and levels that depend on place
+    enter by their slope.  Friction counts as constant over a sample.
     """
-    axis, mu = loop.axis, mismatch
+    axis, mu, dt = loop.axis, mismatch, loop.dt
     c = loop.numbers
-    courses, motion, turning = None, 0.0, 0.0
+    speed = 0.0 if reference is None else float(np.abs(reference.velocity).max())
+    laws = _laws(axis, dt, reference, _BESIDE * loop.tolerance,
+                 c[kernel.HOLD_SHARE] / (1.0 - mu), speed)  # fmt: skip
+    level, bounded = laws.level, c[kernel.HOLDS] != 0.0
+    peak = c[kernel.PEAK] * c[kernel.EXCESS]
+    most = c[kernel.BAND] if bounded else 0.0
+    friction = (1.0 + mu) * level * (1.0 + excess)
+    fed = level * (c[kernel.COULOMB] + peak + most)
+    moved = laws.wind
+    early = 0.0
     if reference is not None:
-        v, a = reference.velocity, np.abs(reference.acceleration)
-        courses = np.array([axis.mass * reference.acceleration, axis.viscous * v])
-        motion = float(np.abs(courses).sum(axis=0).max())
-        turns = np.flatnonzero(v[1:] * v[:-1] <= 0.0)
-        turning = float(np.maximum(a[turns], a[turns + 1]).max(initial=0.0))
-    corners = [
-        loop_gains(loop, axis.mass * m, axis.viscous * f, loop.drive_delay + d, courses)
-        for m, f, d in itertools.product(
-            sorted({1.0 - mu, 1.0, 1.0 + mu}),
-            sorted({1.0 - mu, 1.0 + mu}),
-            sorted({0.0, 0.5 * loop.input_delay, loop.input_delay}),
-        )
-    ]
-    nominal = loop_gains(loop, axis.mass, axis.viscous, loop.drive_delay)
-    laws = _laws(axis, loop.dt, reference, _BESIDE * loop.tolerance,
-                 loop.numbers[kernel.HOLD_SHARE] / (1.0 - mu))  # fmt: skip
-    level = laws.level
-    left = {
-        "levels": (1.0 - learned) * (1.0 + mu - c[kernel.COULOMB]) * level,
-        "Stribeck peak": (1.0 + mu) * excess * level,
-        "inertia": mu * motion,
-    }  # fmt: skip
-    late = loop.input_delay + loop.dt
-
-    def tube_parts(corner: LoopGains) -> dict[str, float]:
-        made = {name: (corner.pulse, force) for name, force in left.items()}
-        made["levels"] = corner.turn, left["levels"]
-        made["inertia"], made["nominal axis"] = (corner.asked, mu), (1.0, nominal_error)
-        made["reversal"] = corner.impulse, axis.mass * (1.0 + mu) * turning * late
-        made["encoder"] = corner.reading, 0.5 * loop.encoder_quantum
-        shrink = 1.0 - corner.l1 * laws.slope if laws.slope else 1.0
-        return {
-            name: gain * size / shrink if shrink > 0.0 else math.inf
-            for name, (gain, size) in made.items()
-            if size > 0.0 and gain > 0.0
+        ahead = (c[kernel.LEAD] + 1.0) * dt - loop.drive_delay
+        moved += laws.slope * speed * ahead
+        early = _unfed(loop, reference)
+    sliding = (1.0 - learned) * (mu + most) * level + level * max(peak, (1.0 + mu) * excess)
+    sliding, largest = sliding + moved, friction + fed + 2.0 * moved
+    if not bounded:
+        sliding = largest
+    half, needed, ceiling = 0.5 * loop.encoder_quantum, 0.0, 0.0
+    parts: dict[str, float] = {}
+    gains = []
+    for m, f, d in itertools.product(
+        sorted({1.0 - mu, 1.0, 1.0 + mu}),
+        sorted({1.0 - mu, 1.0 + mu}),
+        sorted({0.0, 0.5 * loop.input_delay, loop.input_delay}),
+    ):
+        mass, viscous, delay = axis.mass * m, axis.viscous * f, loop.drive_delay + d
+        radius, responses = loop_responses(loop, mass, viscous, delay)
+        one = loop_gains(radius, responses)
+        gains.append(one)
+        if radius >= 1.0:
+            parts, ceiling = {"unstable loop": math.inf}, math.inf
+            continue
+        response = responses[..., 0]
+        missed = quick = drive = 0.0
+        if reference is not None:
+            missing = _missing(loop, reference, mass, viscous, delay)
+            missed, quick, drive = np.abs(oaconvolve(missing[:, None], response, axes=0)).max(0)
+            # An axis at rest under a reference that moves has the momentum to make up.
+            start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
+            missed, quick, drive = np.array([missed, quick, drive]) + start
+        reading = half * one.reading
+        gain = stick_slip_gain(response[:, 0]) if bounded else one.l1
+        # Where the feedforward changes sides, it and friction brake what the axis is too fast by.
+        turning = float(quick + half * one.reading_speed + early)
+        kick = turning * mass * np.abs(response[:, 0]).max() / dt + _TURN * gain * sliding
+        made = {
+            "sliding": one.l1 * sliding,
+            "sticking": (gain - one.l1) * sliding,
+            "reversals": kick if bounded else 0.0,
+            "inertia": missed,
+            "encoder": reading,
         }
-
-    parts = max((tube_parts(corner) for corner in corners), key=lambda made: sum(made.values()))
-    tube = sum(parts.values())
-    needed = laws.forces + c[kernel.KP] * tube
-    friction, fast = np.full(1, (1.0 + mu) * level * (1.0 + (1.0 + mu) * excess)), np.zeros(1)
-    if reference is not None and courses is not None:
-        fast = (1.0 + mu) * np.abs(courses).sum(axis=0)
-        # Three Stribeck velocities on, nothing of the peak is left.
-        slow = np.abs(reference.velocity) <= 3.0 * (1.0 + mu) * c[kernel.STRIBECK_SPEED]
-        friction = (1.0 + mu) * level * (1.0 + (1.0 + mu) * excess * slow)
-    needed = float(needed + np.max(friction + fast))
+        shrink = 1.0 - gain * laws.slope
+        made = {
+            name: float(size) / shrink if shrink > 0.0 else math.inf
+            for name, size in made.items()
+            if size > 1e-9 * one.l1 * sliding  # not of rounding alone
+        }
+        if sum(made.values()) > sum(parts.values()):
+            parts = made
+        free = 1.0 - one.l1 * laws.slope
+        every = one.l1 * largest + missed + reading
+        ceiling = max(ceiling, every / free if free > 0.0 else math.inf)
+        slip = turning + sliding * float(np.abs(np.cumsum(response[:, 1])).max())
+        asked = min(one.drive * sliding, c[kernel.KP] * sum(made.values()) + c[kernel.KD] * slip)
+        needed = max(needed, asked + float(drive) + half * one.reading_drive)
+    fast = 0.0
+    if reference is not None:
+        fast = float(np.abs(_courses(axis, reference)).sum(axis=0).max())
+    needed = float(needed + fed + fast + laws.forces + laws.wind)
+    if loop.left_out:
+        parts = parts | {f"not covered: {', '.join(loop.left_out)}": math.inf}
     if needed > c[kernel.LIMIT]:
-        parts, tube = parts | {"drive limit": math.inf}, math.inf
+        parts = parts | {"drive limit": math.inf}
     # Each figure at its own worst corner.
-    worst = LoopGains(*(max(values) for values in zip(*corners, strict=True)))
+    worst = LoopGains(*(max(values) for values in zip(*gains, strict=True)))
+    nominal = loop_gains(*loop_responses(loop, axis.mass, axis.viscous, loop.drive_delay))
+    tube = float(sum(parts.values()))
     return TrackingCertificate(
-        float(tube), parts, float(sum(left.values())), nominal, worst, mu, learned,
+        tube, parts, float(sliding), nominal, worst, mu, learned,
         _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
-        needed, float(c[kernel.LIMIT]),
+        needed, float(c[kernel.LIMIT]), float(largest),
+        float(ceiling) if math.isfinite(tube) else math.inf, loop.known,
     )  # fmt: skip
+
+
+def _courses(axis: FrictionAxis, reference: MotionProfile) -> Array:
+    """Inertia and viscous friction that are fed forward, shape (2, n) [N]."""
+    return np.array([axis.mass * reference.acceleration, axis.viscous * reference.velocity])
+
+
+def _missing(
+    loop: Loop, reference: MotionProfile, mass: float, viscous: float, delay: float
+) -> Array:
+    """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
+    dt, n = loop.dt, reference.position.size
+    at = np.arange(n)
+    fed = _courses(loop.axis, reference).sum(axis=0)
+    lead = int(loop.numbers[kernel.LEAD])
+
+    def given(back: int) -> Array:
+        """Feedforward of so many samples before, nothing before the first."""
+        return np.where(at >= back, fed[np.clip(at - back + lead, 0, n - 1)], 0.0)
+
+    whole = int(delay / dt + 1e-9)
+    part = delay / dt - whole
+    drive = (1.0 - part) * given(whole) + part * given(whole + 1)
+    if loop.drive_lag > 0.0:
+        pole = math.exp(-dt / loop.drive_lag)
+        after = lfilter([1.0 - pole], [1.0, -pole], drive)
+        # Mean over the sample of what goes from the one before to this one.
+        rise = loop.drive_lag / dt * (1.0 - pole)
+        before = np.concatenate([[0.0], after[:-1]])
+        drive = drive + rise * (before - drive)
+    x = np.concatenate([reference.position[:1], reference.position, reference.position[-1:]])
+    needed = mass * np.diff(x, 2) / dt**2 + viscous * (x[2:] - x[:-2]) / (2.0 * dt)
+    return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
+
+
+def _unfed(loop: Loop, reference: MotionProfile) -> float:
+    """Largest velocity of the reference whose friction is not fed forward at the axis yet."""
+    dt, n = loop.dt, reference.position.size
+    lead = int(loop.numbers[kernel.LEAD])
+    moving = np.abs(reference.velocity) > loop.numbers[kernel.REST_SPEED]
+    way = np.sign(reference.velocity) * moving
+    at = np.arange(n)
+    latest = math.ceil((loop.drive_delay + loop.input_delay + _LAGS * loop.drive_lag) / dt) + 1
+    unfed = np.zeros(n, dtype=bool)
+    for back in range(int(loop.drive_delay / dt), latest + 1):
+        given = np.where(at >= back, way[np.clip(at - back + lead, 0, n - 1)], 0.0)
+        unfed |= given * np.sign(reference.velocity) <= 0.0
+    return float(np.abs(reference.velocity[unfed]).max(initial=0.0))
 
 
 class _Laws(NamedTuple):
@@ -460,18 +588,25 @@ class _Laws(NamedTuple):
     level: float  # largest Coulomb level [N]
     held: float  # lesser level of both directions, where it changes most within the reach [N]
     kept: float  # smallest level within the reach of that place [N]
-    slope: float  # largest slope of the force effects over place [N/m]
-    forces: float  # largest of the force effects [N]
+    slope: float  # largest slope of force effects and level over place [N/m]
+    forces: float  # largest of the force effects at rest [N]
+    wind: float  # largest change of them with velocity [N]
     wander: float  # largest change of force and level with time at rest [N]
     guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
 
 def _laws(
-    axis: FrictionAxis, dt: float, reference: MotionProfile | None, reach: float, share: float
+    axis: FrictionAxis,
+    dt: float,
+    reference: MotionProfile | None,
+    reach: float,
+    share: float,
+    speed: float,
 ) -> _Laws:
     """Read levels and force effects of an axis over place and over time.
 
-    Levels are compared within a `reach` [m], where the held drive is a `share` of them.
+    Levels are compared within a `reach` [m], where the held drive is a `share` of them.  Forces
+    are read up to a fifth above `speed` [m/s], both ways.
 
     Places are those of the travel.  Without one they are those of the reference and a tenth of
     its way on either side.
@@ -487,11 +622,16 @@ def _laws(
     places = np.linspace(low, high, _PLACES)
     near = 1e-6 * (high - low)
 
-    def read(t: float, x: float) -> tuple[float, float, float]:
-        return kernel.read_laws(arrays.numbers, arrays.integers, t, x)
+    def read(t: float, x: float, v: float = 0.0) -> Array:
+        return np.array(kernel.read_laws(arrays.numbers, arrays.integers, t, x, v))
 
     table = np.array([[read(t, x) for x in places] for t in _TIMES])
-    slopes = [abs(read(0.0, x + near)[0] - read(0.0, x)[0]) / near for x in places]
+    slopes = [np.abs(read(0.0, x + near) - read(0.0, x)) / near for x in places]
+    wind = [
+        abs(read(0.0, x, v)[0] - read(0.0, x)[0])
+        for v in np.linspace(-1.2 * speed, 1.2 * speed, 9)
+        for x in places[::40]
+    ]
     lesser = table[..., 1:].min(axis=2)
     near_by = 2 * math.ceil(reach * (_PLACES - 1) / (high - low)) + 1
     held, kept = lesser.max(axis=0), minimum_filter1d(lesser.min(axis=0), near_by)
@@ -500,8 +640,9 @@ def _laws(
         float(table[..., 1:].max()),
         float(held[worst]),
         float(kept[worst]),
-        float(max(slopes)),
+        float(max(one[0] + max(one[1:]) for one in slopes)),
         float(np.abs(table[..., 0]).max()),
+        float(max(wind)),
         float(np.ptp(table, axis=0).max()),
         None if known or np.ptp(table[..., 1:], axis=1).max() == 0.0 else (low, high),
     )

@@ -25,18 +25,21 @@ from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.model.effects.drive import InputDelay
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
+from dryfric_control.observer.own_axis import LEFT_OUT
+from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.axis_file import axis_to_dict
 from dryfric_control.store.files import write_document
 from dryfric_control.text import Result, length_text, plain_data, prefixed, typeset
 
 #: What a file holds.
-KIND, VERSION = "friction compensation", 2
+KIND, VERSION = "friction compensation", 3
 POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
-MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch")
+MAY_BE_ZERO = (
+    "encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch", "correction",
+)  # fmt: skip
 OTHERS = ("law", "kd", "lead")
 
 
@@ -73,9 +76,12 @@ class Compensation(Result):
     learning : float
         Rate at which levels and excess are learned [1/s].
     disturbance_bandwidth : float
-        Bandwidth of a baseline's disturbance observer [rad/s].
+        Bandwidth of the estimate of velocity, or of a baseline's disturbance observer [rad/s].
     mismatch : float
         Relative error of every parameter, for the certificate.
+    correction : float
+        Largest change of the nominal friction by learning and the integral, in parts of the
+        Coulomb level.
     observer : ObserverDesign or None
         The switched observer, where the law has one.
     certificate : Any
@@ -106,6 +112,7 @@ class Compensation(Result):
     learning: float
     disturbance_bandwidth: float
     mismatch: float
+    correction: float
     observer: ObserverDesign | None
     certificate: TrackingCertificate
 
@@ -188,22 +195,7 @@ class Compensation(Result):
             )
         if reference is not None:
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
-        return certify_tracking(
-            self.loop, mu, known, peak, reference, self._nominal_error(reference)
-        )
-
-    def _nominal_error(self, reference: MotionProfile | None) -> float:
-        """Largest error along a reference, the drive as late as the axis says and as it may be."""
-        if reference is None:
-            return 0.0
-        own = float(self.axis.arrays(self.dt).numbers[kernel.axis_step.DELAY])
-        others = tuple(one for one in self.axis.effects if one.action != "delay")
-        errors = []
-        for delay in {own, own + self.input_delay}:
-            effects = (*others, InputDelay(delay)) if delay > 0.0 else others
-            run = simulate_loop(self.axis.replace(effects=effects), self.controller, reference)
-            errors.append(float(np.abs(reference.position - run.y[0]).max()))
-        return max(errors)
+        return certify_tracking(self.loop, mu, known, peak, reference)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a text file.
@@ -248,9 +240,37 @@ class Compensation(Result):
                 f"noise  one encoder increment steps the drive by {self.drive_step:.3g} {force}"
                 f"{share}"
             )
+            free = self._free_of_noise()
+            if free is not None:
+                yield (
+                    "       the low-pass that keeps it so has its price: without it the tube would "
+                    f"be {length_text(free.certify().tube, length)}, and the step "
+                    f"{free.drive_step:.3g} {force}"
+                )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
         yield f"other effects fed forward: {effects}"
         yield from self.certificate._shown()
+
+    def _free_of_noise(self) -> Compensation | None:
+        """The design without a bound on the noise in the drive, if that makes a difference."""
+        least = tuned.FILTER * self.dt
+        if self.filter_time <= least:
+            return None
+        delay = self.drive_delay + self.input_delay
+        slow, quick = (
+            min(
+                self.tuning.phase / (delay + tuned.SAMPLED * self.dt + filtered),
+                tuned.FASTEST / self.dt,
+            )
+            for filtered in (self.filter_time, least)
+        )
+        w = quick if math.isclose(self.bandwidth, slow) else self.bandwidth
+        kp, kd = tuned.proportional(self.rigid_axis, self.tuning, w)
+        return replace(
+            self, bandwidth=w, kp=kp, kd=kd, ki=self.ki * (kp * w) / (self.kp * self.bandwidth),
+            filter_time=least,
+            disturbance_bandwidth=tuned.estimate_bandwidth(w, self.dt, delay, least),
+        )  # fmt: skip
 
     @panels(3)
     def plot(self, axes: Any) -> str:
@@ -296,11 +316,13 @@ class Compensation(Result):
         return Loop(
             self.controller.law.numbers,
             self.rigid_axis,
-            self.observer,
-            self.drive_delay,
+            self.drive_delay - self.drive_lag,
+            self.drive_lag,
             self.input_delay,
             self.encoder_quantum,
             self.tolerance,
+            tuple(e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT),
+            tuple(e.slug for e in self.rigid_axis.effects if e.action in ("force", "input")),
         )
 
     @property
@@ -317,7 +339,6 @@ class Compensation(Result):
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
         switched = self.law in ("learned", "fixed")
-        whole_delay, (early, late) = self.drive_delay + self.input_delay, tuned.SHARED
         stribeck = axis.stribeck
         keep = math.exp(-dt / self.filter_time) if self.filter_time > 0.0 else 0.0
         rest_speed = 0.1 * self.encoder_quantum or 1e-6 * axis.stick_speed
@@ -341,20 +362,23 @@ class Compensation(Result):
             kernel.STRIBECK_SPEED: stribeck.speed if stribeck else 0.0,
             kernel.EXCESS: stribeck.excess if stribeck else 0.0,
             kernel.MOST_EXCESS: max(tuned.MOST_EXCESS, 2.0 * stribeck.excess if stribeck else 0.0),
-            kernel.BAND: tuned.BAND,
+            kernel.BAND: self.correction,
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
             kernel.RESIDUAL: self._residual,
-            kernel.SPEED_SHARE: self.tuning.share * min((whole_delay / dt + early) / late, 1.0),
+            kernel.SPEED_SHARE: self._share,
             kernel.BUILD: tuned.presliding_distance(self.axis),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,
             kernel.TOLERANCE: self.tolerance,
             kernel.GROWTH: tuned.GROWTH,
             kernel.HOLD_SHARE: tuned.HOLD_SHARE * (1.0 - self.mismatch),
-            kernel.SETTLE: 8.0 / (w * dt),
+            kernel.SETTLE: tuned.SETTLE / (w * dt) + self.lead + 2.0,
+            kernel.SLOW: self._slow,
             kernel.MEAN: -math.expm1(-dt * w / 2.6),
-            kernel.GAIN_X: self.disturbance_bandwidth if self.law != "adrc" else extended[0],
+            kernel.GAIN_X: (
+                self.disturbance_bandwidth if self.law == "disturbance observer" else extended[0]
+            ),
             kernel.GAIN_V: extended[1],
             kernel.GAIN_F: extended[2],
             kernel.LATE: round((self.drive_delay + self.tuning.late * self.input_delay) / dt),
@@ -366,10 +390,29 @@ class Compensation(Result):
         return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
+    def _share(self) -> float:
+        """Share of the estimated velocity in the one fed back."""
+        whole_delay = self.drive_delay + self.input_delay
+        return tuned.share(self.tuning, whole_delay / self.dt)
+
+    @property
+    def _slow(self) -> float:
+        """Error at rest with which the integral goes over its band in a settling time."""
+        if self.ki == 0.0:
+            return math.inf
+        most = self.correction * tuned.largest_level(self.rigid_axis)
+        return most * self.bandwidth / (tuned.SETTLE * self.ki)
+
+    @property
     def drive_delay(self) -> float:
         """Delay and lag of the drive that the axis itself has [s]."""
         numbers = self.rigid_axis.arrays(self.dt).numbers
         return float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
+
+    @property
+    def drive_lag(self) -> float:
+        """Lag of the drive that the axis itself has [s]."""
+        return float(self.rigid_axis.arrays(self.dt).numbers[kernel.axis_step.LAG])
 
     @property
     def _residual(self) -> float:
@@ -398,6 +441,8 @@ def design_compensation(
     learning: float | None = None,
     disturbance_bandwidth: float | None = None,
     mismatch: float = 0.2,
+    correction: float | None = None,
+    noise: float = tuned.NOISE,
 ) -> Compensation:
     """Design a position controller that compensates friction.
 
@@ -429,10 +474,19 @@ def design_compensation(
     learning : float, optional
         Rate of learning [1/s].
     disturbance_bandwidth : float, optional
-        Bandwidth of the disturbance observer of a baseline [rad/s].
+        Bandwidth of the estimate of velocity, or of the disturbance observer of a
+        baseline [rad/s].
     mismatch : float, optional
         Relative error of mass, viscous coefficient, Coulomb level, Stribeck excess
         and Stribeck velocity, each, for the certificate.
+    correction : float, optional
+        Largest change of the nominal friction by learning and the integral while the
+        reference moves, in parts of the Coulomb level; a larger one widens the tube.
+        Default: what an axis within the mismatch needs.
+    noise : float, optional
+        Largest step of the drive when the reading changes by one increment, in parts of the
+        Coulomb level.  A low-pass on the velocity keeps it, and makes the loop slower: the
+        tube grows.  Not with `gains`.
 
     Returns
     -------
@@ -459,7 +513,8 @@ def design_compensation(
 
     c_s and sigma are learned by normalised least mean squares from the switched
     observer's friction while it slides; l is what they leave, of which a small part q
-    is fed back.  c_s stays within half a level.  With presliding, s runs from -1 to 1 as
+    is fed back.  While the reference moves, c_s, sigma, q l and the integral together change
+    the nominal friction by at most `correction` levels.  With presliding, s runs from -1 to 1 as
     the reference covers the presliding distance (Dahl's shape, as Prandtl's element has it).
 
     At rest of reference and axis the integral is held once the error is within
@@ -467,8 +522,9 @@ def design_compensation(
     widens the tolerance by half: corrections end, and a constant drive below
     breakaway does not hunt.
 
-    e_v combines the measured velocity with that of the observer, whose model has no delay:
-    it leads the axis, which damps the loop in spite of the delay.
+    e_v combines the low-passed difference of e with an estimate by an observer of e, whose
+    model has no delay: it leads the axis, which damps the loop in spite of the delay.  The
+    feedback knows neither modes nor friction, so that its loop is linear.
 
     Static input effects (gain, dead zone) are inverted.  Effects that need
     states of their own (backlash, compliance) are not compensated.
@@ -480,11 +536,12 @@ def design_compensation(
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
     >>> comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6, input_delay=3e-3)
     >>> round(comp.bandwidth)
-    186
+    158
     """
     instance("axis", axis, FrictionAxis)
     dt = positive("dt", dt, unit="s")
     quantum = increment(encoder_quantum, axis.unit("m"), zero=True)
+    check_quantum_and_dt("encoder_quantum", quantum, dt)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
     if not isinstance(law, str) or law not in tuned.LAWS:
         raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")
@@ -495,26 +552,28 @@ def design_compensation(
     acting, tuning = tuned.rigid(axis), tuned.tuning_of(law, axis)
     numbers = acting.arrays(dt).numbers
     whole_delay = delay + float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
-    highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt)
-    if bandwidth is None:
-        bandwidth = min(highest, tuned.FASTEST / dt)
-        if quantum > 0.0 and tuned.largest_level(acting) > 0.0:
-            kick = tuned.KICK * tuned.largest_level(acting) * dt / quantum + acting.viscous
-            bandwidth = min(bandwidth, kick / (tuning.damping * acting.mass))
-    w = positive("bandwidth", bandwidth, unit="rad/s")
+    level = tuned.largest_level(acting)
+    filter_time = tuned.FILTER * dt
+    if gains is None:
+        most_step = positive("noise", noise) * level / quantum if quantum and level else math.inf
+        filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
+    highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt + filter_time)
+    w = min(highest, tuned.FASTEST / dt)
+    if bandwidth is not None:
+        w = positive("bandwidth", bandwidth, unit="rad/s")
     if w * dt > 0.5:
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"
         )
     if gains is None:
-        kp = acting.mass * w**2
-        kd = max(tuning.damping * acting.mass * w - acting.viscous, 0.0)
+        kp, kd = tuned.proportional(acting, tuning, w)
         ki = 0.0 if law == "adrc" else tuned.INTEGRAL * w * kp
     else:
         kp, ki, kd = _three(gains)
-    reach = tuned.largest_level(acting) / kp
+    reach = level / kp
     most = math.inf if limit is None else positive("limit", limit, unit=axis.unit("N"))
-    breakaway = tuned.largest_level(acting) * (1.0 + (axis.stribeck.excess if axis.stribeck else 0))
+    excess = acting.stribeck.excess if acting.stribeck else 0.0
+    breakaway = level * (1.0 + excess)
     if most <= breakaway:
         raise ValueError(
             f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
@@ -545,7 +604,7 @@ def design_compensation(
         kp=kp,
         ki=ki,
         kd=kd,
-        filter_time=tuned.FILTER * dt,
+        filter_time=filter_time,
         lead=round(whole_delay / dt + 1.0),
         limit=most,
         tolerance=(
@@ -555,11 +614,16 @@ def design_compensation(
         ),
         learning=tuned.LEARNING if learning is None else positive("learning", learning, zero=True),
         disturbance_bandwidth=(
-            w
+            tuned.estimate_bandwidth(w, dt, whole_delay, filter_time)
             if disturbance_bandwidth is None
             else positive("disturbance_bandwidth", disturbance_bandwidth, unit="rad/s")
         ),
         mismatch=mismatch,
+        correction=(
+            mismatch * (1.0 + excess)
+            if correction is None
+            else positive("correction", correction, zero=True)
+        ),
         observer=observer,
     )
     return certified(made)

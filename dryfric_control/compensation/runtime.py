@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from dryfric_control.checks import finite
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
+from dryfric_control.model.block import Block
 from dryfric_control.model.loops import LoopRun
 from dryfric_control.model.profiles import MotionProfile
 
 Array = NDArray[np.float64]
 
 _STATES = (
-    "samples", "integral", "speed", "reading", "ahead", "direction", "contact", "still",
+    "samples", "integral", "speed", "error", "ahead", "direction", "contact", "still",
     "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
     "mean_drive", "mean_error", "compensation", "sliding_integral", "expected",
     "level_seen", "peak_seen",
@@ -134,7 +135,7 @@ class CompensatedController:
 
         states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
-        return ct.nlsys(
+        return Block(
             update,
             output,
             inputs=["xref", "vref", "aref", "y"],

@@ -31,13 +31,13 @@ class Tuning(NamedTuple):
 
     phase: float  # bandwidth times the whole delay of the loop
     damping: float  # (kd + f)/(m w)
-    share: float  # of the observer's speed in the one fed back, with a long delay
+    share: float  # of the estimated velocity in the one fed back, with a long delay
     residual: float  # share of the friction residual that is fed back
     late: float  # part of the largest delay by which the observer expects the feedforward late
 
 
 #: With the switched observer; with presliding, of which it knows nothing; without.
-_RIGID = Tuning(0.65, 3.9, 0.44, 0.07, 0.5)
+_RIGID = Tuning(0.6, 3.5, 0.45, 0.07, 0.5)
 _ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03, 0.0)
 _BASELINE = Tuning(0.45, 1.86, 0.0, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.
@@ -55,10 +55,12 @@ AHEAD = 0.83
 SHARED = (2.5, 5.5)
 #: Delay of sampling, hold, difference and low-pass, in samples.
 SAMPLED = 0.5
-#: Time constant of the low-pass on the speed [samples].
+#: Least time constant of the low-pass on the velocity [samples].
 FILTER = 0.3
-#: Largest force by which an encoder step may kick, over the Coulomb level.
-KICK = 1.5
+#: Bandwidth of the estimate of velocity over that of the loop, without a delay, less 1.
+QUICK = 0.6
+#: Largest step of the drive for an encoder increment, over the Coulomb level.
+NOISE = 0.1
 #: Largest bandwidth times dt.
 FASTEST = 0.2
 #: Rate of learning [1/s].
@@ -67,8 +69,10 @@ LEARNING = 12.5
 REST_SHARE = 0.3
 #: Rate at which the observer is expected to follow, over one by its mean delay.
 _QUICKER = 2.0
-#: Largest correction of a level and largest excess.
-BAND, MOST_EXCESS = 0.5, 0.8
+#: Largest excess that is learned.
+MOST_EXCESS = 0.8
+#: Time at rest after which the drive may be held, times the bandwidth.
+SETTLE = 8.0
 #: Largest held drive, as a part of the least Coulomb level within the mismatch.
 HOLD_SHARE = 0.9
 #: Widening of the tolerance at rest with every correction.
@@ -198,3 +202,65 @@ def largest_level(axis: FrictionAxis) -> float:
     """Largest Coulomb level of the map over the travel [N]."""
     places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
     return float(max(axis.coulomb(places, s).max() for s in (1, -1)))
+
+
+def share(tuning: Tuning, delay: float) -> float:
+    """Share of the estimated velocity in the one fed back, by the delay [samples]."""
+    early, late = SHARED
+    return tuning.share * min((delay + early) / late, 1.0)
+
+
+def proportional(axis: FrictionAxis, tuning: Tuning, w: float) -> tuple[float, float]:
+    """Gains kp [N/m] and kd [N s/m] of a bandwidth [rad/s]."""
+    return axis.mass * w**2, max(tuning.damping * axis.mass * w - axis.viscous, 0.0)
+
+
+def estimate_bandwidth(w: float, dt: float, delay: float, filter_time: float) -> float:
+    """Bandwidth of the estimate of velocity [rad/s]: higher where there is less delay to lead."""
+    return w * (1.0 + QUICK * (1.0 - delay / (delay + SAMPLED * dt + filter_time)))
+
+
+def filter_time(
+    axis: FrictionAxis,
+    tuning: Tuning,
+    dt: float,
+    delay: float,
+    bandwidth: float | None,
+    most: float,
+) -> float:
+    """Time constant of the low-pass on the velocity that keeps the noise in the drive [s].
+
+    Parameters
+    ----------
+    axis : FrictionAxis
+        One rigid mass.
+    tuning : Tuning
+        Numbers of the loop.
+    dt, delay : float
+        Sampling time and largest delay of the drive [s].
+    bandwidth : float or None
+        Bandwidth [rad/s], if it is given: the low-pass then leaves it its phase.
+    most : float
+        Largest step of the drive over a step of the reading [N/m].
+    """
+
+    def step(filtered: float) -> float:
+        w = min(tuning.phase / (delay + SAMPLED * dt + filtered), FASTEST / dt)
+        w = w if bandwidth is None else bandwidth
+        kp, kd = proportional(axis, tuning, w)
+        part = share(tuning, delay / dt)
+        gain = extended_gains(axis, dt, estimate_bandwidth(w, dt, delay, filtered))[1]
+        return kp + kd * ((1.0 - part) * -math.expm1(-dt / filtered) / dt + part * float(gain))
+
+    low = FILTER * dt
+    if not step(low) > most:
+        return low
+    high = low
+    while step(high) > most and (bandwidth is None or high < tuning.phase / bandwidth):
+        high *= 2.0
+    if bandwidth is not None:
+        high = max(min(high, tuning.phase / bandwidth - delay - SAMPLED * dt), low)
+    while high - low > 1e-6 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if step(middle) > most else (low, middle)
+    return high

@@ -21,6 +21,8 @@ element of stiffness k and deflection z) mode 0 is the elastic phase::
     elastic   m v' = w - f v - k z,  z' = v,  until |k z| reaches F_s
     sliding   as above, z = s F_s/k, until v = 0
 
+A contact that springs back slides too, z = s F_s/k, while F_s falls faster than k z.
+
 With a transmission (a play, or a spring and damper) there are two masses: the
 motor with the drive and the encoder (x, v), and the load with all friction and
 all force effects.  The mode is then that of the load.

@@ -42,11 +42,11 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     STRIBECK_SPEED,
     EXCESS,  # nominal Stribeck excess
     MOST_EXCESS,
-    BAND,  # largest correction of a level, as a fraction of it
+    BAND,  # largest correction of nominal friction, as a fraction of the Coulomb level
     RATE,  # learning rate per sample
     LAG,  # first-order coefficient with which the observer's friction follows, per sample
     RESIDUAL,  # share of the friction residual that is fed back
-    SPEED_SHARE,  # share of the observer's velocity in the one fed back
+    SPEED_SHARE,  # share of the estimated velocity of the error in the one fed back
     BUILD,  # distance over which friction builds up at a reversal, 0 for none
     SOURCE,
     HOLDS,  # whether the integral and the drive are held at rest
@@ -54,21 +54,22 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     GROWTH,  # growth of the tolerance with every correction
     HOLD_SHARE,  # share of the Coulomb level that a held drive may use
     SETTLE,  # samples of rest before the drive is held
+    SLOW,  # largest error that the integral takes at rest
     MEAN,  # weight of a new sample in the means at rest
     GAIN_X,  # gains of the extended state observer, or the corner frequency
     GAIN_V,
     GAIN_F,
     LATE,  # expected delay of the feedforward at the axis [samples]
     LENGTH,
-) = range(35)
+) = range(36)
 
 #: Indices of the law's memory; the line of past samples (reference, its velocity,
 #: feedforward) follows the last, then the memory of the observer.
 (
     SAMPLES,
     INTEGRAL,
-    SPEED,
-    READING,
+    SPEED,  # filtered velocity of the error
+    ERROR,  # last error
     AHEAD,  # last reference
     DIRECTION,
     CONTACT,  # friction built up, -1 to 1
@@ -87,7 +88,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     EXPECTED,  # friction beyond the map that the observer should have reached by now
     LEVEL_SEEN,  # its response so far to a unit error of level, and of excess
     PEAK_SEEN,
-    INNER,  # six states of a disturbance observer
+    INNER,  # six states of a disturbance observer; the fifth is the drive that it knows
 ) = range(23)
 LINE = INNER + 6
 STRIDE = 3
@@ -170,12 +171,8 @@ def _low_pass(memory, at, corner, dt, value):
 
 
 @njit(cache=True, error_model="numpy")
-def disturbance(c, memory, y):
-    """Resisting force other than inertia and viscous friction, and velocity; a baseline."""
-    if c[SOURCE] == DISTURBANCE:
-        _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
-        u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
-        return u - c[MASS] * a - c[VISCOUS] * v, memory[SPEED]
+def extended(c, memory, y):
+    """Extended state observer: position, velocity and resisting force in memory from INNER."""
     rate, dt = c[VISCOUS] / c[MASS], c[DT]
     x, v, force = memory[INNER], memory[INNER + 1], memory[INNER + 4] - memory[INNER + 2]
     x += dt * (v + 0.5 * dt * (force / c[MASS] - rate * v))
@@ -183,7 +180,17 @@ def disturbance(c, memory, y):
     error = y - x
     memory[INNER], memory[INNER + 1] = x + c[GAIN_X] * error, v + c[GAIN_V] * error
     memory[INNER + 2] -= c[GAIN_F] * error
-    return memory[INNER + 2], memory[INNER + 1]
+
+
+@njit(cache=True, error_model="numpy")
+def disturbance(c, memory, y):
+    """Resisting force other than inertia and viscous friction; a baseline."""
+    if c[SOURCE] == DISTURBANCE:
+        _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
+        u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
+        return u - c[MASS] * a - c[VISCOUS] * v
+    extended(c, memory, y)
+    return memory[INNER + 2]
 
 
 @axis_step.internal
@@ -215,16 +222,17 @@ def _learn(c, plant, t, memory, y, mode, v, what):
 
 
 @axis_step.internal
-def _friction(c, plant, t, memory, x, v, w, moving):
-    """Friction for the reference's direction, with the learned corrections."""
+def _friction(c, plant, t, memory, x, v, w, moving, learned):
+    """Friction for the reference's direction; `learned`: with what was learned (1) or not (0)."""
     s = memory[DIRECTION]
     level, excess = _levels(c, plant, t, x, v, w, s)
-    level += memory[PLUS] if s > 0.0 else memory[MINUS]
+    level += learned * (memory[PLUS] if s > 0.0 else memory[MINUS])
     force = c[COULOMB] * level
     if not moving:
         force *= c[REST_SHARE]
     elif c[PEAK] > 0.0:
-        force += c[PEAK] * memory[SHARE] * excess * _peak(c, s * v)
+        share = c[EXCESS] + learned * (memory[SHARE] - c[EXCESS])
+        force += c[PEAK] * share * excess * _peak(c, s * v)
     return force * (memory[CONTACT] if c[BUILD] > 0.0 else s)
 
 
@@ -306,8 +314,9 @@ def _begin(c, memory, x, v, y, watch):
             memory[LINE + STRIDE * i] = x
     elif c[LEAD] > 0.0:
         v = memory[watch - STRIDE + 1]
-    memory[READING], memory[SPEED], memory[AHEAD] = y - v * c[DT], v, x
-    memory[INNER], memory[INNER + 1] = y, v
+    memory[AHEAD] = x
+    if c[SOURCE] == EXTENDED:
+        memory[INNER], memory[INNER + 1] = y, v
     memory[watch + observer.XHAT], memory[watch + observer.VHAT] = y, v
 
 
@@ -325,23 +334,30 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     if memory[SAMPLES] == 0.0:
         _begin(c, memory, ahead, speed_ahead, y, watch)
     x, v, moving = _follow_reference(c, memory, ahead, speed_ahead)
-    difference = (y - memory[READING]) / c[DT]
+    error = x - y
+    if memory[SAMPLES] == 0.0:
+        memory[ERROR] = error
+        if c[SOURCE] == LEARNED:
+            memory[INNER] = -error
+    # The feedback reads nothing but the error: its loop is linear in it, whatever the mode.
+    difference = (error - memory[ERROR]) / c[DT]
     memory[SPEED] = c[KEEP] * memory[SPEED] + (1.0 - c[KEEP]) * difference
-    memory[READING] = y
-    error, speed = x - y, memory[SPEED]
+    memory[ERROR] = error
+    speed = memory[SPEED]
     mode = 0
 
     # Feedforward for the required motion of the axis with its effects.
     later = t + c[LEAD] * c[DT]
     w = c[MASS] * acceleration_ahead + c[VISCOUS] * speed_ahead
-    friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving)
+    friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving, 1.0)
     s = memory[DIRECTION] if moving else 0.0
     forward = w - _force_effects(plant, later, ahead, speed_ahead, w + friction, s)
     late = _late(c, memory, forward + friction)
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
-        speed += c[SPEED_SHARE] * (seen[observer.VHAT] - speed)
+        extended(c, memory, -error)
+        speed -= c[SPEED_SHARE] * (memory[INNER + 1] + speed)
         if mode != 0:
             left = _learn(
                 c, plant, t, memory, y, mode, seen[observer.VHAT], seen[observer.WHAT]
@@ -349,8 +365,9 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
             if moving and mode == memory[DIRECTION]:
                 friction += c[RESIDUAL] * mode * left
     elif c[SOURCE] != NOTHING:
-        estimate, speed = disturbance(c, memory, y)
-        friction += c[RESIDUAL] * estimate
+        friction += c[RESIDUAL] * disturbance(c, memory, y)
+        if c[SOURCE] == EXTENDED:
+            speed = v - memory[INNER + 1]
     memory[FORCE] = friction
 
     level = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, memory[DIRECTION], 0.0)
@@ -362,19 +379,27 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
         # The elastic contact brakes; a delayed velocity feedback would excite it.
         damping = 0.0
-    known = c[KP] * error + damping * (v - speed) + forward + friction
+    linear = c[KP] * error + damping * speed
+    known = linear + forward + friction
+    resting = c[HOLDS] != 0.0 and memory[STILL] > c[SETTLE]
+    if c[HOLDS] != 0.0 and not resting:
+        # Learning and integral together: what they may do wrong is bounded.
+        plain = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving, 0.0) - friction
+        most = c[BAND] * max(level, other)
+        memory[INTEGRAL] = min(max(memory[INTEGRAL], plain - most), plain + most)
     wanted = known + memory[INTEGRAL]
     if drive_held:
         wanted = memory[HELD_DRIVE]
         memory[INTEGRAL] = min(max(wanted - known, -c[LIMIT]), c[LIMIT])
     given = min(max(wanted, -c[LIMIT]), c[LIMIT])
     if not (integral_held or drive_held) and wanted == given:
-        memory[INTEGRAL] += c[KI] * c[DT] * error
+        taken = min(max(error, -c[SLOW]), c[SLOW]) if resting else error
+        memory[INTEGRAL] += c[KI] * c[DT] * taken
     if moving:
         memory[SLIDING] += c[MEAN] * (memory[INTEGRAL] - memory[SLIDING])
     keep = 1.0 - c[MEAN] if memory[STILL] > 0.0 else 0.0
     memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
-    memory[INNER + 4] = given
+    memory[INNER + 4] = linear if c[SOURCE] == LEARNED else given
     inner = axis_step.pointer(seen)
     u = _through_input(plant, t, inner, given)
     if c[SOURCE] == LEARNED:
@@ -390,12 +415,13 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
 
 @njit(cache=True, error_model="numpy")
-def read_laws(numbers, integers, t, x):
-    """Force effects and the Coulomb levels + and - of an axis at rest at x."""
+def read_laws(numbers, integers, t, x, v):
+    """Force effects at x and v, and the Coulomb levels + and - at rest at x."""
     plant = axis_step.point(numbers, integers)
     plus = axis_step.coulomb_level(plant, t, x, 0.0, 0.0, 1.0, t)
     minus = axis_step.coulomb_level(plant, t, x, 0.0, 0.0, -1.0, t)
-    return _force_effects(plant, t, x, 0.0, 0.0, 0.0), plus, minus
+    s = 1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0
+    return _force_effects(plant, t, x, v, 0.0, s), plus, minus
 
 
 @njit(cache=True, error_model="numpy")

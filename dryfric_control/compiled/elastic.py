@@ -81,6 +81,14 @@ from dryfric_control.compiled.roots import between, larger, narrowed, smaller
 # Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
 # two masses meet, to which a filter is more sensitive.
 _CUT, _MEETING = 0.1, 0.01
+# Phase of mode 0 in which an elastic contact slides although it springs back, because the level
+# falls faster than its force: direction of the deflection times _BACK.
+_BACK = 2
+# Half the span of a difference in time, as a fraction of the step.
+_SPAN = 1e-3
+# Distance from sliding, as a fraction of the largest deflection, that one step may bridge and
+# come back.
+_NEAR = 0.1
 # Force of an impact, as a multiple of all others.
 _HARD = 1e3
 
@@ -116,10 +124,10 @@ def _bound(side, t, y, p, w, s, rest):
 
 @internal
 def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
-    """Accelerations of motor and load in one mode.
+    """Accelerations of motor and load in one phase.
 
-    `anchor` is the position of the load at which an elastic contact is
-    unstrained: its deflection is y - anchor.
+    `mode`: the mode, or a direction times _BACK.  `anchor` is the position of the load
+    at which an elastic contact is unstrained: its deflection is y - anchor.
     """
     force = _transmitted(side, drive, tau, x, v, y, p)
     motor = 0.0
@@ -128,9 +136,12 @@ def _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest):
     s, t = float(mode), t0 + tau
     if mode == 0 and not side.integers[STRUCTURE] & CONTACT:
         return motor, -side.numbers[STICK_RATE] * p
-    w = load(side, held_force(force), t, 0.0, y, p, s, rest)
+    w = load(side, held_force(force), t, 0.0, y, p, s if abs(mode) == 1 else 0.0, rest)
     if mode == 0:
         friction = side.numbers[CONTACT_STIFFNESS] * (y - anchor)
+    elif abs(mode) == _BACK:
+        s /= _BACK
+        friction = s * _bound(side, t, y, p, w, s, rest)
     else:
         friction = s * sliding_level(side, t, y, p, w, s)
     return motor, (w - side.numbers[VISCOUS] * p - friction) * side.numbers[INVERSE_MASS]
@@ -185,39 +196,75 @@ def _stride(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, d):
     return x1, v1, y1, p1, m4, k4, error
 
 
-@internal
-def _switched(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips):
-    """Whether a mode ends in this state."""
-    s, t = float(mode), t0 + tau
-    if side.integers[STRUCTURE] & CONTACT:
-        if mode != 0:
-            return s * p <= 0.0
-        pull = side.numbers[CONTACT_STIFFNESS] * (y - anchor)
-        s = 1.0 if pull > 0.0 else -1.0
-        if s * p <= 0.0:
-            return False
-        force = _transmitted(side, drive, tau, x, v, y, p)
-        w = load(side, held_force(force), t, 0.0, y, p, 0.0, rest)
-        return s * pull >= _bound(side, t, y, p, w, s, rest)
-    if mode == 0:
-        force = _transmitted(side, drive, tau, x, v, y, p)
-        return hold_excess(side, held_force(force), t, 0.0, y, p, rest)[0] > 0.0
-    if s * p > side.numbers[STICK_SPEED]:
-        return False
-    if s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
-        return True
-    force = _transmitted(side, drive, tau, x, v, y, p)
-    return band_excess(side, held_force(force), t, 0.0, y, p, s) <= 0.0
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _touch(gap, rate, end, last, d):
+    """When a gap that closes at `rate` at first, and at `last` at the end of d, may vanish.
+
+    Where the tangents of both ends meet, a bound for a smooth course and for a kink; d if
+    they meet before the gap vanishes.
+    """
+    if end <= 0.0 or not rate > 0.0 > last:
+        return d
+    meet = min(max((gap - end - last * d) / (rate - last), 0.1 * d), 0.9 * d)
+    return meet if gap < meet * rate else d
+
+
+@internal(forceinline=True)
+def _open(phase):
+    """Mode of a phase."""
+    return phase if abs(phase) != _BACK else 0
 
 
 @internal
-def _eased(side, drive, t0, tau, x, v, y, p, z, rest):
-    """Deflection of a contact that springs back, limited to what the level can hold."""
-    s = 1.0 if z > 0.0 else -1.0
+def _most(side, drive, t0, tau, x, v, y, p, s, rest):
+    """Deflection in direction s at which an elastic contact slides, a magnitude."""
     force = _transmitted(side, drive, tau, x, v, y, p)
     w = load(side, held_force(force), t0 + tau, 0.0, y, p, 0.0, rest)
-    most = _bound(side, t0 + tau, y, p, w, s, rest) / side.numbers[CONTACT_STIFFNESS]
-    return s * min(s * z, most)
+    return _bound(side, t0 + tau, y, p, w, s, rest) / side.numbers[CONTACT_STIFFNESS]
+
+
+@internal
+def _tightens(side, drive, t0, tau, x, v, y, p, m, k, s, rest, d):
+    """Rate at which a deflection in direction s approaches the one at which it slides.
+
+    m and k are the accelerations of motor and load; d is the length of the step.
+    """
+    span = _SPAN * d
+    later = _most(
+        side, drive, t0, tau + span, x + span * v, v + span * m, y + span * p, p + span * k, s, rest
+    )
+    earlier = _most(
+        side, drive, t0, tau - span, x - span * v, v - span * m, y - span * p, p - span * k, s, rest
+    )
+    return s * p - (later - earlier) / (2.0 * span)
+
+
+@internal
+def _margin(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, step):
+    """Distance from the end of a phase, inside a step of length `step`: positive until then."""
+    s, t = float(mode), t0 + tau
+    if side.integers[STRUCTURE] & CONTACT:
+        if abs(mode) == 1:
+            return s * p
+        if mode != 0:
+            s /= _BACK
+            if s * p > 0.0:
+                return -s * p
+            m, k = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
+            return _tightens(side, drive, t0, tau, x, v, y, p, m, k, s, rest, step)
+        s = 1.0 if y > anchor else -1.0
+        return _most(side, drive, t0, tau, x, v, y, p, s, rest) - s * (y - anchor)
+    if mode != 0:
+        if s * p > side.numbers[STICK_SPEED]:
+            return math.inf
+        if s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
+            return s * p
+    held = held_force(_transmitted(side, drive, tau, x, v, y, p))
+    if mode == 0:
+        excess = hold_excess(side, held, t, 0.0, y, p, rest)[0]
+        # A load that equals the level holds.
+        return -excess if excess != 0.0 else 1e-300
+    return band_excess(side, held, t, 0.0, y, p, s)
 
 
 @internal
@@ -275,11 +322,23 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         mode, rest = first, 0.0
     seen = v if two else p
     anchor = y - z
-    # Whether the level can fall while the contact is strained.
+    # Whether the level can fall while the contact is strained; then a contact that begins at its
+    # limit may slide although it springs back.
     fades = contact and (
         side.numbers[EXCESS] > 0.0
         or side.integers[N_LEVEL] + side.integers[N_PLUS] + side.integers[N_MINUS] > 2
     )
+    if fades and mode == 0 and z * p <= 0.0:
+        s = math.copysign(1.0, z)
+        most = _most(side, drive, t0, 0.0, x, v, y, p, s, rest)
+        if s * z >= most * (1.0 - 1e-12) and 0.0 < _tightens(
+            side, drive, t0, 0.0, x, v, y, p, m1, k1, s, rest, min(h, side.numbers[SHORT_TIME])
+        ):
+            mode = int(s) * _BACK
+    # Distance of the contact from its limit.
+    gap = 0.0
+    if contact and mode == 0:
+        gap = _margin(side, drive, t0, 0.0, x, v, y, p, anchor, mode, rest, 0, h)
     tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
     close, pause, resume, last = 0, CLOSE * h, 0.0, -h
     while tau < h:
@@ -304,11 +363,12 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             if error > allowed:
                 longest = smaller(d, allowed, error)
                 continue
-            if mode != 0:
-                sight = peak_step(side, p, p1, s, d)
+            if mode != 0 or fades:
+                sight = peak_step(side, abs(p), abs(p1), 1.0, d)
                 if sight < 0.99 * d:
                     longest = sight
                     continue
+            if abs(mode) == 1:
                 part = k1 / (k1 - k4) if k1 != k4 else 0.0
                 if p == 0.0 and s * k1 > 0.0 and s * p1 <= 0.0:
                     # From rest and back to it in one step: stop near the reversal.
@@ -318,47 +378,55 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 if s * k1 < 0.0 < s * k4 and s * p1 > 0.0 > s * dip and 1e-6 < part < 1.0 - 1e-6:
                     longest = part * d
                     continue
-            elif contact and p * p1 < 0.0:
-                # The contact reverses in this step: stop at its largest strain.
-                part = p / (p - p1)
-                force = _transmitted(side, drive, tau + d, x1, v1, y1, p1)
-                w = load(side, held_force(force), t0 + tau + d, 0.0, y1, p1, s, rest + d)
-                pull = stiffness * (y + 0.6 * part * d * p - anchor)
-                side_of_pull = 1.0 if pull > 0.0 else -1.0
-                near = _bound(side, t0 + tau, y, 0.0, w, side_of_pull, rest)
-                if abs(pull) > 0.99 * near and 1e-6 < part < 1.0 - 1e-6:
-                    longest = part * d
-                    continue
 
-        after_rest = rest + d if mode == 0 else 0.0
-        over = (
-            bound == h
-            and switches < count[MOST]
-            and _switched(side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips)
-        )
-        if not over:
+        after_rest = rest + d if abs(mode) != 1 else 0.0
+        left = math.inf
+        if bound == h and switches < count[MOST]:
+            left = _margin(
+                side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips, d
+            )
+        if contact and mode == 0 and left < math.inf:
+            # The contact may reach its limit and leave it in this step.
+            s = math.copysign(1.0, y1 - anchor)
+            if d > SHORTEST * h and left > 0.0 and min(gap, left) < _NEAR * abs(y1 - anchor):
+                rate = _tightens(side, drive, t0, tau, x, v, y, p, m1, k1, s, rest, d)
+                if rate > 0.0 and gap < rate * d:
+                    end = _tightens(
+                        side, drive, t0, tau + d, x1, v1, y1, p1, m4, k4, s, after_rest, d
+                    )
+                    meet = _touch(gap, rate, left, end, d)
+                    if meet < d:
+                        longest = meet
+                        continue
+            gap = left
+        if left > 0.0:
             x, v, y, p, rest, fresh = x1, v1, y1, p1, after_rest, True
             tau += d
-            if fades and mode == 0:
-                anchor = y - _eased(side, drive, t0, tau, x, v, y, p, y - anchor, rest)
+            if abs(mode) == _BACK:
+                s /= _BACK
+                anchor = y - s * _most(side, drive, t0, tau, x, v, y, p, s, rest)
             if tau + SHORTEST * h >= h:
                 tau = h
             if longest < h:
                 longest = larger(d, allowed, error)
             continue
 
-        a, b = 0.0, d
+        a, b, fb, last_end = 0.0, d, left, 0
+        fa = _margin(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, d)
         exact = (1e-14 + _CUT * side.numbers[ALLOWED] / pace) * d
-        while b - a > exact:
-            c = 0.5 * (a + b)
+        for i in range(200):
+            c = between(a, fa, b, fb)
+            if b - a <= exact or fb == 0.0 or c == b:
+                break
+            # The margin may jump: bisect every fourth time, or where it is not known.
+            if i % 4 == 3 or fa == math.inf:
+                c = 0.5 * (a + b)
             xc, vc, yc, pc, _, _, _ = _stride(
                 side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
             )
-            now = rest + c if mode == 0 else 0.0
-            if _switched(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips):
-                b = c
-            else:
-                a = c
+            now = rest + c if abs(mode) != 1 else 0.0
+            fc = _margin(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips, d)
+            a, fa, b, fb, last_end = narrowed(a, fa, b, fb, last_end, c, fc)
         x, v, y, p, _, _, _ = _stride(
             side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, b
         )
@@ -369,10 +437,17 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         force = _transmitted(side, drive, tau, x, v, y, p)
         held = held_force(force)
         after = 0
-        if mode == 0:
+        if abs(mode) == _BACK:
+            rest += b
+            s /= _BACK
+            anchor = y - s * _most(side, drive, t0, tau, x, v, y, p, s, rest)
+            after = int(s) if s * p > 0.0 else 0
+        elif mode == 0:
             rest += b
             if contact:
                 after = 1 if y > anchor else -1
+                if after * p <= 0.0:
+                    after *= _BACK
             else:
                 after = int(hold_excess(side, held, t0 + tau, 0.0, y, p, rest)[1])
                 if after * p < 0.0:
@@ -396,14 +471,16 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     after = 0
         if after != mode:
             switches += 1
-            record(events, count, t0 + tau, mode, after, switches)
-            mode, rest = after, 0.0
+            if abs(mode) == 1 or abs(after) == 1:
+                record(events, count, t0 + tau, _open(mode), _open(after), switches)
+                rest = 0.0
+            mode, gap = after, 0.0
             close, pause, resume = crowded(tau, last, h, close, pause)
             last = tau
 
     if contact:
         z = y - anchor
-        if mode != 0:
+        if abs(mode) == 1:
             s = float(mode)
             force = _transmitted(side, drive, h, x, v, y, p)
             w = load(side, held_force(force), t0 + h, 0.0, y, p, s, 0.0)
@@ -415,7 +492,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         memory[X], memory[V], memory[OFFSET], memory[SLIP] = x, v, y - x, p - v
     else:
         memory[X], memory[V] = y, p
-    memory[MODE], memory[REST] = mode, rest
+    memory[MODE], memory[REST] = _open(mode), rest
     return seen, friction, first
 
 
@@ -546,6 +623,37 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
 
 
 @internal
+def _stop(d, memory, scratch):
+    """When the load stops for the rest of d; d if it does not.
+
+    Where it stops, force and relative velocity of motor and load change abruptly.
+    """
+    stop = d - scratch[REST]
+    stops = scratch[MODE] == 0.0 and memory[MODE] != 0.0
+    return stop if stops and stop > CLOSE * d else d
+
+
+@internal
+def _until(plant, drive, t, d, shortest, memory, scratch, events, count):
+    """Until when motor and load, apart, are to be moved, and the motor's lead then.
+
+    Over d, or shorter: until the load stops, or to where they may touch and part again.
+    """
+    known = count[LISTED]
+    lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+    until = _stop(d, memory, scratch)
+    if until == d:
+        s, half = math.copysign(1.0, -memory[SLIP]), plant.numbers[HALF_GAP]
+        last = s * (_motor(plant, drive, memory[V], d)[1] - scratch[V])
+        until = _touch(half + s * memory[OFFSET], abs(memory[SLIP]), half - s * lead, last, d)
+    if until < d and d > shortest:
+        count[LISTED] = known
+        lead = _apart(plant, drive, t, until, memory, scratch, events, count)
+        return until, lead
+    return d, lead
+
+
+@internal
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`.
 
@@ -565,14 +673,20 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     for turn in range(count[MOST]):
         if tau >= h:
             break
-        # Contact is checked at the end of each piece.
+        # Contact is checked at the end of each piece, which is therefore smooth.
         d = min(h - tau, plant.numbers[SHORT_TIME])
         # Bound the work and the number of listed switches.
         last_turn = turn == count[MOST] - 1 or close >= MOST_CLOSE
+        if turn == count[MOST] - 1:
+            d = h - tau
         now, piece = t0 + tau, _later(drive, tau)
         known = count[LISTED]
         if side != 0.0:
             end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
+            stop = _stop(d, memory, scratch)
+            if stop < d and not last_turn:
+                count[LISTED], d = known, stop
+                end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
             if end < 0.0 and not last_turn:
                 a, b = 0.0, d
                 _state_of_load(memory, scratch)
@@ -597,7 +711,8 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
             memory[X], memory[V] = scratch[X] - offset, scratch[V]
             memory[OFFSET], memory[SLIP] = offset, 0.0
         else:
-            lead = _apart(plant, piece, now, d, memory, scratch, events, count)
+            shortest = math.inf if last_turn else CLOSE * h
+            d, lead = _until(plant, piece, now, d, shortest, memory, scratch, events, count)
             after = 0.0
             if abs(lead) > half and not last_turn:
                 after = 1.0 if lead > 0.0 else -1.0

@@ -53,8 +53,9 @@ from dryfric_control.compiled.observer import (
     RATE,  # uncertainty of the decay rate of the excess, as a fraction of the excess
     START,  # variance of the velocity at which a motion starts
     FIRST_RELEASE,  # breakaway force over the level, until one has been observed
+    AGAIN,  # part of a tail that has been removed before, and is removed again in a sample
     NUMBERS,
-) = range(21)
+) = range(22)
 
 #: States of a mode: position, velocity, relative error of the level in either
 #: direction, excess over the level, relative error of 1 / mass.
@@ -75,7 +76,8 @@ ARRIVED = BELIEFS + 3 * GAUSSIAN  # a probability and a Gaussian per mode
 LEAVING = ARRIVED + 3 * (GAUSSIAN + 1)  # one Gaussian
 AHEAD = LEAVING + GAUSSIAN  # another, the prediction of a sliding mode
 WORK = AHEAD + GAUSSIAN  # two rows of its covariance
-SIZE = WORK + 2 * STATES
+WITHIN = WORK + 2 * STATES  # mass that was inside the cell before: of each mode, as arrived
+SIZE = WITHIN + 6
 
 #: Outputs of a sample: xhat, vhat, Fhat, what, mode, standard deviation of
 #: vhat, log-likelihood of the reading.
@@ -88,6 +90,10 @@ _FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
 _CELL = 1.0 / 12.0  # variance of a reading inside its cell
 _FAR = 5.0  # standard deviations beyond which the tail is not normal
 _ADAPTS = 0.02  # adaptation rate of the reading noise, per sample
+_REFUTED = 1e-5  # probability of a reading below which rest is refuted
+_SEVERAL = 2.0  # and its distance from rest, in cells
+_SHARP = 5.0  # inverse uncertainty of the level that holds at a reversal, as of the levels at first
+_TURNS = 1e-6  # probability of a reversal below which there is none
 _PIVOT = 1e-12  # smallest pivot, as a fraction of the variance
 _SMALLEST, _LARGEST = 1e-12, 1e20  # bounds of variances
 _MOST = 0.25  # upper bound of the variance of a relative error
@@ -133,6 +139,36 @@ def _cell(e, sd):
     return mass, sd * g, sd * sd * max(1.0 + (a * pa - b * pb) / mass - g * g, 1e-6)
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _share(before, inside, again):
+    """Part of a tail to remove, given the masses inside its bound before and after a step.
+
+    A Gaussian in place of a density that has been cut has tails again, although what they
+    hold has been removed: to remove it again in every sample would count one observation
+    many times, the more often the faster the sampling.  Therefore all that is new is
+    removed, and of the rest a part that does not depend on the sampling, `again`.
+    """
+    if inside >= 1.0 or before <= 0.0:
+        return 1.0
+    new = min(max((before - inside) / (before * (1.0 - inside)), 0.0), 1.0)
+    return new + (1.0 - new) * again
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _without(share, mean, variance, mass, middle, within):
+    """Mass, mean and variance of a normal density without a share of its tail.
+
+    `mass`, `middle`, `within`: those of the part that is no tail.
+    """
+    total = 1.0 - share * (1.0 - mass)
+    part, rest = share * mass / total, (1.0 - share) / total
+    return (
+        total,
+        part * middle + rest * mean,
+        part * within + rest * variance + part * rest * (middle - mean) ** 2,
+    )
+
+
 @axis_step.internal(forceinline=True)
 def _forget(s, at, k, mean, variance):
     """Reset state k of a Gaussian to `mean`, `variance`, independent of the others."""
@@ -155,10 +191,24 @@ def _shrink(s, P, k, factor):
 
 
 @axis_step.internal
-def _arrive(s, mode, probability, new):
-    """Merge the Gaussian at `new` into the one arrived in a mode, by moments."""
+def _add(s, P, i, k, factor):
+    """Add `factor` times state k to state i: the covariance of the sum."""
+    both, own = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k), P + i * (i + 3) // 2
+    s[own] += factor * (2.0 * s[both] + factor * s[P + k * (k + 3) // 2])
+    for j in range(STATES):
+        if j != i:
+            low, high = min(j, k), max(j, k)
+            shared = s[P + high * (high + 1) // 2 + low]
+            low, high = min(i, j), max(i, j)
+            s[P + high * (high + 1) // 2 + low] += factor * shared
+
+
+@axis_step.internal
+def _arrive(s, source, mode, probability, new):
+    """Merge the Gaussian at `new`, of the mode `source`, into the one arrived in a mode."""
     at = ARRIVED + mode * (GAUSSIAN + 1)
     into = at + 1
+    s[WITHIN + 3 + mode] += probability * s[WITHIN + source]
     if s[at] == 0.0:
         s[at] = probability
         for k in range(GAUSSIAN):
@@ -282,21 +332,21 @@ def _rest(numbers, s, push, hold, level):
         _forget(s, LEAVING, OVER, max(over, 0.0), 0.05**2)
         pace = numbers[B2]
         _forget(s, LEAVING, V, 0.015 * side * pace, (0.05 * pace) ** 2 + numbers[START])
-        _arrive(s, mode, max(s[0] * chance, _LEAST), LEAVING)
+        _arrive(s, 0, mode, max(s[0] * chance, _LEAST), LEAVING)
     for k in range(GAUSSIAN):
         s[LEAVING + k] = s[BELIEFS + k]
     _forget(s, LEAVING, V, 0.0, 0.01 * numbers[START])
     s[LEAVING + COVARIANCE] += 1e-5
-    _arrive(s, 0, max(s[0] * stay, _LEAST), LEAVING)
+    _arrive(s, 0, 0, max(s[0] * stay, _LEAST), LEAVING)
 
 
 @axis_step.internal
-def _slide(numbers, s, mode, load, level, slope, turns):
+def _slide(numbers, s, mode, load, level, slope, turns, back):
     """Advance a sliding mode by one sample: continue, stop, or reverse.
 
     `load` is the net force without friction, `level` the friction level and
-    `slope` its derivative with velocity; `turns`: whether the load would start motion
-    in the other direction.
+    `slope` its derivative with velocity; `turns`: the probability that the load starts
+    motion in the other direction, against the level `back`.
     """
     side = 1.0 if mode == 1 else -1.0
     own = PLUS - 1 + mode
@@ -352,24 +402,56 @@ def _slide(numbers, s, mode, load, level, slope, turns):
     s[N + 2] += noise
     variance = max(s[N + 2], 1e-12)
     part, mean, kept = _positive_part(side * ahead, math.sqrt(variance))
-    for k in range(GAUSSIAN):
-        s[LEAVING + k] = s[AHEAD + k]
+    before = _below(side * v / math.sqrt(max(s[P + 2], 1e-12)))
+    part, mean, kept = _without(
+        _share(before, part, numbers[AGAIN]), side * ahead, variance, part, mean, kept
+    )
+    # The part that crosses zero velocity stops there, or reverses: another force acts from then on.
+    left = max(s[mode] * max(1.0 - part, _STOPS), _LEAST)
+    past = 0.0
+    if side * ahead < 0.0:
+        past = min(ahead / (ahead - v), 1.0) if side * v > 0.0 else 1.0
+    _leave(numbers, s, mode, 0, left * (1.0 - turns), ahead, past, 0.0, 0.0)
+    if turns > _TURNS:
+        after = load + side * back * (1.0 + s[source + MINUS + 1 - mode])
+        bend = min(max(after / net, 0.0), 1.0) if net != 0.0 else 0.0
+        grip = past * gain * side * back
+        _leave(numbers, s, mode, 3 - mode, left * turns, ahead, past, bend, grip)
     # The part of the density on its side of zero velocity continues.
     if s[mode] * part > _LEAST:
         _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
-        _arrive(s, mode, s[mode] * part, AHEAD)
-    # The rest stops, or reverses.
-    if side * ahead < 0.0:
-        s[LEAVING + X] = s[source + X] + 0.5 * v
-    s[LEAVING + COVARIANCE] += 0.01
-    _forget(s, LEAVING, V, 0.0, numbers[START] * (1.0 if turns else 0.01))
-    if turns:
-        _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
-    _arrive(s, 3 - mode if turns else 0, max(s[mode] * max(1.0 - part, _STOPS), _LEAST), LEAVING)
+        _arrive(s, mode, mode, s[mode] * part, AHEAD)
 
 
 @axis_step.internal
-def _read(numbers, s, mode, y):
+def _leave(numbers, s, mode, into, probability, ahead, past, bend, grip):
+    """Move the part of a sliding mode that has crossed zero velocity to another mode.
+
+    `ahead` is the velocity without the switch, `past` the part of the sample behind it,
+    `bend` the net force there over the one before, and `grip` the derivative of the velocity
+    with the relative level.
+    """
+    P = LEAVING + COVARIANCE
+    for k in range(GAUSSIAN):
+        s[LEAVING + k] = s[AHEAD + k]
+    s[LEAVING + X] += 0.5 * past * (bend - 1.0) * ahead
+    _add(s, P, X, V, past * (bend - 1.0))
+    s[P] += 0.01
+    if into != 0:
+        _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
+    if into != 0 and past > 0.0:
+        s[LEAVING + V] *= bend
+        _shrink(s, P, V, bend)
+        _add(s, P, V, MINUS + 1 - mode, grip)
+        _add(s, P, V, OVER, grip)
+        s[P + 2] += numbers[START]
+    else:
+        _forget(s, LEAVING, V, 0.0, numbers[START] * (0.01 if into == 0 else 1.0))
+    _arrive(s, mode, into, probability, LEAVING)
+
+
+@axis_step.internal
+def _read(numbers, s, mode, y, repeated):
     """Correct what has arrived in a mode by the reading; the innovation and excess.
 
     The excess is the squared innovation minus its expected value and minus its
@@ -384,6 +466,9 @@ def _read(numbers, s, mode, y):
     S = s[P] + noise
     excess = e * (e - s[SURPRISE]) - s[P] - _CELL - numbers[CELL_NOISE] ** 2
     likelihood, moved, kept = _cell(e, math.sqrt(S))
+    if repeated:
+        share = _share(s[WITHIN + 3 + mode] / weight, likelihood, numbers[AGAIN])
+        likelihood, moved, kept = _without(share, 0.0, S, likelihood, moved, kept)
     if weight > 0.5 and e * e > 12.0 * (S + _CELL):
         # Far outside the cell the predicted variance was too small: enlarge it.
         grow = min(e * e / (4.0 * (S + _CELL)), 30.0)
@@ -415,6 +500,10 @@ def _move(numbers, plant, memory, s, t, y):
     """Predict every mode to the sample at t; the breakaway ratios +, -."""
     for mode in range(3):
         s[ARRIVED + mode * (GAUSSIAN + 1)] = 0.0
+        at = BELIEFS + mode * GAUSSIAN
+        here = y / numbers[QUANTUM] - s[at + X]
+        s[WITHIN + mode], _, _ = _cell(here, math.sqrt(s[at + COVARIANCE]))
+        s[WITHIN + 3 + mode] = 0.0
     unit, pace = 1.0 / numbers[FORCE], numbers[QUANTUM] / numbers[DT]
     drive, place, rest = s[DRIVE], 0.5 * (s[READING] + y), memory[REST]
     t -= 0.5 * numbers[DT]
@@ -434,7 +523,8 @@ def _move(numbers, plant, memory, s, t, y):
         w = _load(plant, t, drive, place, v, side, 0.0)
         back = 2 - mode
         error = s[BELIEFS + mode * GAUSSIAN + PLUS + back]
-        turns = -side * w * unit > hold[back] * (1.0 + error) * s[RELEASE]
+        ratio = -side * w * unit / max(hold[back] * (1.0 + error), 0.05)
+        turns = _below(_SHARP * (ratio - s[RELEASE]))
         friction = axis_step.sliding_level(plant, t, place, v, w, side)
         slope = 0.0
         if plant.numbers[axis_step.EXCESS] > 0.0:
@@ -444,7 +534,7 @@ def _move(numbers, plant, memory, s, t, y):
             near = max(near, spread)
             slope = axis_step.sliding_level(plant, t, place, v + side * near, w, side) - friction
             slope *= unit * pace / near
-        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns)
+        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns, level[back])
     plus = push * unit / max(hold[0] * (1.0 + s[BELIEFS + PLUS]), 0.05)
     minus = -push * unit / max(hold[1] * (1.0 + s[BELIEFS + MINUS]), 0.05)
     return plus, minus
@@ -456,6 +546,7 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
     dt, cell = numbers[DT], y / numbers[QUANTUM]
     drive = axis_step.input_map(plant, t, memory, u)
     ratio_plus, ratio_minus = 0.0, 0.0
+    repeated = memory[NODE] != 0.0 and s[READING] == y
     before = int(memory[MODE])
     if memory[NODE] == 0.0:
         memory[NODE] = 1.0
@@ -465,10 +556,21 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
     total, best, surprise, unexpected = 0.0, 0, 0.0, 0.0
     likely = -1.0
     for mode in range(3):
-        e, excess = _read(numbers, s, mode, cell)
+        e, excess = _read(numbers, s, mode, cell, repeated)
         total += s[mode]
         if s[mode] > likely:
             best, likely, surprise, unexpected = mode, s[mode], e, excess
+    if best == 0 and total < _REFUTED and abs(surprise) > _SEVERAL:
+        # No mode explains the reading, and rest least: the axis has moved with a velocity of
+        # the order of this innovation, at a friction that is not known.
+        new = 1 if surprise > 0.0 else 2
+        into = BELIEFS + new * GAUSSIAN
+        for k in range(GAUSSIAN):
+            s[into + k] = s[BELIEFS + k]
+        _forget(s, into, V, surprise, surprise * surprise)
+        _forget(s, into, OVER, 0.0, numbers[EXCESS] ** 2)
+        total += likely - s[new]
+        s[new] = likely
     x = v = square = 0.0
     for mode in range(3):
         s[mode] /= total
@@ -478,6 +580,10 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
         square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
     s[NOISE] += _ADAPTS * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
     s[SURPRISE] = surprise
+    # The velocity at rest is within the stick velocity, and decays.
+    still = plant.numbers[axis_step.STICK_SPEED] * dt / numbers[QUANTUM]
+    still *= math.exp(-plant.numbers[axis_step.STICK_RATE] * memory[REST])
+    square += s[0] * still * still / 3.0
     now = 0 if best == 0 else 3 - 2 * best
     if before == 0 and now != 0:
         ratio = ratio_plus if now > 0 else ratio_minus

@@ -289,9 +289,10 @@ def innovations(
         Increment of the readings [m], 0 for none.
     span : float
         Travel of the record [m], the scale of difference steps in position.
-    state : ndarray, shape (4, n)
-        Receives position and velocity after each reading, the mode, and the correction
-        of the velocity by the reading.
+    state : ndarray, shape (6, n)
+        Receives position and velocity after each reading, the mode, the correction of the
+        velocity by the reading, and the corrections of position and velocity over the
+        innovation.
     out : ndarray, shape (2, n)
         Receives innovations and their variances; variance 0 where there is none.
     """
@@ -623,6 +624,7 @@ def _innovations(
                 to_anchor = counts * c0 / (p + noise)
                 anchor = max(anchor - to_anchor * c0, 0.0)
                 c0, c1 = c0 - gain * c0, c1 - gain * g * c0
+            state[4, k], state[5, k] = gain, gain * g
             p = gain * noise
             x += gain * e
             v += gain * g * e

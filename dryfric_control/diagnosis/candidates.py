@@ -6,15 +6,16 @@ the second effect of a kind.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
+from dryfric_control.diagnosis.thresholds import SOONEST
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
-from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.effects.guesses import Guess, View
+from dryfric_control.model.effects.effect import KINDS, REGISTRY
 from dryfric_control.model.effects.naming import class_of, named, put
 from dryfric_control.records.record import Record
 
@@ -23,22 +24,21 @@ BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
 #: Slugs by base parameter, the inverse of `BASE`.
 SLUGS = {name: slug for slug, name in BASE.items()}
 
-# Number of sliding samples below which no regression is tried: three for each parameter of the
-# largest.
-_LEAST_SLIDING = 15
 # Margin at each end of the records' travel, as a fraction of it, in which a place is still valid.
 _OUTSIDE = 0.1
 # A characteristic speed beyond _FASTER times the largest of the records (the quantile
 # _NEARLY_ALL of |v|) has no visible effect: the record looks the same for all such values.
 _FASTER, _NEARLY_ALL = 3.0, 0.995
+# Slowest characteristic speed [encoder increments per sample]: slower sliding looks like rest.
+_SLOWEST = 0.1
+# Longest time, over the length of the record, by which a drive may be late.
+_LATEST = 0.03
 # A characteristic speed above this fraction of it: the effect acts at most speeds.
 _WIDE = 0.5
 # Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
-# narrower play the filter differs from that without one, but not the machine.
-_FINER = 0.1
-# Shortest time, as a fraction of the sampling time, that counts as a delay or a lag of the drive;
-# anything else that is over within a sample has no visible course.
-_SOONEST = 0.02
+# narrower play the filter differs from that without one, but not the machine.  An error of the
+# readings within half an increment is their rounding.
+_FINER, _ROUNDING = 0.1, 0.5
 # Actions of which an axis has at most one effect.
 _SINGLE = ("delay", "lag", "contact", "transmission")
 
@@ -84,21 +84,6 @@ def holds(axis: FrictionAxis, name: str) -> bool:
     return name in named(axis)
 
 
-def guesses(name: str, view: View) -> Iterable[Guess]:
-    """First guesses for one candidate: its values, and base values that go with them.
-
-    A candidate that the axis already has starts from the values it has there.
-    """
-    mine = named(view.axis).get(name)
-    if mine is None:
-        # A record at rest has no sliding samples to guess from.
-        return effect_class(name).guess(view) if view.v.size >= _LEAST_SLIDING else ()
-    now = asdict(mine)
-    first = next(iter(now))
-    factors = (1.0, 0.2, 2.0)
-    return [(now | {first: factor * now[first]}, {}) for factor in factors]
-
-
 def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Start:
     """Axis with an effect added, or replaced if it has one of that name.
 
@@ -112,27 +97,46 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
     return Start(put(axis, name, effect(**values)), own_names(name))
 
 
-def placed(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
+def shown(
+    name: str, records: Sequence[Record], travel: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Least and largest value of a parameter that records can show.
+
+    `name`: its full name, such as "cogging_2.amplitude".  `travel`: that of the axis.
+    """
+    owner, _, own = name.partition(".")
+    effect = effect_class(owner)
+    item = effect.parameters()[own]
+    kind, unit = item["kind"], item["unit"]
+    if kind == "share":
+        # A very light mass would vibrate over thousands of steps while the other rests.
+        return KINDS["share"]
+    if kind == "place":
+        low, high = travelled(records)
+        return min([low, *(travel or ())]), max([high, *(travel or ())])
+    dt = float(np.median([r.dt for r in records]))
+    if kind == "time":
+        return SOONEST * dt, _LATEST * max(r.duration for r in records)
+    step = min(r.resolution.step for r in records)
+    if unit == "s":
+        return dt, math.inf
+    if unit == "m" and kind == "amount":
+        return (_ROUNDING if effect.action == "reading" else _FINER) * step, math.inf
+    if unit == "m/s":
+        return _SLOWEST * step / dt, _FASTER * max(_fastest(r) for r in records)
+    return -math.inf, math.inf
+
+
+def placed(
+    values: Mapping[str, float], records: Sequence[Record], travel: tuple[float, float] | None
+) -> bool:
     """Whether a cause acts at positions, lengths, speeds and times that the records show.
 
-    `values`: by the full names of its free parameters, such as "cogging_2.amplitude".
+    `values`: by the full names of its free parameters.
     """
-    kinds = effect_class(name).parameters()
-    low, high = travelled(records)
-    dt = float(np.median([r.dt for r in records]))
-    finest = _FINER * min(r.resolution.step for r in records)
-    for own, value in values.items():
-        of_kind = kinds[own.partition(".")[2]]
-        kind = of_kind["kind"]
-        if kind == "place" and not low <= value <= high:
-            return False
-        if of_kind["unit"] == "s" and value < (_SOONEST * dt if kind == "time" else dt):
-            return False
-        if of_kind["unit"] == "m" and kind == "amount" and abs(value) < finest:
-            return False
-        if of_kind["unit"] == "m/s" and value > _FASTER * max(_fastest(r) for r in records):
-            return False
-    return True
+    near = 1.0 + 1e-6
+    bounds = ((v, *shown(n, records, travel)) for n, v in values.items())
+    return all((low < v * near and v < high * near) or low <= v <= high for v, low, high in bounds)
 
 
 def wide(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+import logging
 import math
 import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,68 +18,52 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
-from dryfric_control.diagnosis.candidate_fits import Fitted, Race
-from dryfric_control.diagnosis.candidates import SLUGS, catalogue
-from dryfric_control.diagnosis.causes import cause_of, hardly_determined
-from dryfric_control.diagnosis.evidence import where
-from dryfric_control.diagnosis.experiment import next_experiment
-from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
-from dryfric_control.diagnosis.gate import Gate
-from dryfric_control.diagnosis.likelihood_search import Search
-from dryfric_control.diagnosis.noise_floor import (
-    REPLAYS,
-    Floor,
-    far_above,
-    noise_floor,
-    usual_rms,
-)
-from dryfric_control.diagnosis.random_force import Answer, answer, apart
+from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
+from dryfric_control.diagnosis.causes import hardly_determined
+from dryfric_control.diagnosis.experiment import Experiment, next_experiment
+from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter, straight
+from dryfric_control.diagnosis.problem import LAST, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
-from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
-from dryfric_control.diagnosis.selection import Selection, Selector, in_place
-from dryfric_control.estimation.parameters import checked_knowledge, typical, values_of, with_values
+from dryfric_control.diagnosis.report.findings import LATE
+from dryfric_control.diagnosis.search import Model, Search, evidence
+from dryfric_control.diagnosis.thresholds import ANSWER, LEAST_WINDOWS, RIVALS, SOONEST, WINDOW
+from dryfric_control.diagnosis.verdict import Judged, judged, shows
+from dryfric_control.estimation.likelihood import prepare
+from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
-from dryfric_control.identification.replay import replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.text import length_text
-from dryfric_control.ties import ranked, samples
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
-#: What a window is used for.
-FIT, JUDGE, MEASURE = 0, 1, 2
-# Sequence of the uses of a record's blocks; longest block [s], and least number of blocks.
-_TURN = (FIT, JUDGE, FIT, JUDGE, MEASURE)
-_BLOCK, _FEWEST_BLOCKS = 1.0, 12
-_LEAST_WINDOWS = 10
-# Verdicts that leave nothing unexplained.
-_CLEAN = ("nothing to find", "explained")
-# Wrong Coulomb levels, over the nominal one, of which free runs must reject at least one.
-_FAR_OFF = (0.7, 1.3)
-# Ratio of free-run errors without and with the drive below which the drive has no effect.
-_IDLE = 5.0
-# Largest number of searches, each without the causes that the previous one refuted.
-_SEARCHES = 3
-# Largest number of alternatives for which an experiment is sought.
-_RIVALS = 4
-# Fraction of the time limit after which no further cause is sought.
-_SEARCHING = 0.6
-# Fraction of the time limit after which the causes found are no longer tested.
-_ANSWERING = 0.9
+_LOG = logging.getLogger("dryfric_control")
 
-
-def roles(windows: Windows) -> NDArray[np.int64]:
-    """What each window is used for, in contiguous blocks."""
-    length = windows.record.duration / len(windows)
-    block = min(_BLOCK, windows.record.duration / _FEWEST_BLOCKS)
-    size = max(1, samples(block, length))
-    return np.asarray(_TURN, dtype=np.int64)[(np.arange(len(windows)) // size) % len(_TURN)]
+# Messages.
+_LINE = (
+    "a straight line predicts the readings better than the model does: the drive and the friction "
+    "of the model do not explain this motion; check first the units, factors and signs of input "
+    "and position"
+)
+_IMPOSED = (
+    "the motion is imposed by something other than the drive, such as a bench or a tight loop: it "
+    "says nothing about the forces, so the drive was compared with the force the motion requires"
+)
+_ONE_VELOCITY = (
+    "each direction has nearly one velocity: effects that depend on velocity cannot be separated "
+    "from the Coulomb level and were not tried; viscous friction keeps its nominal value"
+)
+_MUTED = (
+    "the random force that is left is more than a fifth of the Coulomb level: what acts on the "
+    "axis is mostly unknown"
+)
+_INTERRUPTED = "interrupted: the best answer so far; causes may be missing"
 
 
 def diagnose(
@@ -87,11 +72,12 @@ def diagnose(
     *,
     known: Sequence[str] = (),
     tolerance: Mapping[str, float] | None = None,
-    window: float = 0.25,
+    window: float | None = None,
     hold: str = "zero",
     time_limit: float | None = None,
     jobs: int = 2,
     progress: bool | None = None,
+    on_update: Callable[[str, tuple[str, ...]], None] | None = None,
 ) -> Diagnosis:
     """Find where simulation and measurement differ, and why.
 
@@ -108,15 +94,20 @@ def diagnose(
         Relative standard deviation of a nominal value, such as
         ``{"viscous": 0.5}``: a change within it is not reported as a finding.
     window : float, optional
-        Length of the free runs [s].
+        Length of the free runs [s].  Default: 0.25 s, or as long as friction takes to
+        show above the noise of the readings.
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or interpolated linearly between samples.
     time_limit : float, optional
-        Wall time [s] after which the best answer so far is returned, with a message.
+        Wall time [s] after which the best answer so far is returned: its verdict is then
+        "not finished".  So it is after Ctrl-C.
     jobs : int, optional
         Number of candidates fitted in parallel.
     progress : bool, optional
-        Whether to show a progress bar.  Default: in a terminal or a notebook.
+        Whether to show a progress bar.  Default: in a terminal or a notebook; elsewhere the
+        steps go to the log "dryfric_control".
+    on_update : callable, optional
+        Called with the name of each step and the causes found so far.
 
     Returns
     -------
@@ -130,20 +121,22 @@ def diagnose(
 
     Notes
     -----
-    If some hypothesis brings free runs down to the noise of the readings, free runs
-    decide.  Every hypothesis is simulated over short windows of the record, each
-    from its most likely start state, and scored by the mean of
-    log(1 + cost/(4 n)), where cost is the squared error over the variance of the
-    readings' noise.  Blocks of 1 s are used in turn to fit, to judge and (every fifth)
-    only to measure the final error reduction.  Candidates are added one at a time as
-    long as the score on the judging blocks falls.  The noise floor comes from replays
-    of the model itself through the record's own encoder.
+    A random force acts in addition to the model: noise of the drive, and whatever the model
+    leaves out.  Its size and that of the readings' noise are estimated together with the
+    parameters, by the likelihood of a hybrid filter's innovations, which are those of a
+    Student's t distribution with 4 degrees of freedom.
 
-    Otherwise, and with several records, a random force acts in addition to the model:
-    noise of the drive, or unmodelled effects.  Its size and that of the readings' noise
-    are then estimated together with the parameters of each hypothesis by the
-    likelihood of a hybrid filter, and the likelihood decides.  Errors of base parameters
-    count as assumptions; a factor of 2 is already a strong one.
+    One pass of the filter at a model linearises the innovations in every effect of the
+    catalogue, over a grid of its shapes; the normal equations of all these columns propose
+    causes, single and joined.  The proposals are fitted in full, and the one with most
+    evidence joins: the gain of log-likelihood on parts of the record that its parameters
+    were not fitted to, less 6 and the logarithm of the number of shapes for each cause.
+    Causes without evidence beside the others are dropped, and exchanged where another
+    explains more.  Errors of base parameters count as assumptions; a factor of 2 is already
+    a strong one.
+
+    What remains is compared with replays of the final model in which a random force of the
+    estimated size acts.
 
     The answer holds for what the record excites: a cause that never acts in it
     is not found, and "nothing to find" is no proof of its absence.
@@ -166,7 +159,8 @@ def diagnose(
     begun = time.monotonic()
     instance("axis", axis, FrictionAxis)
     whole("jobs", jobs)
-    window = positive("window", window, unit="s")
+    if window is not None:
+        window = positive("window", window, unit="s")
     limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
@@ -174,152 +168,241 @@ def diagnose(
     records: list[Any] = list(record) if several else [record]  # type: ignore[arg-type]
     if not records:
         raise ValueError("record: the list of records is empty: give at least one")
-    cuts = []
+    for i, one in enumerate(records):
+        instance(f"record[{i}]" if several else "record", one, Record, "see dfc.read_record")
+    window = _window(axis, records) if window is None else window
+    windows = []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
-        windows = _cut(axis, one, window, hold, name, _LEAST_WINDOWS // len(records))
-        if len(records) == 1 or len(windows) >= _LEAST_WINDOWS:
-            _check_motion(windows, roles(windows), name)
-        cuts.append(windows)
+        windows.append(_cut(axis, one, window, hold, name, LEAST_WINDOWS // len(records)))
+    _check_motion(windows, several)
     check_distinct(records)
     if progress is None:
         # Other libraries import IPython too: show a bar only in a running shell.
         shell = sys.modules.get("IPython")
         progress = sys.stderr.isatty() or (shell is not None and shell.get_ipython() is not None)
-    bar = tqdm(desc="diagnose", unit="step", disable=not progress)
+    with tqdm(desc="diagnose", unit="step", disable=not progress) as bar:
 
-    def tell(what: str) -> None:
-        bar.set_postfix_str(what)
-        bar.update()
+        def tell(step: str, causes: Sequence[str] = ()) -> None:
+            bar.set_postfix_str(step)
+            bar.update()
+            if not progress:
+                so_far = ", ".join(causes) or "none"
+                _LOG.info("%s (%.1f s, causes so far: %s)", step, time.monotonic() - begun, so_far)
+            if on_update is not None:
+                on_update(step, tuple(causes))
 
-    with bar:
-        until = begun + _SEARCHING * limit
-        settings: dict[str, Any] = {
-            "jobs": jobs, "known": known, "tolerance": tolerance, "until": until,
-        }  # fmt: skip
+        problem = Problem(
+            axis, tuple(prepare(r) for r in records), known, tolerance, hold=hold, jobs=jobs,
+            until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
+        )  # fmt: skip
+        return _diagnosed(problem, records, windows, window, tell, begun + limit)
 
-        @functools.cache
-        def trial(shift: float) -> Trial:
-            moved = [cut(one, window, hold) for one in _later(records, shift)] if shift else cuts
-            return Trial.of(axis, moved, settings, tell)
 
-        search = Search(
-            axis,
-            records,
-            known,
-            tolerance,
-            hold=hold,
-            jobs=jobs,
-            until=until,
-            end=begun + _ANSWERING * limit,
-            tell=tell,
+def _diagnosed(
+    problem: Problem,
+    records: Sequence[Record],
+    windows: list[Windows],
+    window: float,
+    tell: Callable[..., None],
+    end: float,
+) -> Diagnosis:
+    """Search for causes, judge what they explain, and describe them."""
+    recorded, unit = problem.runs, problem.believed.units[1]
+    tell("base parameters")
+    search, model, interrupted = _search(problem, tell)
+    late = search.problem.late
+    problem = search.problem = replace(search.problem, until=end)
+    tell("all data", model.causes)
+    final = model.fit
+    if not (interrupted or late):
+        final = problem.fit(
+            final.axis, problem.free_of(final), noises_of(final), LAST, each=each_of(final)
         )
-        found, now = None, trial(0.0)
-        alone = len(records) == 1 and not _blind(now.selector)
-        judged = alone
-        if not (alone and (_nothing(now.selector) or now.gate.at(axis, ()))):
-            gate = (lambda shift: trial(shift).gate) if alone else None
-            found = answer(search, lambda shift: trial(shift).cuts, gate)
-            judged = alone and not search.imposed
-        now = trial(search.shift)
-        told = _clock(search.shift)
-        if (
-            found is None
-            or (judged and found.free and now.gate.at(found.final.axis, found.free))
-            or (
-                judged and found.verdict not in _CLEAN and not search.late and now.gate.opens_wide()
-            )
-        ):
-            by_runs = _diagnosis(now, search, window)
-            by_runs = replace(by_runs, messages=(*told, *by_runs.messages))
-            muted = _muted(by_runs, window, hold)
-            if search.late or (by_runs.verdict in _CLEAN and not muted):
-                return by_runs
-            # A random force near the noise of the readings, or an effect outside the catalogue.
-            found = found or answer(search, lambda shift: trial(shift).cuts)
-            if found is None or not (muted or _prevails(search, found, by_runs)):
-                return by_runs
-        # Last, as a cause not yet found may look like a difference between the records.
-        if len(records) > 1 and LATE not in found.messages:
-            tell("differences between the records")
-            apart(search, found, trial(search.shift).cuts)
-        found.messages[:0] = told
-        return _likely(axis, now.records, found, window, hold, now.part, limit == math.inf)
+        final = min(final, model.fit, key=lambda s: s.cost)
+    messages = [_INTERRUPTED] if interrupted else [LATE] if late else []
+    shift = final.values().get(SHIFT, 0.0)
+    if problem.shift is not None and shift > -SOONEST * problem.scales.step:
+        problem = search.problem = replace(problem, shift=None)
+        final = problem.fit(
+            final.axis, problem.free_of(final), noises_of(final), SOME, each=each_of(final)
+        )
+    if problem.shift is not None:
+        early = length_text(-shift, "s")
+        messages.append(
+            f"the recorded input acts {early} before its time stamp: d.record has it shifted"
+        )
+        records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in records]
+        windows = [cut(r, window, problem.hold) for r in records]
+    references = {"nominal axis": problem.reference(problem.believed).cost}
+    if not problem.imposed:
+        references["straight line"] = straight(problem).cost
+    rivals = search.alternatives(model)
+    causes = causes_of(search, model, final, rivals)
+    tell("replays", model.causes)
+    heard = as_recorded(final, recorded)
+    found = judged(problem, windows, heard)
+    if not (causes or problem.own):
+        final = problem.reference(problem.believed, noises=noises_of(final))
+    better = [name for name, cost in references.items() if cost < final.cost]
+    if found.worse:
+        better.append("free runs of the nominal axis")
+    if better and causes:
+        messages.append(f"not better than {' and '.join(better)}: no causes are reported")
+        causes, model = [], Model(model.fit)
+        final = problem.reference(problem.believed, noises=noises_of(final))
+        heard = as_recorded(final, recorded)
+        found = judged(problem, windows, heard)
+        found = found._replace(left=replace(found.left, significant=True))
+    varies: dict[str, dict[str, list[float]]] = {}
+    if len(records) > 1 and not (late or interrupted):
+        tell("differences between the records", model.causes)
+        varies, apart, _ = varying(problem, final)
+        if varies:
+            heard = as_recorded(apart, recorded)
+            found = judged(problem, windows, heard)
+    if "straight line" in better:
+        messages.append(_LINE)
+    messages += [
+        f"{name} ended at a bound: the model does not fit, or the records do not determine it"
+        for name in final.at_bound
+    ]
+    messages += hardly_determined(causes)
+    if found.muted:
+        messages.append(_MUTED)
+    if problem.imposed:
+        messages += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
+    taken = math.sqrt(
+        np.mean(
+            np.concatenate([a.u - b.u for a, b in zip(recorded, problem.runs, strict=True)]) ** 2
+        )
+    )
+    if taken > 0.0:
+        messages.append(f"noise of {taken:.2g} {unit} RMS was recorded with the input "
+                        "and does not act on the axis: it was taken off")  # fmt: skip
+    experiment = None
+    if not (late or interrupted):
+        tell("next experiment", model.causes)
+        experiment = _experiment(problem, model, final, rivals, records[0])
+    finished = not (late or interrupted)
+    return Diagnosis(
+        axis=problem.believed,
+        record=records[0],
+        verdict=_verdict(found, [*causes, *varies], final, finished),
+        causes=tuple(causes),
+        extended=final.axis,
+        gain=found.gain,
+        unexplained=found.left,
+        next_experiment=experiment,
+        messages=(*messages, *_left_out(records)),
+        scores={k: -2.0 * v / problem.samples for k, v in search.first.items()} | {"": 0.0},
+        window=window,
+        hold=problem.hold,
+        roles=heard.unseen(0)[1][windows[0].edges[:-1]],
+        remaining=remaining(heard, found.left.significant, found.left.where, unit)
+        if found.left.significant or shows(problem, heard)
+        else Remaining(unit=unit),
+        references={name: cost - final.cost for name, cost in references.items()},
+        varies=varies,
+        others=tuple(records[1:]),
+        not_tried=dict(search.not_tried),
+    )
 
 
-def _prevails(search: Search, found: Answer, by_runs: Diagnosis) -> bool:
-    """Whether the likelihood's answer replaces that of free runs that left something.
+def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model, bool]:
+    """Search for causes; whether it was interrupted."""
+    search = Search(problem, tell)
+    search.now = Model(problem.reference(problem.believed))
+    recorded = problem.runs
+    try:
+        begun = search.alone()
+        # The least smoothing: a smoother input may hide that it does not cause the motion.
+        problem = search.problem = quieter(problem, recorded, begun, most=False)
+        if problem.runs is not recorded:
+            begun = problem.fit(begun.axis, turns=SOME)
+        search.now = Model(begun)
+        by_force = imposed(problem, begun)
+        if by_force is not None:
+            problem, begun = by_force
+            search = Search(problem, tell, now=Model(begun))
+            return search, search.run(Model(begun)), False
+        first = search.best(Model(begun))
+        early = led(problem, begun) if search.early else None
+        if early is not None and (first is None or evidence(first.fit, early[1], ()) > 0.0):
+            problem, begun = early
+            search = Search(problem, tell, now=Model(begun))
+        model = search.run(Model(begun))
+        again = _reconsidered(search, model, recorded)
+        if again is not None:
+            search, model = again
+    except KeyboardInterrupt:
+        return search, search.now, True
+    return search, model, False
 
-    It must leave nothing, and either contain all causes named by free runs or be likelier.
+
+def _reconsidered(
+    search: Search, model: Model, recorded: Sequence[Any]
+) -> tuple[Search, Model] | None:
+    """The search continued with inputs that suit the causes found, if others do."""
+    problem = search.problem
+    if problem.late:
+        return None
+    other = quieter(problem, recorded, model.fit, most=True)
+    fit = model.fit
+    if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
+        fit = other.fit(fit.axis, other.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+    if problem.shift is None:
+        early = led(other, fit) if search.early else None
+        other, fit = early if early is not None else (other, fit)
+    else:
+        less = replace(other, shift=None)
+        alone = less.fit(fit.axis, less.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        if led(less, alone) is None:
+            other, fit = less, alone
+    if fit is model.fit:
+        return None
+    again = Search(other, search.tell, search.not_tried, dict(search.odds), search.first)
+    again.now = Model(fit, model.causes)
+    return again, again.run(again.pruned(again.now))
+
+
+def _verdict(found: Judged, causes: Sequence[Any], final: Solution, finished: bool) -> str:
+    """The verdict from what was found and what is left."""
+    if not finished:
+        return "not finished"
+    if not causes:
+        return "unexplained" if found.left.significant or found.muted else "nothing to find"
+    doubtful = final.at_bound or not final.converged
+    better = found.gain.ratio >= 1.0
+    return "explained" if found.explained and better and not doubtful else "partly explained"
+
+
+def _experiment(
+    problem: Problem,
+    model: Model,
+    final: Solution,
+    rivals: Mapping[str, dict[str, Solution]],
+    record: Record,
+) -> Experiment | None:
+    """The experiment that separates the first doubtful cause from its alternatives."""
+    doubtful = next((n for n in model.causes if rivals.get(n)), None)
+    if doubtful is None:
+        return None
+    some = dict(list(rivals[doubtful].items())[:RIVALS])
+    return next_experiment(final.axis, axes_of(some), record, names=[doubtful, *some])
+
+
+def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:
+    """Length of free runs in which the friction shows above the noise of the readings.
+
+    Of the parabola that a friction error F bends a free run by, a fitted start state leaves
+    F T^2 / (12 sqrt(5) m) RMS.
     """
-    if found.verdict not in _CLEAN:
-        return False
-    return _agree(by_runs, found) or found.final.cost < search.reference(by_runs.extended).cost
-
-
-def _muted(d: Diagnosis, window: float, hold: str) -> bool:
-    """Whether the fitted axis moves as measured even without its drive, as a pendulum does.
-
-    Then the motion does not depend on the drive, and free runs are uninformative.
-    """
-    if not d.causes:
-        return False
-    idle = d.record.replace(u=np.zeros(len(d.record)))
-    driven, alone = (replay(d.extended, r, window, hold).median for r in (d.record, idle))
-    return alone < _IDLE * driven
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Records cut into windows, and the free-run search and gate of the first one.
-
-    Attributes
-    ----------
-    cuts : list of Windows
-    part : ndarray of int64, shape (nwindows,)
-        Use of each window of the first record: FIT, JUDGE or MEASURE.
-    selector : Selector
-    gate : Gate
-    """
-
-    cuts: list[Windows]
-    part: NDArray[np.int64]
-    selector: Selector
-    gate: Gate
-
-    @classmethod
-    def of(
-        cls, axis: FrictionAxis, cuts: list[Windows], settings: dict[str, Any],
-        tell: Callable[[str], None],
-    ) -> Trial:  # fmt: skip
-        """Trial of records that have been cut into windows."""
-        first, part = cuts[0], roles(cuts[0])
-        race = Race(first, axis, part == FIT, part == JUDGE, typical([first.record]), **settings)
-        gate = Gate(first, axis, race.fit, race.judge, settings)
-        return cls(cuts, part, Selector(race, axis, tell), gate)
-
-    @property
-    def records(self) -> list[Record]:
-        """The records, with the inputs of their windows."""
-        return [one.record for one in self.cuts]
-
-
-def _later(records: Sequence[Record], shift: float) -> list[Record]:
-    """Records with their inputs delayed by `shift` [s]; negative values advance them."""
-    return [one.replace(u=shifted(one.u, shift / one.dt)) for one in records]
-
-
-def _clock(shift: float) -> list[str]:
-    """Message about inputs that act before their time stamps, if they do."""
-    if shift == 0.0:
-        return []
-    early = length_text(-shift, "s")
-    return [f"the recorded input acts {early} before its time stamp: d.record has it shifted"]
-
-
-def _agree(by_runs: Diagnosis, found: Answer) -> bool:
-    """Whether all causes named by free runs are also named by the likelihood."""
-    return {c.effect for c in by_runs.causes} <= {c.effect for c in found.causes}
+    noise = max(max(r.noise, (r.quantum or 0.0) / math.sqrt(12.0)) for r in records)
+    force = max(axis.coulomb.mean, 1e-3 * float(np.std(records[0].u)), 1e-300)
+    needed = math.sqrt(12.0 * math.sqrt(5.0) * 3.0 * noise * axis.mass / force)
+    shortest = min(r.duration for r in records) / LEAST_WINDOWS
+    return min(max(WINDOW, needed), max(shortest, WINDOW))
 
 
 def _cut(
@@ -337,65 +420,14 @@ def _cut(
     return windows
 
 
-def _check_motion(windows: Windows, part: NDArray[np.int64], name: str) -> None:
-    moving = windows.moving
-    if not np.any(moving & (part == FIT)) or not np.any(moving & (part == JUDGE)):
-        raise ValueError(
-            f"{name}: the axis hardly moves, so friction cannot be determined; use a record with "
-            "slow and fast moves in both directions"
-        )
-
-
-def _nothing(selector: Selector, axis: FrictionAxis | None = None) -> bool:
-    """Whether an axis, by default the nominal one, reaches the noise without a fit."""
-    race = selector.race
-    before = race.judged(race.alone(selector.axis if axis is None else axis, (), base=()))
-    return selector.floor_of(before).nothing(before.scores, selector.known)
-
-
-def _blind(selector: Selector) -> bool:
-    """Whether free runs are too short to reveal a force above the noise of the readings.
-
-    That is so if they accept both a far too low and a far too high Coulomb level.
-    """
-    level = float(values_of(selector.axis, ["coulomb"])[0])
-    off = (with_values(selector.axis, ["coulomb"], [part * level]) for part in _FAR_OFF)
-    return level > 0.0 and all(_nothing(selector, one) for one in off)
-
-
-def _likely(
-    axis: FrictionAxis, records: Sequence[Record], found: Answer, window: float, hold: str,
-    part: NDArray[np.int64], unhurried: bool,
-) -> Diagnosis:  # fmt: skip
-    """Diagnosis from the answer of the likelihood."""
-    experiment = None
-    extended = found.final.axis
-    doubtful = next((c for c in found.causes if found.rivals.get(c.effect)), None)
-    if doubtful is not None and unhurried:
-        rivals = found.rivals[doubtful.effect]
-        rivals = dict(list(rivals.items())[:_RIVALS])
-        experiment = next_experiment(
-            extended, list(rivals.values()), records[0], names=[doubtful.effect, *rivals]
-        )
-    return Diagnosis(
-        axis=axis,
-        record=records[0],
-        verdict=found.verdict,
-        causes=tuple(found.causes),
-        extended=extended,
-        gain=found.gain,
-        unexplained=found.unexplained,
-        next_experiment=experiment,
-        messages=(*found.messages, *_left_out(records)),
-        scores=found.scores,
-        window=window,
-        hold=hold,
-        roles=part,
-        remaining=found.remaining,
-        references=found.references,
-        varies=found.varies,
-        others=tuple(records[1:]),
-    )
+def _check_motion(windows: Sequence[Windows], several: bool) -> None:
+    for i, one in enumerate(windows):
+        if one.moving.sum() < 2 and (not several or not any(w.moving.sum() > 1 for w in windows)):
+            name = f"record[{i}]" if several else "record"
+            raise ValueError(
+                f"{name}: the axis hardly moves, so friction cannot be determined; use a record "
+                "with slow and fast moves in both directions"
+            )
 
 
 def _left_out(records: Sequence[Record]) -> list[str]:
@@ -413,7 +445,7 @@ def diagnose_batch(
     axis: FrictionAxis,
     records: Mapping[str, Record] | Sequence[Record],
     *,
-    window: float = 0.25,
+    window: float | None = None,
     hold: str = "zero",
     store: str | os.PathLike[str] | None = None,
     jobs: int | None = None,
@@ -428,7 +460,7 @@ def diagnose_batch(
     records : mapping of str to Record, or sequence of Record
         The measured records by name; those of a sequence are numbered from 0.
     window : float, optional
-        Length of the free runs [s].
+        Length of the free runs [s], see `diagnose`.
     hold : {"zero", "first"}, optional
         Whether the recorded inputs are held or interpolated linearly between samples.
     store : path-like, optional
@@ -479,7 +511,7 @@ def diagnose_batch(
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
         check_units(axis, record, f"records[{name!r}]")
         try:
-            cut(record, window, hold)
+            cut(record, _window(axis, [record]) if window is None else window, hold)
         except ValueError as problem:
             problem.add_note(f"in records[{name!r}]")
             raise
@@ -493,7 +525,7 @@ def diagnose_batch(
             "task": "diagnose",
             "version": __version__,
             "axis": fingerprint(axis),
-            "window": float(window),
+            "window": None if window is None else float(window),
             "hold": hold,
         },
         jobs=jobs,
@@ -502,176 +534,6 @@ def diagnose_batch(
     return {name: result for (name, _), result in found.items()}
 
 
-def _found(axis: FrictionAxis, window: float, hold: str, record: Record) -> dict[str, Any]:
+def _found(axis: FrictionAxis, window: float | None, hold: str, record: Record) -> dict[str, Any]:
     # Records already run in parallel.
     return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()
-
-
-def _diagnosis(trial: Trial, search: Search, window: float) -> Diagnosis:
-    """Diagnosis by free runs."""
-    selector, part, record = trial.selector, trial.part, trial.records[0]
-    axis, race, bench = selector.axis, selector.race, selector.bench
-    race.hints = trial.gate.hints
-    before = race.judged(race.alone(axis, (), base=()))
-    floor_before = selector.floor_of(before)
-    if floor_before.nothing(before.scores, selector.known):
-        found, best, kept = Selection(before), before, list[str]()
-        found.first[""] = float(before.scores[race.judge].mean())
-    else:
-        for _ in range(_SEARCHES):
-            found, floor = selector.run()
-            best, kept = selector.base(found, floor)
-            if selector.late or not selector.refutes(found, best, kept, floor):
-                break
-        else:
-            floor = selector.without_refuted(found)
-            best, kept = selector.base(found, floor)
-        if not found.causes and not kept:
-            best = before
-        best, kept = selector.without_a_gain(found, best, kept, floor)
-    selector.tell("all data")
-    late = selector.late
-    race.until = search.end
-    free = [n for names in found.free.values() for n in names]
-    final = best
-    if free or kept:
-        final = race.alone(best.axis, free, base=kept, active=selector.known, search=True)
-    floor = selector.floor_of(final)
-    explained = floor.reached(final.scores, selector.known)
-    gain, confirmed = _gain(selector, axis, final, part == MEASURE)
-    # A cause must also hold on the data that served for no choice.
-    explained = explained and (confirmed or not (free or kept))
-    left = _unexplained(selector, final, floor, gain, explained)
-    alike = _alike(selector, before, final, found, kept, floor)
-    causes = _causes(selector, found, best, final, kept, tuple(alike))
-    if causes:
-        verdict = "explained" if explained else "partly explained"
-    else:
-        verdict = "nothing to find" if explained else "unexplained"
-    experiment = None
-    doubtful = next((slug for slug in found.causes if found.rivals.get(slug)), None)
-    messages = hardly_determined(causes)
-    if late:
-        messages.append(LATE)
-    messages += _left_out([record])
-    if doubtful is not None:
-        rest = selector.without(final.axis, doubtful)
-        alike = {s: in_place(rest, r, s) for s, r in found.rivals[doubtful].items()}
-    elif alike:
-        doubtful = causes[0].effect
-    if doubtful is not None and not late:
-        selector.tell("next experiment")
-        rivals = dict(list(alike.items())[:_RIVALS])
-        experiment = next_experiment(
-            final.axis, list(rivals.values()), record, names=[doubtful, *rivals]
-        )
-    return Diagnosis(
-        axis=axis,
-        record=record,
-        verdict=verdict,
-        causes=tuple(causes),
-        extended=final.axis,
-        gain=gain,
-        unexplained=left,
-        next_experiment=experiment,
-        messages=tuple(messages),
-        scores=found.first,
-        window=window,
-        hold=bench.hold,
-        roles=part,
-        remaining=_remaining(search, final, left, explained),
-    )
-
-
-def _remaining(search: Search, final: Fitted, left: Unexplained, explained: bool) -> Remaining:
-    """Random force left by a fit to free runs; none if they reach the noise."""
-    unit = search.believed.units[1]
-    if explained:
-        return Remaining(0.0, 0.0, False, (), unit=unit)
-    return remaining(search.reference(final.axis, runs=search.few), True, left.where, unit)
-
-
-def _alike(
-    selector: Selector, nominal: Fitted, final: Fitted, found: Selection, kept: list[str],
-    floor: Floor,
-) -> dict[str, FrictionAxis]:  # fmt: skip
-    """Axes with one effect each that is equivalent to the one wrong base parameter.
-
-    A search that stops at base parameters has tried no effects.
-    """
-    race = selector.race
-    if found.causes or selector.late or len(selector.wrong(final, kept)) != 1:
-        return {}
-    selector.tell("equivalents")
-    others = race.instead(nominal, catalogue(selector.axis, ()), final)
-    return {r.slug: r.axis for r in others if selector.ties(r.scores, final.scores, floor)}
-
-
-def _causes(
-    selector: Selector, found: Selection, best: Fitted, final: Fitted, kept: list[str],
-    alike: Sequence[str],
-) -> list[Cause]:  # fmt: skip
-    race, errors = selector.race, selector.standard_errors(final)
-    values = final.hypothesis.values(final.z)
-    units = {p.name: p.unit for p in final.hypothesis.parameters}
-    open_gain = left_open(selector.axis, {*race.known, *race.tolerance})
-    causes = []
-    for slug in found.causes:
-        less = race.alone(
-            selector.without(best.axis, slug),
-            selector.names(found, slug),
-            base=kept,
-        )
-        own = {n.partition(".")[2]: n for n in found.free[slug]}
-        gain = selector.gain(less.scores, best.scores)
-        others = found.alternatives.get(slug, ())
-        if slug == GAIN and open_gain:
-            others = (*others, "+".join(every(selector.axis)))
-        causes.append(cause_of(selector.axis, slug, own, values, errors, units, gain, others))
-    bases = []
-    for name in selector.wrong(final, kept):
-        rest = [n for n in kept if n != name]
-        free = [n for names in found.free.values() for n in names]
-        less = race.alone(selector.hold(best.axis, [name]), free, base=rest)
-        gain, own = selector.gain(less.scores, best.scores), {name: name}
-        bases.append(cause_of(selector.axis, SLUGS[name], own, values, errors, units, gain, alike))
-    bases = [bases[i] for i in ranked([-cause.held_out_gain for cause in bases])]
-    if open_gain and GAIN not in found.causes:
-        bases = or_a_gain(selector.axis, bases)
-    return causes + bases
-
-
-def _unexplained(selector, final, floor, gain, explained):  # type: ignore[no-untyped-def]
-    if explained:
-        return Unexplained(0.0, False, ())
-    scores = np.where(selector.known, final.scores, np.nan)
-    worst = float(floor.worst[selector.known].max())
-    return Unexplained(gain.left, True, where(scores, worst, selector.bench, selector.axis.units))
-
-
-def _gain(selector, axis, final, measured):  # type: ignore[no-untyped-def]
-    bench = selector.bench
-    if not np.any(measured & bench.moving):
-        measured = selector.race.judge
-    rows = []
-    for one in (axis, final.axis):
-        at = bench.evaluate(one, measured, thorough=True)
-        rows.append(bench.mean_squares(at.errors)[measured])
-    floor = noise_floor(bench, final.axis, [final.axis] * REPLAYS, at, measured)
-    confirmed = floor.reached(bench.scores(at.costs), measured)
-    rng = np.random.default_rng(0)
-    labels = np.unique(selector.labels[np.flatnonzero(measured)], return_inverse=True)[1]
-    blocks = [
-        np.array([row[labels == i].sum() for i in range(int(labels.max()) + 1)]) for row in rows
-    ]
-    picks = rng.integers(0, blocks[0].size, size=(2000, blocks[0].size))
-    ratios = np.sqrt(blocks[0][picks].sum(axis=1) / blocks[1][picks].sum(axis=1))
-    low, high = np.quantile(ratios, [0.05, 0.95])
-    gain = Gain(
-        before=float(np.sqrt(rows[0].mean())),
-        after=float(np.sqrt(rows[1].mean())),
-        floor=usual_rms([floor.squares[:, measured]]),
-        interval=(float(low), float(high)),
-        unit=axis.units[0],
-    )
-    return gain, confirmed and not far_above(rows[1:], [floor.squares[:, measured]])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.axis_step import ALLOWED, N_NUMBERS
+from dryfric_control.compiled.linear import Recursion, respond
+from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.parameters import (
     SHIFT,
     Parameter,
@@ -29,10 +31,12 @@ from dryfric_control.estimation.parameters import (
     values_of,
     with_values,
 )
-from dryfric_control.estimation.stiffness import stiffness, sum_of_inverses
+from dryfric_control.estimation.stiffness import stiffness
 from dryfric_control.estimation.windows import shifted
-from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.records.motion import directions, rest_times
+from dryfric_control.model.axis import FrictionAxis, check_pace, inverse_masses
+from dryfric_control.model.effects.effect import Inner
+from dryfric_control.model.effects.naming import named
+from dryfric_control.records.motion import rest_times
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +81,25 @@ _STILL = 0.5
 _WORST, _SHORT = 8, 500
 # Bounds of the standard deviation of the random force, over the RMS drive.
 _FORCE = (1e-5, 10.0)
+
+
+# Effects that are no force on the mass of a sliding axis, those of them that shift the drive in
+# time, and the numbers of an effect without a state of its own.
+_NO_FORCE = ("delay", "lag", "contact", "transmission", "reading")
+_LATE = ("delay", "lag")
+_RIGID = Inner()
+
+
+def recursion(axis: FrictionAxis, dt: float, states: FloatArray) -> Recursion:
+    """Linear recursion of the filter's errors, from its states over a record."""
+    moving = (states[2] != 0.0).astype(float)
+    moving[1:] = np.maximum(moving[1:], moving[:-1])
+    loss = -axis.viscous / axis.mass * dt
+    f11 = math.exp(loss)
+    f01 = dt * math.expm1(loss) / loss if abs(loss) > 1e-6 else dt
+    return Recursion(
+        moving, states[4], states[5], f01, f11, 0.5 * dt * dt / axis.mass, dt / axis.mass
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,56 +151,6 @@ def prepare(record: Record, active: BoolArray | None = None, block: float = _BLO
     return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive)
 
 
-def some_of(run: Run, most: int, count: int = 4) -> Run:
-    """Subset of a run: `count` stretches with `most` samples in all, evenly spread.
-
-    They are spread over its motion instead if they would be mostly at rest, which is
-    hardly informative.
-    """
-    n = len(run.record)
-    if n <= 1.25 * most:
-        return run
-    size = most // count
-    starts = np.linspace(0, n - size, count).astype(int)
-    moving = directions(run.record) != 0
-    if np.mean([moving[a : a + size].mean() for a in starts]) < _STILL * moving.mean():
-        moved = np.cumsum(moving)
-        middle = np.searchsorted(moved, moved[-1] * (np.arange(count) + 0.5) / count)
-        first = size * np.arange(count)  # no overlap with the previous stretch
-        starts = np.maximum.accumulate(middle - size // 2 - first) + first
-        starts = np.clip(starts, first, n - size * count + first)
-    return _stretches(run, starts, size)
-
-
-def worst_of(run: Run, out: FloatArray, most: int) -> Run:
-    """Subset of a run with `most` samples in all: the stretches that a model foresees worst.
-
-    `out`: its innovations and their variances in the whole run, shape (2, n).
-    """
-    if len(run.record) <= 1.25 * most:
-        return run
-    size = max(most // _WORST, min(_SHORT, most))
-    seen = run.active & (out[1] > 0.0)
-    square = np.zeros(len(run.record))
-    square[seen] = np.log1p(out[0, seen] ** 2 / (compiled.FREEDOM * out[1, seen]))
-    total = np.append(0.0, np.cumsum(square))
-    first = np.arange(0, len(run.record) - size + 1, max(size // 4, 1))
-    starts: list[int] = []
-    for k in np.argsort(total[first] - total[first + size], kind="stable"):
-        if len(starts) < most // size and all(abs(first[k] - a) >= size for a in starts):
-            starts.append(int(first[k]))
-    return _stretches(run, sorted(starts), size)
-
-
-def _stretches(run: Run, starts: Iterable[int], size: int) -> Run:
-    """The stretches of a run that begin at some samples."""
-    active = np.zeros(len(run.record), bool)
-    for a in starts:
-        active[a + compiled.FIRST + 1 : a + size] = True
-    pieces = tuple((int(a), int(a) + size) for a in starts)
-    return replace(run, active=active & run.active, pieces=pieces)
-
-
 @dataclass(frozen=True, eq=False)
 class Point:
     """Result of the filter at one point of the search.
@@ -188,9 +161,9 @@ class Point:
         Negative log-likelihood and prior.
     out : list of ndarray, shape (2, n)
         Innovations and their variances, one entry a record.
-    states : list of ndarray, shape (4, n)
-        Filtered position, velocity and mode, and the correction of the velocity by
-        each reading.
+    states : list of ndarray, shape (6, n)
+        Filtered position, velocity and mode, the correction of the velocity by each
+        reading, and the filter's gains for position and velocity.
     """
 
     cost: float
@@ -282,6 +255,12 @@ class Likelihood:
                 value, spread, _ = self.beliefs[j]
                 most = max(MOST, math.exp(min(4.0 * spread, 6.0)))
                 self.low[j], self.high[j] = (p.search(value * f) for f in (1.0 / most, most))
+        # Parameters that do not act as a force on the mass of a sliding axis.
+        effects = named(axis)
+        self.late = {
+            n for n in names
+            if n == SHIFT or ("." in n and effects[n.partition(".")[0]].action in _NO_FORCE)
+        }  # fmt: skip
         self._bound_noises()
         self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
         # Curvature of the cost along each coordinate, from its last slopes.
@@ -358,13 +337,13 @@ class Likelihood:
             raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
         # Integration errors far below the effect of the random force do not matter.
-        hidden = _HIDDEN * math.sqrt(force) * record.dt * sum_of_inverses(axis, record.dt)
+        hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse_masses(axis, record.dt)
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
-        out, state = np.zeros((2, len(record))), np.zeros((4, len(record)))
+        out, state = np.zeros((2, len(record))), np.zeros((6, len(record)))
         for start, end in run.pieces:
             here = slice(start, end)
-            mine, states = np.zeros((2, end - start)), np.zeros((4, end - start))
+            mine, states = np.zeros((2, end - start)), np.zeros((6, end - start))
             hybrid.innovations(
                 numbers, arrays.integers, arrays.memory, u[here], record.x[here],
                 run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
@@ -417,7 +396,7 @@ class Likelihood:
             if wonder:
                 off, by = (ratio - 1.0) / _SPREAD, slope / _SPREAD
                 weight = 2.0 * _WONDER / (1.0 + off * off)
-                total += _WONDER * math.log1p(off * off)
+                total += wondered(ratio)
                 g[j] += weight * off * by
                 h[j] += weight * by * by
         return total, g, h
@@ -433,7 +412,7 @@ class Likelihood:
         """Gradient and information of each block, without the prior.
 
         `sides`: 2 for central differences of the parameters, 1 for one-sided ones at half
-        the cost.
+        the cost, 0 for a linear recursion where a parameter acts as a force.
 
         Returns
         -------
@@ -471,6 +450,13 @@ class Likelihood:
         little, but would change a linear estimate from the innovations' slopes much.  The
         error of a one-sided difference is corrected by the information.
         """
+        if sides == 0 and self._slope_of_force(z, point, i, j, slope):
+            blocks = self.runs[i].edges.size - 1
+            g, h = np.zeros((blocks, 1)), np.zeros((blocks, 1, 1))
+            compiled.normal_terms(
+                point.out[i], self.runs[i].active, self.runs[i].edges, slope[None], g, h
+            )
+            return g[:, 0]
         run, here = self.runs[i], point.out[i]
         ends, widths = [here] * 2, [0.0, 0.0]
         both = sides == 2 or j >= len(self.names)
@@ -503,6 +489,40 @@ class Likelihood:
             rise -= 0.5 * (widths[1] - widths[0]) * h[:, 0, 0]
         return rise
 
+    def _slope_of_force(
+        self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray
+    ) -> bool:
+        """Fill the slopes with a parameter that acts as a force while sliding; False if none.
+
+        From the filter's own linear recursion, at a fraction of the cost of another pass; it
+        leaves out that switches move.
+        """
+        if j >= len(self.names) or self.names[j] in self.late:
+            return False
+        run, states = self.runs[i], point.states[i]
+        axis = self.axis_at(z, i)
+        if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _LATE):
+            return False
+        moved = z.copy()
+        moved[j] += self.steps[j] if z[j] + self.steps[j] <= self.high[j] else -self.steps[j]
+        direction = np.sign(states[2]).astype(np.int64)
+        found = []
+        for one in (axis, self.axis_at(moved, i)):
+            arrays, a = one.arrays(1.0), np.empty(direction.size)
+            accelerations(
+                arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u,
+                direction, a,
+            )  # fmt: skip
+            found.append(a)
+        force = np.where(direction != 0, axis.mass * (found[1] - found[0]), 0.0)[:, None]
+        out = np.zeros((direction.size, 1))
+        respond(force, force[:0], recursion(axis, run.record.dt, states), out)
+        seen = point.out[i][1] > 0.0
+        slope[0, seen] = np.clip(out[seen, 0] / np.sqrt(point.out[i][1, seen]), -1.0, 1.0)
+        slope[0] /= moved[j] - z[j]
+        slope[1] = 0.0
+        return True
+
     def bent(self, h: FloatArray) -> FloatArray:
         """Information, for noises scaled to the curvature of the cost.
 
@@ -529,3 +549,8 @@ class Likelihood:
         n = len(self.names)
         known = 1.0 / np.sqrt(np.maximum(np.diag(h)[:n], 1e-300))
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
+
+
+def wondered(ratio: float) -> float:
+    """Cost of a base parameter, over its nominal value, as an assumption."""
+    return _WONDER * math.log1p(((ratio - 1.0) / _SPREAD) ** 2)

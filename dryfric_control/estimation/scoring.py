@@ -17,8 +17,9 @@ FloatArray = NDArray[np.float64]
 # Predicted fall of the cost below which the search ends, and number of iterations that may bring
 # less; predicted fall above which it has not converged, unless nothing near is lower.
 _PROMISED, _CREEPING, _FAR = 0.05, 2, 1.0
-# Predicted fall below which slopes are central differences.
-_NEAR = 3.0
+# Predicted fall below which slopes are central differences, and above which those of forces
+# come from a linear recursion.
+_NEAR, _CLOSE = 3.0, 30.0
 _ITERATIONS = 40
 # Factor of the difference steps where the cost is rough.
 _WIDER = 4.0
@@ -157,10 +158,11 @@ def maximise(
     if iterations:
         z, point = _noises(problem, z, point)
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
-    quiet = settled = False
+    quiet, settled, linear = False, False, True
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
-        gradients, information = problem.terms(z, point, 1 if promised > _NEAR else 2)
+        sides = 0 if promised > _CLOSE and linear else 1 if promised > _NEAR else 2
+        gradients, information = problem.terms(z, point, sides)
         g, h = gradients.sum(axis=0), information.sum(axis=0)
         problem.refine(h, wider)
         _, prior_g, prior_h = problem.prior_terms(z)
@@ -175,6 +177,9 @@ def maximise(
         promised = _promised(unit, slope)
         if time.monotonic() > until:
             break
+        if sides == 0 and promised <= _PROMISED:
+            linear = False
+            continue
         if promised <= _PROMISED:
             before = point
             if not quiet:
@@ -195,13 +200,18 @@ def maximise(
                 kept = fall / max(-float(slope @ by + 0.5 * by @ unit @ by), 1e-300)
                 if kept > _TRUSTED:
                     damping = max(0.1 * damping, 1e-9)
-                elif kept < _MISTRUSTED:
+                linear = linear and kept >= _MISTRUSTED
+                if kept < _MISTRUSTED:
                     damping = 10.0 * max(damping, _DAMPED)
                 creeping = creeping + 1 if fall < _PROMISED else 0
                 z, point, moved = new, new_point, True
                 break
             damping *= 10.0 if damping > 1e-3 else 100.0
         if moved:
+            continue
+        if sides == 0:
+            # Slopes that leave out the switches lead no farther.
+            linear, damping = False, 1e-3
             continue
         # Where the cost is rough, slopes over wider steps may still find a descent.
         if wider > 1.0:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point, Run
+from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point
 from dryfric_control.model.axis import FrictionAxis
 
 FloatArray = NDArray[np.float64]
@@ -20,8 +20,6 @@ FloatArray = NDArray[np.float64]
 _OPEN = 1e-9
 # Square root of the information below which it counts as zero.
 _NOTHING = 1e-100
-# Relative fall of the random force by which it is told how much of it samples show.
-_FALL = 0.1
 # Fractions of a Newton step that are tried until one lowers the cost.
 _PARTS = (1.0, 0.3, 0.1)
 
@@ -138,28 +136,26 @@ class Solution:
                 continue  # no such axis
         return axes
 
-    def held_out(self, runs: Sequence[Run] | None = None) -> FloatArray:
-        """Held-out cost of each block: under parameters fitted without its half.
+    @cached_property
+    def crossed(self) -> tuple[FloatArray, tuple[FloatArray, FloatArray], NDArray[np.int64]]:
+        """Held-out costs of the blocks, parameters fitted without each half, half of each block.
 
         Blocks are assigned alternately, two at a time, to two halves; the parameters of the
-        other half follow by one Newton step.  `runs`: the fitted ones by default, or more
-        samples of the same records.
+        other half follow by one Newton step.
         """
-        problem, gradients, information = self.problem, self.gradients, self.information
-        point = self.point
-        if runs is not None:
-            problem = problem.on(runs)
-            point = problem.at(self.z)
-            gradients, information = problem.terms(self.z, point)
+        problem = self.problem
+        gradients, information = self.gradients, self.information
 
         def blocks(at: Point) -> FloatArray:
             return np.concatenate([problem.blocks(i, out) for i, out in enumerate(at.out)])
 
-        before = blocks(point)
+        before = blocks(self.point)
+        half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
+        costs, found = before.copy(), [self.z, self.z]
+        if not gradients.size:
+            return costs, (self.z, self.z), half
         _, slope, curvature = problem.prior_terms(self.z)
         g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
-        half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        costs = before.copy()
         size = np.sqrt(np.maximum(np.diag(h), 1e-12))
         far = problem.reach(np.arange(problem.size), size) / size
         inside = (self.z > problem.low) & (self.z < problem.high)
@@ -189,9 +185,24 @@ class Solution:
                     continue
                 every = blocks(point)
                 if every[~mine].sum() + problem.prior(there) <= most:
-                    costs[mine] = every[mine]
+                    costs[mine], found[k] = every[mine], there
                     break
-        return costs
+        return costs, (found[0], found[1]), half
+
+    def held_out(self) -> FloatArray:
+        """Held-out cost of each block: under parameters fitted without its half."""
+        return self.crossed[0]
+
+    def unseen(self, i: int) -> tuple[tuple[FrictionAxis, FrictionAxis], NDArray[np.int64]]:
+        """Axes of record i fitted without each half, and the half of each of its samples."""
+        _, z, half = self.crossed
+        runs = self.problem.runs
+        first = sum(r.edges.size - 1 for r in runs[:i])
+        own = half[first : first + runs[i].edges.size - 1]
+        return (
+            (self.problem.axis_at(z[0], i), self.problem.axis_at(z[1], i)),
+            np.repeat(own, np.diff(runs[i].edges)),
+        )
 
     def standard_errors(self) -> dict[str, float]:
         """Standard errors by name."""
@@ -206,21 +217,6 @@ class Solution:
     def random_force(self, i: int = 0) -> float:
         """Standard deviation of the random force in record i, held over a sample [N]."""
         return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
-
-    def heard(self) -> float:
-        """Number of samples, each counted by the share of the random force in what it shows.
-
-        It is the gain of log-likelihood per relative fall of the random force: where readings
-        are noisy or coarse, samples show less of it.
-        """
-        total, n = 0.0, len(self.problem.names)
-        for i, (run, now) in enumerate(zip(self.problem.runs, self.point.out, strict=True)):
-            z = self.z.copy()
-            z[n + 2 * i] -= 2.0 * _FALL
-            less = self.problem.innovations(z, i)[0]
-            seen = run.active & (now[1] > 0.0) & (less[1] > 0.0)
-            total += 0.5 * float(np.sum(np.log(now[1, seen] / less[1, seen]))) / _FALL
-        return total
 
     def reading_noise(self, i: int = 0) -> float:
         """Standard deviation of a reading's noise in record i."""

@@ -211,6 +211,33 @@ def degrees_of_freedom(
     return np.maximum(found, 1.0)
 
 
+def ratio_interval(
+    before: FloatArray, after: FloatArray, labels: NDArray[np.int64], level: float = 0.9
+) -> tuple[float, float]:
+    """Confidence interval of a ratio of RMS errors, blocks drawn with replacement.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (nwindows,)
+        Squared errors.
+    labels : ndarray of int64, shape (nwindows,)
+        Block of each window.
+    level : float, optional
+        Probability with which the interval covers the true ratio.
+
+    Returns
+    -------
+    low, high : float
+    """
+    blocks = by_block(np.column_stack([before, after]), labels)
+    picks = np.random.default_rng(0).integers(0, len(blocks), size=(2000, len(blocks)))
+    sums = blocks[picks].sum(axis=1)
+    low, high = np.quantile(
+        np.sqrt(sums[:, 0] / sums[:, 1]), [0.5 - 0.5 * level, 0.5 + 0.5 * level]
+    )
+    return float(low), float(high)
+
+
 def half_width(level: float, freedom: ArrayLike) -> FloatArray:
     """Half-width of a confidence interval in standard errors (Student's t)."""
     return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Callable
@@ -30,7 +31,7 @@ from dryfric_control.export.translate import (
     Translator,
 )
 from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.model.effects.effect import law_address
+from dryfric_control.model.effects.effect import Effect, law_address
 from dryfric_control.observer import storage as designs
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.hybrid_filter import HybridFilter
@@ -62,6 +63,7 @@ class Signal:
     unit: str
     meaning: str
     whole: bool = False
+    place: bool = False  # a position
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
@@ -91,6 +93,14 @@ class Exported:
         Signals of one sample.
     promise : str
         The certificate in words.
+    returns : str
+        What a step returns, and of which instant.
+    places : tuple of (int, float)
+        Positions in the memory, and their unit; the first follows the axis.
+    rest : int
+        Time at rest in the memory.
+    clock : int, optional
+        Number of samples in the memory, where the kernel counts them itself.
     """
 
     name: str
@@ -103,26 +113,63 @@ class Exported:
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     promise: str
+    returns: str
     entry: Callable[..., Any]
     axes: tuple[FrictionAxis, ...]
+    places: tuple[tuple[int, float], ...]
+    rest: int
+    clock: int | None = None
 
     @property
     def moves(self) -> bool:
         """Whether it is an axis, which lists its switches."""
         return self.entry is entries.move
 
+    @property
+    def grid(self) -> float:
+        """Step in which the origin of the positions moves in single precision, a power of two.
+
+        A `float` then resolves a sixteenth of the way at the stick speed in one sample, and
+        a millionth of the shortest period along the travel.
+        """
+        short = [self.axis.effective().stick_speed * self.dt * 2.0**20]
+        short += [2.0**4 * length for _, length in self.periods.values()]
+        return 2.0 ** math.floor(math.log2(min(short)))
+
+    @property
+    def periods(self) -> dict[tuple[tuple[int, ...], int], tuple[float, float]]:
+        """Time and length after which each law repeats, by the integers of its axis."""
+        kinds = {law_address(kind): kind for kind in self._effects()}
+        found = {}
+        for name, integers in self.tables.items():
+            if not name.endswith("integers") or integers.size < axis_step.LAWS:
+                continue
+            numbers, i = self.tables[name.replace("integers", "numbers")], axis_step
+            for k in range(sum(integers[[i.N_INPUT, i.N_FORCE, i.N_LEVEL, i.N_READING]])):
+                kind = kinds[integers[i.LAWS + 2 * k]]
+                first = integers[i.LAWS + 2 * k + 1]
+                values = numbers[first : first + len(kind.parameters())]
+                found[tuple(integers.tolist()), k] = kind(*values).periods
+        return found
+
+    def _effects(self) -> set[type[Effect]]:
+        """Kinds of effects that have a law."""
+        return {
+            type(effect)
+            for axis in self.axes
+            for effect in axis.effective().effects
+            if effect.action in ("input", "force", "friction", "reading")
+        }
+
     def translated(self, single: bool) -> tuple[Translator, Function, Function | None]:
         """The kernels in C: all of them, that of one sample, and that which only looks."""
         laws: dict[int, tuple[str, Any]] = {
             axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)
         }
-        for axis in self.axes:
-            for effect in axis.effective().effects:
-                if effect.action in ("input", "force", "friction"):
-                    laws[law_address(type(effect))] = (effect.slug, type(effect).law)
+        laws |= {law_address(kind): (kind.slug, kind.law) for kind in self._effects()}
         if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
             laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
-        out = Translator(laws, single)
+        out = Translator(laws, single, self.periods)
         try:
             return out, *self._functions(out)
         except NotInC as problem:
@@ -249,7 +296,7 @@ def _identifier(name: Any, of_axis: bool) -> str:
 def _estimates(axis: FrictionAxis) -> tuple[Signal, ...]:
     length, force = axis.units
     return (
-        Signal("xhat", length, "position"),
+        Signal("xhat", length, "position", place=True),
         Signal("vhat", f"{length}/s", "velocity"),
         Signal("friction", force, "friction force"),
         Signal("integral", force, "integral term, minus the friction error"),
@@ -260,7 +307,7 @@ def _estimates(axis: FrictionAxis) -> tuple[Signal, ...]:
 def _drive_and_reading(axis: FrictionAxis) -> tuple[Signal, ...]:
     return (
         Signal("u", axis.units[1], "drive force from this sample on"),
-        Signal("y", axis.units[0], "position read at this sample"),
+        Signal("y", axis.units[0], "position read at this sample", place=True),
     )
 
 
@@ -278,20 +325,29 @@ def _of_axis(axis: FrictionAxis, dt: float) -> Exported:
         {"numbers": arrays.numbers, "integers": arrays.integers},
         np.zeros(arrays.memory),
         (
-            (Signal("x0", length, "position at the start"), axis_step.X),
+            (Signal("x0", length, "position at the start", place=True), axis_step.X),
             (Signal("v0", f"{length}/s", "velocity at the start"), axis_step.V),
         ),
         (Signal("u", force, "drive force, held to the next sample"),),
         (
-            Signal("x", length, "position"),
+            Signal("x", length, "position, as the encoder reads it", place=True),
             Signal("v", f"{length}/s", "velocity"),
             Signal("friction", force, "friction force"),
             Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
         ),
         promise + acting.describe(),
+        "A step returns the axis at the start of the sample, under the new input; then it moves.",
         entries.move,
         (axis,),
+        ((axis_step.X, 1.0),),
+        axis_step.REST,
     )
+
+
+_ESTIMATED = (
+    "A step returns the estimate at the instant of the reading, under the drive from then on; "
+    "then it predicts the next sample."
+)
 
 
 def _of_observer(design: ObserverDesign, dt: float) -> Exported:
@@ -304,19 +360,26 @@ def _of_observer(design: ObserverDesign, dt: float) -> Exported:
         tables(design)._asdict(),
         first_memory(design),
         (
-            (Signal("xhat0", length, "first estimate of the position"), observer.XHAT),
+            (Signal("xhat0", length, "first estimate of the position", place=True), observer.XHAT),
             (Signal("vhat0", f"{length}/s", "first estimate of the velocity"), observer.VHAT),
             (Signal("what0", force, "first integral term"), observer.WHAT),
         ),
         _drive_and_reading(design.axis),
         _estimates(design.axis),
         design.summary(),
+        _ESTIMATED,
         observer.step,
         (design.axis,),
+        ((observer.XHAT, 1.0), (observer.PLACE, 1.0)),
+        observer.REST,
     )
 
 
 def _of_filter(made: HybridFilter, dt: float) -> Exported:
+    state = observer.LINE + int(made.tables.axis_integers[axis_step.N_HISTORY])
+    first, stride = state + hybrid_filter.BELIEFS + hybrid_filter.X, hybrid_filter.GAUSSIAN
+    quantum = float(made.tables.numbers[hybrid_filter.QUANTUM])
+    cells = [(first + mode * stride, quantum) for mode in range(3)]
     more = (
         Signal("vhat_sd", f"{made.axis.units[0]}/s", "standard deviation of vhat"),
         Signal("log_likelihood", "1", "logarithm of the probability of the reading"),
@@ -332,14 +395,24 @@ def _of_filter(made: HybridFilter, dt: float) -> Exported:
         _drive_and_reading(made.axis),
         (*_estimates(made.axis), *more),
         "A filter of three modes carries no certificate: it states its own standard deviation.",
+        _ESTIMATED,
         hybrid_filter.step,
         (made.axis,),
+        ((observer.XHAT, 1.0), (state + hybrid_filter.READING, 1.0), *cells),
+        observer.REST,
     )
 
 
 def _of_compensation(comp: Compensation, dt: float) -> Exported:
     length, force = comp.axis.units
     controller = comp.controller
+    lead = int(controller.law.numbers[compensation.LEAD])
+    watch = compensation.LINE + compensation.STRIDE * lead  # the observer's memory
+    # The observer of a learning law works on the error, the others on the position.
+    learned = controller.law.numbers[compensation.SOURCE] == compensation.LEARNED
+    own = (compensation.AHEAD, *(() if learned else (compensation.INNER,)))
+    past = [compensation.LINE + compensation.STRIDE * i for i in range(lead)]
+    watched = (watch + observer.XHAT, watch + observer.PLACE)
     axes = [comp.rigid_axis] + ([comp.observer.axis] if comp.observer is not None else [])
     return Exported(
         f"{comp.axis.name}_compensation",
@@ -350,18 +423,22 @@ def _of_compensation(comp: Compensation, dt: float) -> Exported:
         controller.memory(),
         (),
         (
-            Signal("xref", length, f"reference of {comp.lead} samples later"),
+            Signal("xref", length, f"reference of {comp.lead} samples later", place=True),
             Signal("vref", f"{length}/s", "its velocity"),
             Signal("aref", f"{length}/s^2", "its acceleration"),
-            Signal("y", length, "position read at this sample"),
+            Signal("y", length, "position read at this sample", place=True),
         ),
         (
             Signal("u", force, "drive force to hold until the next sample"),
             Signal("friction", force, "its part that compensates friction"),
         ),
         comp.summary(),
+        "A step returns the drive of this sample: give it out at once, and hold it.",
         entries.compensate,
         tuple(axes),
+        tuple((place, 1.0) for place in (*own, *past, *watched)),
+        watch + observer.REST,
+        compensation.SAMPLES,
     )
 
 

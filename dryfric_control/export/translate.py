@@ -12,7 +12,6 @@ from __future__ import annotations
 import ast
 import inspect
 import math
-import re
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Hashable
@@ -135,6 +134,8 @@ class Value:
     known: Any = None
     binds: int = _ATOM
     parts: list[Value] = field(default_factory=list)  # of a tuple that is written out
+    #: Variables and functions in the text; "*name" where an address is used but to read numbers.
+    reads: frozenset[str] | None = None
 
     def within(self, level: int) -> str:
         """The text, in parentheses where `level` binds closer."""
@@ -152,6 +153,8 @@ class Function:
     pure: bool
     cost: Counter[str]
     known: Any = None  # what it returns, where that is known
+    shifted: bool = False  # whether it takes `SHIFT`
+    reads: frozenset[str] = frozenset()  # variables, and functions that it calls
 
 
 _KEYWORDS = frozenset(
@@ -197,6 +200,11 @@ SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
 _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
 
 
+#: In single precision the kernels count time and positions from a near origin: the laws and the
+#: Coulomb map, which alone know the true ones, add what this array of the caller holds.
+SHIFT = "dfc_shift"
+
+
 def unified(a: Kind, b: Kind) -> Kind:
     """Type that holds values of both."""
     if a == b:
@@ -225,10 +233,19 @@ class Translator:
         Name and Python source of each law and task, by the address that the integers hold.
     single : bool
         Whether numbers are `float`.
+    periods : dict, optional
+        Time and length after which a law repeats, by the integers of its axis and its number.
     """
 
-    def __init__(self, laws: dict[int, tuple[str, Any]], single: bool = False) -> None:
-        self.laws, self.single = laws, single
+    def __init__(
+        self,
+        laws: dict[int, tuple[str, Any]],
+        single: bool = False,
+        periods: dict[tuple[tuple[int, ...], int], tuple[float, float]] | None = None,
+    ) -> None:
+        self.laws, self.single, self.periods = laws, single, periods or {}
+        self.shifts: list[tuple[str, float]] = []  # what `SHIFT` holds: "t" or "x", period
+        self.rests = False  # whether a law reads the time at rest
         self.functions: dict[Any, Function] = {}
         self.records: dict[str, str] = {}
         self.helpers: set[str] = set()
@@ -295,7 +312,7 @@ class Translator:
         for function in reversed(self.functions.values()):
             if function.name in called and function.text:
                 kept.append(function.text)
-                called |= set(re.findall(r"\bdfc_\w+", function.text))
+                called |= function.reads
         return "\n".join([*self.records.values(), *helpers, *reversed(kept)])
 
     def function(self, source: Any, kinds: tuple[Kind, ...], name: str = "") -> Function:
@@ -336,14 +353,7 @@ class _Body:
 
     def __init__(self, out: Translator, python: Any, kinds: tuple[Kind, ...], name: str) -> None:
         self.out, self.python, self.name = out, python, name
-        try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
-        except (OSError, TypeError, SyntaxError) as problem:
-            raise NotInC(f"its Python source cannot be read ({problem})") from None
-        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
-        if node is None:
-            raise NotInC("its Python source is no plain function")
-        self.node = node
+        self.node = node = self.node_of(python)
         self.parameters = [a.arg for a in node.args.args]
         self.kinds = dict(zip(self.parameters, kinds, strict=True))
         self.vars: dict[str, Kind] = dict(self.kinds)
@@ -366,16 +376,30 @@ class _Body:
         )
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
+        self.inside = _inside(node)
+
+    @staticmethod
+    def node_of(python: Any) -> ast.FunctionDef:
+        """Python source of a function."""
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
+        except (OSError, TypeError, SyntaxError) as problem:
+            raise NotInC(f"its Python source cannot be read ({problem})") from None
+        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
+        if node is None:
+            raise NotInC("its Python source is no plain function")
+        return node
 
     def made(self) -> Function:
         """Translate until types and unread variables are settled."""
         before: Any = None
         for _ in range(12):
             self.lines: list[str] = []
+            self.reading: set[str] = set()  # by the expression at work
+            self.read = set()  # by the lines
             self.bound: dict[str, Value] = {}
             self.declared: set[str] = set()
             self.late: dict[str, Kind] = {}
-            self.unrolling_seen = False
             self.returned: list[Any] = []
             self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
             for name, kind in self.kinds.items():
@@ -383,18 +407,20 @@ class _Body:
                     self.bound[name] = self.erased(kind)
             cost = self.block(self.node.body)
             self.results = set(self.returned)
-            self.read = _read(self.lines)
-            self.dead = {n for n in self.vars if _c(n) not in self.read}
+            self.dead = {n for n in self.vars if n not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
             if now == before:
                 break
             before = now
-        used = tuple(_c(n) in self.read and n not in self.bound for n in self.parameters)
-        returns = self.returns or NOTHING
+        used = tuple(n in self.read and n not in self.bound for n in self.parameters)
+        returns, shifted = self.returns or NOTHING, SHIFT in self.read
         given = ", ".join(
-            self.out.declared(self.parameter(n), _c(n))
-            for n, u in zip(self.parameters, used, strict=True)
-            if u
+            [f"const real *{SHIFT}"] * shifted
+            + [
+                self.out.declared(self.parameter(n), _c(n))
+                for n, u in zip(self.parameters, used, strict=True)
+                if u
+            ]
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
         head = f"/* {' '.join(doc.split())} */\n" if doc else ""
@@ -402,53 +428,23 @@ class _Body:
         head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
         if returns.erased:
             return Function(self.name, "", returns, used, True, cost)
-        for n, kind in self.late.items():
-            if n not in self.dead:
-                self.place(n, kind)
+        self.lines[:0] = [
+            f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
+            for n, kind in self.late.items()
+            if n not in self.dead
+        ]
         body = "\n".join(_wrapped(line) for line in self.lines)
         text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
         known = self.results.pop() if len(self.results) == 1 and self.pure else None
-        return Function(self.name, text, returns, used, self.pure, cost, known)
+        reads = frozenset(self.read)
+        return Function(self.name, text, returns, used, self.pure, cost, known, shifted, reads)
 
     def parameter(self, name: str) -> Kind:
         """Type of a parameter; an address that is only read through is one of constants."""
-        kind, c = self.kinds[name], _c(name)
-        if not isinstance(kind, Pointer) or kind.constant:
-            return kind
-        lines = [_bare(line) for line in self.lines]
-        if any(re.search(rf"\b{c}\b(?!\[)|^\s*{c}\[.*\] [-+*/]?= ", line) for line in lines):
+        kind = self.kinds[name]
+        if not isinstance(kind, Pointer) or kind.constant or f"*{name}" in self.read:
             return kind
         return Pointer("p", kind.element, True)
-
-    def place(self, name: str, kind: Kind) -> None:
-        """Declare a variable that is first stored inside a block, in the smallest block it has."""
-        c, paths = _c(name), _paths(self.lines)
-        found = [i for i, line in enumerate(self.lines) if _uses(_bare(line), {c})]
-        if not found:
-            return
-        block = paths[found[0]]
-        for i in found:
-            block = _shared(block, paths[i])
-        first, declaration = found[0], self.out.declared(kind, c)
-        line = self.lines[first]
-        start = re.match(rf"(\s*){c} = ", line)
-        if start and paths[first] == block:
-            once = name in self.once and not self.unrolling_seen
-            constant = "const " if once and not isinstance(kind, (Pointer, Axis)) else ""
-            self.lines[first] = f"{start[1]}{constant}{declaration} = {line[start.end() :]}"
-            return
-        # What a loop carries from turn to turn is declared outside of it.
-        for depth, opened in enumerate(block):
-            if self.lines[opened].lstrip().startswith("for "):
-                block = block[:depth]
-                break
-        before = max(
-            i
-            for i in range(first + 1)
-            if paths[i] == block and not self.lines[i].lstrip().startswith("}")
-        )
-        indent = "    " * (len(block) + 1)
-        self.lines.insert(before, f"{indent}{declaration} = {self.zero(kind)};")
 
     def zero(self, kind: Kind) -> str:
         """Something to start from, never read."""
@@ -477,8 +473,10 @@ class _Body:
 
     # Statements -----------------------------------------------------------------------
 
-    def emit(self, line: str) -> None:
+    def emit(self, line: str, *values: Value) -> None:
+        """A line of C, and the values in it that are read."""
         self.lines.append("    " * (self.depth + 1) + line)
+        self.read.update(*(value.reads or () for value in values))
 
     def block(self, body: list[ast.stmt]) -> Counter[str]:
         """Statements up to the first that ends the block; what they cost at most."""
@@ -502,14 +500,14 @@ class _Body:
             return  # a docstring
         value = self.value(node.value)
         if value.kind == NOTHING:
-            self.emit(f"{value.text};")
+            self.emit(f"{value.text};", value)
         else:
             self.emit_effects(value)
 
     def emit_effects(self, value: Value) -> None:
         """What a value that nobody reads does beside."""
-        if _uses(value.text, self.out.impure):
-            self.emit(f"(void)({value.text});")
+        if value.reads and not self.out.impure.isdisjoint(value.reads):
+            self.emit(f"(void)({value.text});", value)
 
     def do_pass(self, node: ast.Pass) -> None:
         self.emit(";")
@@ -524,7 +522,7 @@ class _Body:
         plain = _plain(value.kind)
         self.returns = plain if self.returns is None else unified(self.returns, plain)
         if not self.returns.erased:
-            self.emit(f"return {self.converted(value, self.returns)};")
+            self.emit(f"return {self.converted(value, self.returns)};", value)
 
     def do_break(self, node: ast.Break) -> None:
         self.ended = True
@@ -562,9 +560,10 @@ class _Body:
                     return
                 right = self.real(self.value(node.value))
                 self.cost[_COUNTED[op]] += 1
-                self.emit(f"{target.text} {_SIGNS[op]}= {right.text};")
+                stored = [target] if isinstance(load, ast.Subscript) else []
+                self.emit(f"{target.text} {_SIGNS[op]}= {right.text};", right, *stored)
                 if isinstance(node.target, ast.Subscript):
-                    self.pure = False
+                    self.stored(node.target)
                 return
         whole = ast.copy_location(ast.BinOp(load, node.op, node.value), node)
         self.assign(node.target, self.value(whole))
@@ -575,11 +574,11 @@ class _Body:
             self.unpack(target, value)
             return
         if isinstance(target, ast.Subscript):
-            self.pure = False
+            self.stored(target)
             place = self.value(target)
             if not isinstance(place.kind, Kind) or place.kind not in (F, INT):
                 raise self.fail(target, "only numbers are stored in arrays")
-            self.emit(f"{place.text} = {self.converted(value, place.kind)};")
+            self.emit(f"{place.text} = {self.converted(value, place.kind)};", place, value)
             return
         if not isinstance(target, ast.Name):
             raise self.fail(target, "this cannot be assigned to")
@@ -606,16 +605,22 @@ class _Body:
             return
         text = self.converted(value, kind)
         if name in self.declared or name in self.parameters:
-            self.emit(f"{_c(name)} = {text};")
-        elif self.depth == 0:
+            self.emit(f"{_c(name)} = {text};", value)
+        elif self.depth == 0 or (name in self.inside and not self.unrolling):
             self.declared.add(name)
             fixed = name in self.once and not self.unrolling
             constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
-            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};")
+            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};", value)
         else:
             self.declared.add(name)
             self.late[name] = kind
-            self.emit(f"{_c(name)} = {text};")
+            self.emit(f"{_c(name)} = {text};", value)
+
+    def stored(self, target: ast.Subscript) -> None:
+        """Note that numbers are stored through an address."""
+        self.pure = False
+        if isinstance(target.value, ast.Name):
+            self.read.add(f"*{target.value.id}")
 
     def unpack(self, target: ast.Tuple, value: Value) -> None:
         """Store several values; the right side is read before any is stored."""
@@ -625,7 +630,7 @@ class _Body:
                 raise self.fail(target, "the number of values does not fit")
             stored = {_base(n) for n in names}
             parts = list(value.parts)
-            if any(_uses(part.text, stored) for part in parts[1:]):
+            if any(not stored.isdisjoint(part.reads or ()) for part in parts[1:]):
                 for i, part in enumerate(parts):
                     if part.known is None and not part.kind.erased:
                         parts[i] = self.temporary(part)
@@ -656,7 +661,7 @@ class _Body:
         kind = _plain(value.kind)
         constant = "" if isinstance(kind, (Pointer, Axis)) else "const "
         text = self.converted(value, kind)
-        self.emit(f"{constant}{self.out.declared(kind, name)} = {text};")
+        self.emit(f"{constant}{self.out.declared(kind, name)} = {text};", value)
         return Value(name, kind)
 
     def do_if(self, node: ast.If) -> Counter[str] | None:
@@ -670,7 +675,7 @@ class _Body:
             self.cost = cost
             return inner
         cost = self.cost
-        self.emit(f"if ({test.text}) {{")
+        self.emit(f"if ({test.text}) {{", test)
         self.depth += 1
         first = self.block(node.body)
         ended = self.ended
@@ -728,8 +733,11 @@ class _Body:
         )
         self.emit(
             f"for ({'int32_t ' if own else ''}{c} = {start.text}; "
-            f"{c} {sign} {stop.within(_ORDER)}; {move}) {{"
+            f"{c} {sign} {stop.within(_ORDER)}; {move}) {{",
+            start,
+            stop,
         )
+        self.read.add(name)
         cost = self._loop(node.body)
         passes = len(range(*known)) if None not in known else 8
         return Counter({what: passes * n for what, n in cost.items()})
@@ -751,7 +759,6 @@ class _Body:
             raise self.fail(node, "break and continue in a loop over laws")
         cost: Counter[str] = Counter()
         self.unrolling += 1
-        self.unrolling_seen = True
         for i in turns:
             self.bound[node.target.id] = Value(str(i), INT, i)
             cost += self.block(node.body)
@@ -764,7 +771,7 @@ class _Body:
         self.temporaries += 1
         n = f"n{self.temporaries}"
         test = self.truth(self.value(node.test))
-        self.emit(f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{")
+        self.emit(f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{", test)
         return self._loop(node.body)
 
     # Expressions ----------------------------------------------------------------------
@@ -801,14 +808,20 @@ class _Body:
         if value.kind == BOOL:
             return value
         zero = self.out.number(0.0) if value.kind == F else "0"
-        return Value(f"{value.within(_EQUAL)} != {zero}", BOOL, binds=_EQUAL)
+        text = f"{value.within(_EQUAL)} != {zero}"
+        return Value(text, BOOL, binds=_EQUAL, reads=value.reads)
 
     def value(self, node: ast.expr) -> Value:
         """C of an expression."""
         method = getattr(self, f"of_{type(node).__name__.lower()}", None)
         if method is None:
             raise self.fail(node, f"{type(node).__name__} has no C here")
+        outer, self.reading = self.reading, set()
         result: Value = method(node)
+        if result.reads is None:
+            decided = result.known is not None and result.kind in (INT, BOOL)
+            result.reads = frozenset(() if decided or result.kind.erased else self.reading)
+        self.reading = outer | result.reads
         return result
 
     def constant(self, value: Any, node: ast.expr, name: str = "") -> Value:
@@ -823,7 +836,8 @@ class _Body:
             if self.out.single:
                 number = SINGLE.get(name, _SINGLE_LITERALS.get(number, number))
             text = self.out.number(number)
-            return Value(text, F, number, _ATOM if not text.startswith("-") else _UNARY)
+            binds = _ATOM if not text.startswith("-") else _UNARY
+            return Value(text, F, number, binds, reads=frozenset())
         if isinstance(value, tuple):
             parts = [self.constant(v, node) for v in value]
             return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
@@ -836,7 +850,9 @@ class _Body:
         if node.id in self.bound:
             return self.bound[node.id]
         if node.id in self.vars:
-            return Value(_c(node.id), self.vars[node.id])
+            kind = self.vars[node.id]
+            reads = {node.id, f"*{node.id}"} if isinstance(kind, Pointer) else {node.id}
+            return Value(_c(node.id), kind, reads=frozenset(reads))
         if node.id in self.globals:
             return self.constant(self.globals[node.id], node, node.id)
         raise self.fail(node, f"{node.id} is unknown")
@@ -910,7 +926,10 @@ class _Body:
         if isinstance(kind, Pointer):
             known = dict(kind.known).get(place.known) if place.known is not None else None
             element = F if kind.element == "f" else INT
-            return Value(f"{owner.within(_ATOM)}[{place.text}]", element, known)
+            reads = {n for n in owner.reads or () if n[0] != "*"} | (place.reads or set())
+            return Value(
+                f"{owner.within(_ATOM)}[{place.text}]", element, known, reads=frozenset(reads)
+            )
         raise self.fail(node, f"{owner.text} cannot be indexed")
 
     def of_tuple(self, node: ast.Tuple) -> Value:
@@ -971,7 +990,8 @@ class _Body:
             return value
         text = self.converted(value, F)
         known = None if value.known is None else float(value.known)
-        return Value(text, F, known, _UNARY if text.startswith("(real)") else _ATOM)
+        binds = _UNARY if text.startswith("(real)") else _ATOM
+        return Value(text, F, known, binds, reads=value.reads)
 
     def power(self, node: ast.BinOp, a: Value, b: Value) -> Value:
         if b.kind == INT and b.known is not None and b.known > 1:
@@ -1136,7 +1156,14 @@ class _Body:
         texts = [
             self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
         ]
-        return Value(f"{made.name}({', '.join(texts)})", made.returns)
+        reads = {made.name}.union(
+            *(v.reads or () for v, used in zip(given, made.used, strict=True) if used)
+        )
+        if made.shifted:
+            texts.insert(0, SHIFT)
+            reads.add(SHIFT)
+        text = f"{made.name}({', '.join(texts)})"
+        return Value(text, made.returns, reads=frozenset(reads))
 
 
 def _folded(op: type, a: float | None, b: float | None) -> float | None:
@@ -1171,13 +1198,7 @@ def _c(name: str) -> str:
 def _base(node: ast.expr) -> str:
     while isinstance(node, (ast.Subscript, ast.Attribute)):
         node = node.value
-    return _c(node.id) if isinstance(node, ast.Name) else ""
-
-
-def _uses(text: str, names: set[str]) -> bool:
-    """Whether any of the names stands in a C text."""
-    word = "".join(ch if ch.isalnum() or ch == "_" else " " for ch in text)
-    return not names.isdisjoint(word.split())
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def _loaded(node: ast.expr) -> ast.expr:
@@ -1193,38 +1214,27 @@ def _calls_law(node: ast.For) -> bool:
     return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
 
 
-def _bare(line: str) -> str:
-    """A C line without comments and names of members."""
-    return re.sub(r"/\*.*?\*/|\.[A-Za-z_]\w*", " ", line)
+def _names(nodes: list[ast.stmt]) -> Counter[str]:
+    """How often each variable occurs."""
+    return Counter(n.id for one in nodes for n in ast.walk(one) if isinstance(n, ast.Name))
 
 
-def _read(lines: list[str]) -> set[str]:
-    """Words of C lines that are read, and not stored to alone."""
-    words: set[str] = set()
-    for line in lines:
-        text = _bare(line)
-        stored = re.match(r"\s*(?:[\w*]+ \*?)*?(\w+) [-+*/]?= (.*)", text)
-        words |= set(re.findall(r"[A-Za-z_]\w*", stored[2] if stored else text))
-    return words
-
-
-def _paths(lines: list[str]) -> list[tuple[int, ...]]:
-    """Lines that open the blocks in which each line stands."""
-    paths: list[tuple[int, ...]] = []
-    path: tuple[int, ...] = ()
-    for i, line in enumerate(lines):
-        if line.lstrip().startswith("}"):
-            path = path[:-1]
-        paths.append(path)
-        if line.endswith("{"):
-            path = (*path, i)
-    return paths
-
-
-def _shared(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-    """The blocks in which both stand."""
-    n = next((i for i, (p, q) in enumerate(zip(a, b, strict=False)) if p != q), min(len(a), len(b)))
-    return a[:n]
+def _inside(node: ast.FunctionDef) -> set[str]:
+    """Variables that only one block knows, which stores them before it reads them."""
+    everywhere, found = _names(node.body), set()
+    for owner in ast.walk(node):
+        for block in (getattr(owner, "body", None), getattr(owner, "orelse", None)):
+            if not isinstance(block, list):
+                continue
+            here, seen = _names(block), Counter[str]()
+            for statement in block:
+                own = _names([statement])
+                if isinstance(statement, ast.Assign):
+                    stored = {n.id for n in ast.walk(statement) if isinstance(n, ast.Name)}
+                    first = {n for n in stored if own[n] == 1 and not seen[n]}
+                    found |= {n for n in first if here[n] == everywhere[n]}
+                seen += own
+    return found
 
 
 def _wrapped(line: str) -> str:
@@ -1308,13 +1318,48 @@ def _local(body: _Body, node: ast.Call) -> Value:
     return Value("[]", Pointer("p", element, False, (), size))
 
 
+def _read_parameters(python: Any) -> set[int]:
+    """Numbers of the parameters that a function reads."""
+    body = _Body.node_of(python)
+    names = [a.arg for a in body.args.args]
+    return {names.index(n.id) for n in ast.walk(body) if isinstance(n, ast.Name) and n.id in names}
+
+
+def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
+    """A time or position of the kernels as a law knows it, less whole periods."""
+    if not body.out.single:
+        return value
+    if (variable, period) not in body.out.shifts:
+        body.out.shifts.append((variable, period))
+    place = body.out.shifts.index((variable, period))
+    reads = frozenset({SHIFT, *(value.reads or ())})
+    return Value(f"{value.within(_SUM)} + {SHIFT}[{place}]", F, binds=_SUM, reads=reads)
+
+
+def _base_level(body: _Body, node: ast.Call) -> Value:
+    plant, x, s = [body.value(a) for a in node.args]
+    assert isinstance(plant.kind, Axis)
+    i = plant.kind.integers
+    if i[axis_step.N_PLUS] + i[axis_step.N_MINUS] > 2:
+        x = _true(body, x, "x")
+    return body.call(axis_step.base_level, [plant, x, s], node)
+
+
 def _law(body: _Body, node: ast.Call) -> Value:
     plant, i, *rest = [body.value(a) for a in node.args]
     assert isinstance(plant.kind, Axis)
     place = axis_step.LAWS + 2 * i.known
     address, offset = plant.kind.integers[place], plant.kind.integers[place + 1]
     name, law = body.out.laws[address]
-    numbers = Value(f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True), binds=_SUM)
+    read = _read_parameters(law)
+    time, length = body.out.periods.get((plant.kind.integers, i.known), (math.inf, math.inf))
+    if 0 in read:
+        rest[0] = _true(body, rest[0], "t", time)
+    if 1 in read:
+        rest[1] = _true(body, rest[1], "x", length)
+    body.out.rests |= 6 in read
+    text, kind = f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True)
+    numbers = Value(text, kind, binds=_SUM, reads=plant.reads)
     return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")
 
 
@@ -1336,5 +1381,6 @@ _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
     np.empty: _local,
     np.zeros: _local,
     axis_step._law: _law,
+    axis_step.base_level: _base_level,
     axis_step._call_task: _task,
 }

@@ -39,6 +39,9 @@ _FINE = 1.0 / 160.0
 _ENOUGH = 8
 # Speed that varies more than this (relative) shows viscous friction and inertia.
 _VARIES = 0.1
+# Fall of friction, over the spread of the velocity and relative to the level, beyond what
+# smoothing of the motion brings about (0.002 on a crawl without a peak).
+_FALLS = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -212,7 +215,7 @@ def identify_coulomb(
     -----
     FitWarning
         When a level rests on a few slips only, or on nearly one velocity, slower motion left
-        out, or on velocities within a Stribeck peak.
+        out, or on velocities that may lie within a Stribeck peak.
 
     Notes
     -----
@@ -225,7 +228,8 @@ def identify_coulomb(
 
     A crawl in which every velocity lies within the peak measures the raised
     level.  Where it does not stick and slip, nothing in the record shows the
-    difference, except that friction may fall with velocity; a warning then says so.
+    difference, except that friction may fall with velocity.  A warning says so unless the axis
+    has a peak, and standard errors are then those of friction at the velocity of the crawl.
 
     Examples
     --------
@@ -259,11 +263,9 @@ def identify_coulomb(
     fine = average(record, _FINE)
     known = axis is not None
     if axis is not None:
-        taken = axis.viscous * pieces.v + axis.mass * pieces.rise + _effects(axis, pieces)
-        force = pieces.u - taken
-        if axis.stribeck is not None:
-            force = force / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)
-        pieces = pieces._replace(u=force)
+        pieces = _levelled(axis, pieces)
+        if axis.effective().stribeck is None:
+            _tell_of_a_peak(_levelled(axis, fine), record, travel)
     elif (varies := _variation(fine)) > _VARIES:
         viscous, mass = _along_the_way(fine, travel)
         if viscous < 0.0:
@@ -338,12 +340,42 @@ def _tell(pieces: Pieces, record: Record, what: str) -> None:
     )
 
 
-def _effects(axis: FrictionAxis, pieces: Pieces) -> FloatArray:
-    """Minus the force of the axis' effects at the pieces, friction aside."""
+def _tell_of_a_peak(pieces: Pieces, record: Record, travel: tuple[float, float]) -> None:
+    """Warn where levels may be raised by a Stribeck peak that the axis does not have."""
+    speed = np.abs(pieces.v)
+    order = np.argsort(speed)
+    passed = (np.cumsum(pieces.way[order]) - 0.5 * pieces.way[order]) / pieces.way.sum()
+    low, usual, high = np.interp((0.1, 0.5, 0.9), passed, speed[order])
+    level = np.average(np.abs(pieces.u), weights=pieces.way)
+    spread = _variation(pieces) * np.average(speed, weights=pieces.way)
+    fall = -_along_the_way(pieces, travel)[0] * spread / level
+    if high - low < _VARIES * usual:
+        what = f"four fifths of the way are travelled at {usual:.3g}"
+    elif fall > _FALLS:
+        what = f"friction falls with velocity, by {percent(fall)} of the level around {usual:.3g}"
+    else:
+        return
+    warnings.warn(
+        f"{what} {record.units.get('x', 'm')}/s: the levels hold there, and contain whatever a "
+        "Stribeck peak adds, which is not in their standard errors. Give the axis its peak, "
+        "axis.replace(stribeck=dfc.Stribeck(...)), with an excess of 0 where there is none, or "
+        "let it stick and slip (a softer loop), or move faster",
+        FitWarning,
+        stacklevel=3,
+    )
+
+
+def _levelled(axis: FrictionAxis, pieces: Pieces) -> Pieces:
+    """Pieces with the Coulomb level in place of the drive: what else the axis has is taken off."""
     from dryfric_control.estimation.force_residual import forces
 
+    axis = axis.effective()
     bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
-    return -forces(bare, pieces.x, pieces.v, pieces.u, pieces.direction)
+    added = forces(bare, pieces.x, pieces.v, pieces.u, pieces.direction)
+    level = pieces.u - axis.viscous * pieces.v - axis.mass * pieces.rise + added
+    if axis.stribeck is not None:
+        level = level / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)
+    return pieces._replace(u=level)
 
 
 def _variation(pieces: Pieces) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.checks import finite, instance, places, positive, samples
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
+from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import Inner, law_address
 from dryfric_control.model.effects.naming import named
@@ -34,6 +36,13 @@ _WITH_STATE = ("delay", "lag", "contact", "transmission")
 MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
 #: Most samples of delay, and most turns of an effect in one sample.
 MOST_SAMPLES = 1e6
+#: Most samples of delay that become states of a linear system.
+MOST_STATES = 1000
+
+Matrix = NDArray[np.float64]
+#: Most that an elastic part may swing in one sample [rad]: samples show up to pi, and each
+#: radian costs steps.
+MOST_SWING = 100.0
 
 
 class Arrays(NamedTuple):
@@ -435,15 +444,14 @@ class FrictionAxis:
         Returns
         -------
         control.NonlinearIOSystem
-            Input u; outputs x, v, F; states x, v.  The block stays in its mode
-            whatever happens.  A delay or lag of the input, presliding, backlash
-            and compliance are left out: they need more than these two
-            states of the rigid axis.
+            Input u; outputs x (as an encoder reads it), v, F; states x, v, and the lagged
+            drive where there is a lag.  The block stays in its mode whatever happens.
 
         Raises
         ------
         ValueError
-            If `index` is not a mode.
+            If `index` is not a mode, or the axis has presliding, a backlash or a compliance,
+            or a delay, which `mode_ss` has as states.
 
         Examples
         --------
@@ -455,26 +463,41 @@ class FrictionAxis:
         -7.5
         """
         _check_mode(index)
-        arrays = self.arrays(1.0)
+        axis = self.effective()
+        inner = rigid_inner(axis)
+        if inner.delay > 0.0:
+            raise ValueError(
+                f"a delay of {inner.delay:g} s has no states in continuous time: take "
+                f"mode_ss({index}, dt, at=...), or put control.pade({inner.delay:g}) before the "
+                "mode of an axis without it"
+            )
+        # The lag is behind the other effects on the drive, and the mode behind the lag.
+        before = [e for e in axis.effects if e.action == "input" and inner.lag > 0.0]
+        numbers, integers, _ = axis.replace(
+            effects=tuple(e for e in axis.effects if e not in before)
+        ).arrays(1.0)
 
         def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
-            rate, _ = axis_step.mode_rate(
-                arrays.numbers, arrays.integers, t, x[0], x[1], u[0], index
-            )
-            return np.array([x[1], rate])
+            drive = x[2] if inner.lag > 0.0 else u[0]
+            rate, _ = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
+            if inner.lag <= 0.0:
+                return np.array([x[1], rate])
+            drive = u[0]
+            for effect in before:
+                drive = effect.law(t, x[0], x[1], drive, 0.0, 0.0, 0.0, effect.values)
+            return np.array([x[1], rate, (drive - x[2]) / inner.lag])
 
         def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
-            _, friction = axis_step.mode_rate(
-                arrays.numbers, arrays.integers, t, x[0], x[1], u[0], index
-            )
-            return np.array([x[0], x[1], friction])
+            drive = x[2] if inner.lag > 0.0 else u[0]
+            _, friction = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
+            return np.array([_read(numbers, integers, t, x[0]), x[1], friction])
 
-        return ct.nlsys(
+        return Block(
             update,
             output,
             inputs=["u"],
             outputs=["x", "v", "F"],
-            states=["x", "v"],
+            states=["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"],
             name=f"{self.name}_{mode_label(index)}",
             dt=0,
         )
@@ -505,18 +528,22 @@ class FrictionAxis:
         at : (float, float) or (float, float, float), optional
             Position [m] and velocity [m/s], and drive [N], at which the effects
             and the Stribeck peak are linearised.  Without the drive: the one that
-            keeps the velocity.  Default: effects and peak are left out.
+            keeps the velocity.  Default: they are left out, but for delay and lag of the
+            drive, which are linear anyway.
 
         Returns
         -------
         control.StateSpace
-            States x, v; output x; input u (or the force d).
+            States x, v; output x, as an encoder reads it; input u (or the force d).  With the
+            input u, a lag of the drive adds the state lagged, and a delay the inputs of
+            the samples before: u_1, u_2 and so on.
 
         Raises
         ------
         ValueError
-            If an argument is out of its range, or Euler would be unstable
-            because ``dt * stick_rate >= 2``.
+            If an argument is out of its range, Euler would be unstable because
+            ``dt * stick_rate >= 2``, a delay has no `dt` to count in, or the axis has
+            presliding, a backlash or a compliance, which this linear system cannot contain.
 
         Notes
         -----
@@ -529,8 +556,7 @@ class FrictionAxis:
 
         with the slopes of the acceleration that `mode` gives: gravity, spring and
         cogging enter a_x, drag and the Stribeck peak a_v, input gain b.  At rest
-        friction cancels all of these.  A delay or lag of the input, presliding, backlash
-        and compliance are left out.
+        friction cancels all of these.
 
         Examples
         --------
@@ -555,51 +581,49 @@ class FrictionAxis:
         if input not in ("drive", "force"):
             raise ValueError(f'input must be "drive" or "force", got {input!r}')
         axis = self.effective()
+        inner = rigid_inner(axis)
         rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
         gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
-        pull = 0.0
+        pull, read = 0.0, 1.0
         if at is not None:
             slopes = self._slopes(index, at)
+            read = slopes[3]
             if index != 0:
                 pull, rate = slopes[0], -slopes[1]
                 gain = slopes[2] if input == "drive" else gain
-        if dt == 0.0:
-            a = np.array([[0.0, 1.0], [pull, -rate]])
-            b = np.array([[0.0], [gain]])
-        elif method == "euler":
-            if dt * rate >= 2.0:
-                what = "stick_rate" if index == 0 else "viscous / mass"
-                raise ValueError(
-                    f"Euler needs dt * {what} < 2, got {dt * rate:.4g}: "
-                    f'lower dt or {what}, or take method="zoh"'
-                )
-            a = np.array([[1.0, dt], [dt * pull, 1.0 - dt * rate]])
-            b = np.array([[0.0], [dt * gain]])
-        elif pull != 0.0 or rate < 0.0:
-            held = scipy.linalg.expm(
-                dt * np.array([[0.0, 1.0, 0.0], [pull, -rate, gain], [0.0, 0.0, 0.0]])
-            )
-            a, b = held[:2, :2], held[:2, 2:]
-        else:
-            fall = -np.expm1(-rate * dt)
-            moved = fall / rate if rate * dt > 1e-8 else dt * (1.0 - 0.5 * rate * dt)
-            drift = (dt - moved) / rate if rate * dt > 1e-4 else dt**2 * (0.5 - rate * dt / 6.0)
-            a = np.array([[1.0, moved], [0.0, 1.0 - fall]])
-            b = np.array([[gain * drift], [gain * moved]])
+        states, rates = ["x", "v"], {"stick_rate" if index == 0 else "viscous / mass": rate}
+        a, b = np.array([[0.0, 1.0], [pull, -rate]]), np.array([[0.0], [gain]])
+        if input == "drive" and inner.lag > 0.0:
+            a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
+            b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
+            states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
+        c = np.eye(1, len(states)) * read
+        if dt > 0.0 and method == "euler":
+            for what, fall in rates.items():
+                if dt * fall >= 2.0:
+                    raise ValueError(
+                        f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
+                        f'lower dt or {what}, or take method="zoh"'
+                    )
+        if input == "drive" and inner.delay > 0.0:
+            a, b, c = _delayed(a, b, c, inner.delay, dt, method)
+            states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
+        elif dt > 0.0:
+            a, b = _held(a, b, dt, method)
         return ModeStateSpace(
             a,
             b,
-            np.array([[1.0, 0.0]]),
+            c,
             np.zeros((1, 1)),
             dt,
             inputs=["u" if input == "drive" else "d"],
             outputs=["x"],
-            states=["x", "v"],
+            states=states,
             name=f"{self.name}_{mode_label(index)}",
         )
 
-    def _slopes(self, index: int, at: Any) -> tuple[float, float, float]:
-        """Slopes of a mode's acceleration by position, velocity and drive."""
+    def _slopes(self, index: int, at: Any) -> tuple[float, float, float, float]:
+        """Slopes of a mode's acceleration by position, velocity and drive; of the reading."""
         try:
             x, v, *drive = at
         except (TypeError, ValueError):
@@ -633,6 +657,7 @@ class FrictionAxis:
             _slope(lambda change: rate(x + change, v, u), reach),
             _slope(lambda change: rate(x, v + change, u), 0.1 * max(abs(v), self.stick_speed)),
             by_drive(u),
+            _slope(lambda change: _read(numbers, integers, 0.0, x + change), reach),
         )
 
     def plot_friction(
@@ -731,6 +756,64 @@ def _slope(function: Callable[[float], float], reach: float) -> float:
     plain = np.array([(function(h) - function(-h)) / (2.0 * h) for h in steps])
     better = plain[1:] + (plain[1:] - plain[:-1]) / (ratio**2 - 1.0)
     return float(better[1:][np.argmin(np.abs(np.diff(better)))])
+
+
+def _read(numbers: Any, integers: Any, t: float, x: float) -> float:
+    """Position as an encoder reads it."""
+    memory = np.zeros(axis_step.HISTORY)
+    memory[axis_step.X] = x
+    return float(axis_step.reading_now(numbers, integers, memory, t))
+
+
+def _held(a: Matrix, b: Matrix, h: float, method: str) -> tuple[Matrix, Matrix]:
+    """Matrices of a time h over which the input is held."""
+    n, rate = len(a), -float(a[1, 1])
+    if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:  # closed form
+        fall = -np.expm1(-rate * h)
+        moved = fall / rate if rate * h > 1e-8 else h * (1.0 - 0.5 * rate * h)
+        drift = (h - moved) / rate if rate * h > 1e-4 else h**2 * (0.5 - rate * h / 6.0)
+        gain = b[1, 0]
+        return np.array([[1.0, moved], [0.0, 1.0 - fall]]), np.array(
+            [[gain * drift], [gain * moved]]
+        )
+    rates = h * np.block([[a, b], [np.zeros((1, n + 1))]])
+    held = np.eye(n + 1) + rates if method == "euler" else scipy.linalg.expm(rates)
+    return held[:n, :n], held[:n, n:]
+
+
+def _delayed(
+    a: Matrix, b: Matrix, c: Matrix, delay: float, dt: float, method: str
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Matrices of one sample whose input is that of a while ago; earlier inputs are states."""
+    if dt == 0.0:
+        raise ValueError(
+            f"a delay of {delay:g} s has no states in continuous time: give dt, or put "
+            f"control.pade({delay:g}) before the mode of an axis without it"
+        )
+    if delay > MOST_STATES * dt:
+        raise ValueError(
+            f"a delay of {delay:g} s is {delay / dt:.3g} states at dt = {dt:g} s, at most "
+            f"{MOST_STATES} are made: check the units of delay and dt, or raise dt"
+        )
+    # In the sample the older input acts first, for a part of it, then the newer one.
+    whole, part = axis_step._whole_samples(delay, dt)
+    n, length = len(a), whole + (part > 0.0)
+    a_new, b_new = _held(a, b, (1.0 - part) * dt, method)
+    a_old, b_old = _held(a, b, part * dt, method)
+    if method == "euler":
+        a_old, _ = _held(a, b, dt, method)
+        a_new = np.eye(n)
+    big = np.zeros((n + length, n + length))
+    big[:n, :n] = a_new @ a_old
+    big[n + 1 :, n:-1] = np.eye(length - 1)
+    enter = np.zeros((n + length, 1))
+    enter[n] = 1.0
+    for ago, column in ((whole, b_new), (whole + 1, a_new @ b_old)):
+        if ago == 0:
+            enter[:n] = column
+        elif ago <= length:
+            big[:n, [n + ago - 1]] = column
+    return big, enter, np.hstack([c, np.zeros((1, length))])
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -857,6 +940,48 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
                 f"{effect.describe(axis.units)} turns round {dt / effect.shortest_time:.3g} times "
                 f"in one sample of dt = {dt:g} s: check its units"
             )
+    rates = elastic_rates(axis, dt)
+    for effect in axis.effects:
+        swing = rates.get(effect.action, 0.0) * dt
+        decay = rates["damping"] * dt if effect.action == "transmission" else 0.0
+        if swing > MOST_SWING:
+            inner, unit = effect.inner(axis), axis.unit("N/m")
+            stiffness, less = inner.contact + inner.stiffness, MOST_SWING / swing
+            raise ValueError(
+                f"{effect.describe(axis.units)} is too stiff: with {stiffness:.3g} {unit} it "
+                f"swings by {swing:.3g} rad in one sample of dt = {dt:g} s. Use at most "
+                f"{stiffness * less**2:.3g} {unit}, a dt of at most {dt * less:.3g} s, or leave it "
+                "out: the samples show a rigid axis"
+            )
+        if decay > MOST_VISCOUS:
+            raise ValueError(
+                f"{effect.describe(axis.units)} is damped by {decay:.3g} time constants in one "
+                f"sample of dt = {dt:g} s: check the units of its damping"
+            )
+
+
+def inverse_masses(axis: FrictionAxis, dt: float) -> float:
+    """Sum of the inverse masses of motor and load [1/kg]."""
+    arrays = axis.arrays(dt)
+    numbers = arrays.numbers
+    # With two masses the numbers are stored twice, those of the load second.
+    load = arrays.integers[axis_step.N_NUMBERS] if numbers[axis_step.STIFFNESS] > 0.0 else 0
+    return float(numbers[axis_step.INVERSE_MOTOR] + numbers[load + axis_step.INVERSE_MASS])
+
+
+def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
+    """Natural frequencies of "contact" and "transmission", and the decay by its "damping" [1/s].
+
+    Each is 0 without such a part.
+    """
+    numbers, inverse = axis.arrays(dt).numbers, inverse_masses(axis, dt)
+    return {
+        "contact": math.sqrt(
+            numbers[axis_step.CONTACT_STIFFNESS] * numbers[axis_step.INVERSE_MASS]
+        ),
+        "transmission": math.sqrt(numbers[axis_step.STIFFNESS] * inverse),
+        "damping": float(numbers[axis_step.DAMPING]) * inverse,
+    }
 
 
 def check_finite(outputs: NDArray[np.float64]) -> None:
@@ -868,6 +993,31 @@ def check_finite(outputs: NDArray[np.float64]) -> None:
             f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
             "the input, and of mass, viscous and coulomb, and that a loop is stable"
         )
+
+
+def inner_of(axis: FrictionAxis) -> Inner:
+    """Numbers of delay, lag, contact and transmission of an axis with its effective base."""
+    # An axis holds one of each kind that has a state, so that adding is collecting.
+    states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
+    return Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
+
+
+def rigid_inner(axis: FrictionAxis) -> Inner:
+    """The same of an axis whose modes are linear systems; others are refused."""
+    inner = inner_of(axis)
+    if inner.contact > 0.0 or inner.half_gap > 0.0 or inner.stiffness > 0.0:
+        elastic = [e.slug for e in axis.effects if e.action in ("contact", "transmission")]
+        raise ValueError(
+            f"a mode has no place for {' and '.join(elastic)}: leave it out, as in "
+            "axis.replace(effects=...), or linearise the whole axis where it moves, "
+            "control.linearize(dfc.axis_block(axis, dt), states, [u])"
+        )
+    return inner
+
+
+def without_states(axis: FrictionAxis) -> FrictionAxis:
+    """Axis without delay, lag, contact and transmission: two states in every mode."""
+    return axis.replace(effects=tuple(e for e in axis.effects if e.action not in _WITH_STATE))
 
 
 def mode_label(index: int) -> str:
@@ -917,9 +1067,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         by_action["friction"], key=lambda e: (not e.within_peak, not e.depends_on_direction)
     )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
-    # An axis holds one of each kind that has a state, so that adding is collecting.
-    states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
-    inner = Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
+    inner = inner_of(axis)
     behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
     loaded = sum(effect.depends_on_load for effect in levels)
     low, high = axis.travel or (-np.inf, np.inf)

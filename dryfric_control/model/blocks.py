@@ -22,7 +22,9 @@ from dryfric_control.checks import instance, positive
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.loop import encode
 from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
+from dryfric_control.model.block import Block
 from dryfric_control.model.loops import PositionController
+from dryfric_control.order import check_bandwidth_and_dt, check_quantum_and_dt
 
 Vector = NDArray[np.float64]
 
@@ -93,7 +95,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u"],
@@ -159,7 +161,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
         )
         return np.array([float(mode)])
 
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u", "x", "v"],
@@ -187,7 +189,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
         return np.array([memory[0], memory[1], now, friction])
 
-    return ct.nlsys(
+    return Block(
         None,
         output,
         inputs=["u", "x", "v", "mode"],
@@ -301,7 +303,7 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     Raises
     ------
     ValueError
-        If `quantum` is negative or `dt` not positive.
+        If `quantum` is negative or `dt` not positive, or the two look exchanged.
 
     Examples
     --------
@@ -311,12 +313,14 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     1.5
     """
     quantum = positive("quantum", quantum, unit="m", zero=True)
-    return ct.nlsys(
+    dt = positive("dt", dt, unit="s")
+    check_quantum_and_dt("quantum", quantum, dt)
+    return Block(
         None,
         lambda t, x, u, params: np.array([encode(u[0], quantum)]),
         inputs=["x"],
         outputs=["y"],
-        dt=positive("dt", dt, unit="s"),
+        dt=dt,
         name=name,
     )
 
@@ -345,7 +349,7 @@ def reference_filter(
     Raises
     ------
     ValueError
-        If the corner is not between zero and the Nyquist frequency.
+        If the corner is not between zero and the Nyquist frequency, or looks exchanged with `dt`.
 
     Examples
     --------
@@ -355,6 +359,7 @@ def reference_filter(
     """
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     dt = positive("dt", dt, unit="s")
+    check_bandwidth_and_dt(bandwidth, dt)
     if isinstance(order, bool) or order not in range(1, 9):
         raise ValueError(f"order must be a whole number from 1 to 8, got {order!r}")
     if bandwidth >= np.pi / dt:

@@ -22,9 +22,17 @@ from dryfric_control.compiled.loop import (
     encode,
     run_loop,
 )
-from dryfric_control.model.axis import Arrays, FrictionAxis, check_finite, check_pace
+from dryfric_control.model.axis import (
+    Arrays,
+    FrictionAxis,
+    check_finite,
+    check_pace,
+    without_states,
+)
+from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.order import check_bandwidth_and_dt
 from dryfric_control.units import same_unit
 
 
@@ -178,11 +186,13 @@ class PositionController:
         State feedback with integral action on the exactly sampled sliding mode:
         two poles at exp(-w dt), the third at exp(-w3 dt) with
         w3 = max(w, f/m - 2 w), the slowest that needs no negative velocity gain; with
-        `at`, f/m is the damping there.
+        `at`, f/m is the damping there.  A delay or lag of the drive, presliding, backlash and
+        compliance are left out: keep the bandwidth well below theirs.
         """
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
         dt = positive("dt", dt, unit="s")
+        check_bandwidth_and_dt(bandwidth, dt)
         if bandwidth * dt > 0.2:
             raise ValueError(
                 f"bandwidth {bandwidth:g} rad/s is too high for dt = {dt:g} s: keep "
@@ -192,8 +202,9 @@ class PositionController:
             places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
             level = max(axis.breakaway(places, s).max() for s in (1, -1))
             limit = 5.0 * float(level) if level > 0.0 else math.inf
-        sliding = axis.mode_ss(+1, dt, "zoh", at=at)
-        damping = -float(axis.mode_ss(+1, at=at).A[1, 1])
+        bare = without_states(axis)
+        sliding = bare.mode_ss(+1, dt, "zoh", at=at)
+        damping = -float(bare.mode_ss(+1, at=at).A[1, 1])
         third = max(bandwidth, damping - 2.0 * bandwidth)
         poles = np.exp(-dt * np.array([bandwidth, bandwidth, third]))
         # States x, v and the integral of -x (reference at zero).
@@ -279,7 +290,7 @@ class PositionController:
         def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
             return np.array([control_force(gains, np.array(x, dtype=float), u[0], u[1])[1]])
 
-        return ct.nlsys(
+        return Block(
             update,
             output,
             inputs=["xref", "y"],

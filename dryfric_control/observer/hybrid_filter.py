@@ -19,10 +19,12 @@ from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.block import Block
 from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
 from dryfric_control.observer.weights import coulomb_level
+from dryfric_control.order import check_drive_and_reading, check_quantum_and_dt
 
 Array = NDArray[np.float64]
 
@@ -123,8 +125,8 @@ class HybridFilter:
         Raises
         ------
         ValueError
-            If `u` and `y` are not finite records of one length, or the record
-            was sampled at another time step.
+            If `u` and `y` are not finite records of one length, or exchanged, or the
+            record was sampled at another time step.
 
         Examples
         --------
@@ -154,6 +156,7 @@ class HybridFilter:
             raise ValueError(
                 f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
             )
+        check_drive_and_reading(self.axis, self.dt, drive, reading)
         out = np.empty((drive.size, kernel.OUTPUTS))
         kernel.run(*self.tables, np.zeros(self.memory_size), drive, reading, out)
         return HybridResponse(
@@ -189,7 +192,7 @@ class HybridFilter:
             kernel.step(*tables, memory, t, u[0], u[1], out)
             return memory, out
 
-        return ct.nlsys(
+        return Block(
             lambda t, x, u, params: sample(t, x, u)[0],
             lambda t, x, u, params: sample(t, x, u)[1][:5],
             inputs=["u", "y"],
@@ -308,6 +311,9 @@ def hybrid_filter(
     y says that the position lies in y -+ quantum / 2 (truncated normal); noise
     beyond that is seen from innovations that are too large and white, and
     followed.  Densities that arrive in one mode are merged by their moments.
+    What a cell or zero velocity has cut from a density is cut only once, although the
+    Gaussian that represents the rest has tails again.  A reading several cells away from an
+    axis at rest that no mode explains starts a motion of unknown velocity.
 
     Effects of the axis act as in `design_pi_observer`.  The levels are learned
     while sliding alone; creeping below an increment in many samples is taken
@@ -326,6 +332,7 @@ def hybrid_filter(
     own = own.replace(stribeck=acting.stribeck, stick_speed=acting.stick_speed)
     dt = sampling_time(dt)
     quantum = increment(encoder_quantum, axis.unit("m"))
+    check_quantum_and_dt("encoder_quantum", quantum, dt)
     excess = positive("excess", excess)
     if excess_speed is None:
         excess_speed = own.stribeck.speed if own.stribeck else _STICK_SPEEDS * own.stick_speed
@@ -362,6 +369,7 @@ def hybrid_filter(
         kernel.MASS: mass_error**2,
         kernel.RATE: _RATE,
         kernel.START: (0.1 * pace) ** 2,
+        kernel.AGAIN: min(pace, 1.0),
         kernel.FIRST_RELEASE: 1.0 if own.stribeck else 1.15,
     }.items():
         numbers[place] = number

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled import observer as kernel
 from dryfric_control.drawing import MEASURED, legend_above, panels, settled_scale, shade_stuck
+from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.order import check_drive_and_reading
 from dryfric_control.units import check_units
 
 Array = NDArray[np.float64]
@@ -211,8 +213,8 @@ def observe(
     Raises
     ------
     ValueError
-        If `u` and `y` are not finite records of one length, the record has another step
-        or other units than the design, or another argument is out of its range.
+        If `u` and `y` are not finite records of one length, or exchanged, the record has
+        another step or other units than the design, or another argument is out of its range.
 
     Examples
     --------
@@ -244,6 +246,7 @@ def observe(
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
     arrays = tables(design, switching, encoder_quantum)
+    check_drive_and_reading(design.axis, design.dt, drive, reading)
     memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
     out = np.empty((drive.size, kernel.OUTPUTS))
     kernel.run(*arrays, memory, drive, reading, out)
@@ -359,7 +362,7 @@ def pi_observer(
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return ct.nlsys(
+    return Block(
         update,
         output,
         inputs=["u", "y"],

@@ -30,6 +30,8 @@ REASONS = (JUMP, REPEATED, FILLED, GIVEN)
 # Least distance from the neighbours, in standard deviations of the noise, in quanta, and in
 # typical misfits of a cubic nearby.
 _DEVIATIONS, _QUANTA, _LOCAL, _NEAR = 20.0, 3.0, 12.0, 10
+# Distance from the median of all that is no reading at all, in that of all other readings.
+_BEYOND = 30.0
 # Part of the jump by which the two lines and the cubic may differ.
 _AGREED = 0.5
 # Longest run of a repeated reading, and least step of the motion around it in deviations.
@@ -148,9 +150,9 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     >>> find(x, 1e-9, 0.0)
     {20: 'jump', 30: 'repeated'}
     """
-    noise = max(noise, ROUNDING * float(np.ptp(x)))
-    found: dict[int, str] = {}
-    path = x
+    found = dict.fromkeys(absurd(x), JUMP)
+    path = bridged(x, without(x.size, found)) if found else x
+    noise = max(noise, ROUNDING * float(np.ptp(path)))
     for _ in range(_PASSES):
         good = np.flatnonzero(without(x.size, found))
         new = dict.fromkeys(_jumps(good, x[good], noise, quantum), JUMP)
@@ -163,6 +165,26 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
             return {}
         path = bridged(x, without(x.size, found))
     return dict(sorted(found.items()))
+
+
+def absurd(x: FloatArray) -> list[int]:
+    """Short runs of readings far beyond all others: a code for a fault, or bits that were lost.
+
+    Examples
+    --------
+    >>> x = np.sin(np.arange(100.0))
+    >>> x[[20, 21, 70]] = 1e9, 1e9, -1e12
+    >>> absurd(x)
+    [20, 21, 70]
+    """
+    away = np.abs(x - np.median(x))
+    most = np.sort(away)[int((1.0 - _MOST) * x.size) :]
+    beyond = (most[1:] > _BEYOND * most[:-1]) & (most[:-1] > 0.0)
+    if not beyond.any():
+        return []
+    far = away > most[int(np.argmax(beyond))]
+    edges = np.flatnonzero(np.diff(far, prepend=False, append=False))
+    return [k for a, b in edges.reshape(-1, 2).tolist() if b - a <= _LONGEST for k in range(a, b)]
 
 
 def without(size: int, indices: dict[int, str] | NDArray[np.int64]) -> BoolArray:

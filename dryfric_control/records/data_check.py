@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,8 @@ class RecordCheck(Result):
         What the record is uninformative about, and what looks wrong.
     assumed : str
         What is taken for units that nobody stated, empty where all are.
+    raw : dict of str to tuple
+        Unit in which a channel was stored and the factor on its numbers.
 
     Examples
     --------
@@ -95,6 +97,7 @@ class RecordCheck(Result):
     units: tuple[str, str]
     messages: tuple[str, ...]
     assumed: str = ""
+    raw: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     @property
     def headline(self) -> str:
@@ -140,6 +143,8 @@ class RecordCheck(Result):
                 f"{slow:.3g} to {fast:.3g} {speed} in 90 % of the motion".replace("  ", " "),
             ),
         ]
+        if self.raw:
+            rows.append(("factors", factors(self.raw)))
         yield [*rows, ("units", self.assumed)] if self.assumed else rows
         for message in self.messages:
             yield f"warning: {message}"
@@ -152,6 +157,17 @@ class RecordCheck(Result):
 def _percent(share: float) -> str:
     """A share as a percentage; one that is not zero does not look like it."""
     return "less than 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
+
+
+def factors(raw: Mapping[str, tuple[str, float]]) -> str:
+    """What the numbers of a source were multiplied by.
+
+    Examples
+    --------
+    >>> factors({"u": ("bar", 120.0), "x": ("", 1e-6)})
+    'u 120 per bar, x 1e-06 per unit'
+    """
+    return ", ".join(f"{role} {f:.6g} per {unit or 'unit'}" for role, (unit, f) in raw.items())
 
 
 def assumed_units(units: Mapping[str, str]) -> str:
@@ -238,8 +254,12 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         units=units,
         messages=(),
         assumed=assumed_units(record.units),
+        raw=dict(record.raw),
     )
-    looked_over = [energy_message(record, units), held_message(record)]
+    free = None if record.u.any() else (
+        "no drive: only ratios to the mass can be determined; give it as known"
+    )  # fmt: skip
+    looked_over = [free, energy_message(record, units), held_message(record)]
     return replace(found, messages=tuple(_messages(found, filter(None, looked_over))))
 
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from dryfric_control.checks import positive_number
 from dryfric_control.records.readers.bam_log import read_bam_entries
-from dryfric_control.records.readers.channels import MAX_ROWS
-from dryfric_control.records.record import Record, record_of
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.readers.sources import read_channels
+from dryfric_control.records.record import Record
+from dryfric_control.records.record_checks import vector
+from dryfric_control.records.record_warning import warn
+from dryfric_control.records.saved import load_object
 from dryfric_control.records.scaling import Scaling
 
 
@@ -27,6 +32,7 @@ def read_record(
     max_gap: float | None = None,
     unwrap: float | None = None,
     max_rows: int = MAX_ROWS,
+    joint: str | int | None = None,
 ) -> Record:
     """Read a record from a file, data frame or mapping.
 
@@ -35,18 +41,21 @@ def read_record(
     source : path-like, DataFrame or mapping
         Delimited text (.csv, .tsv, .txt, .dat, .t, each also with .gz; comma, semicolon, tab or
         blanks; decimal comma unless commas separate; ``#`` and ``%`` comments; with or without
-        headings), a MAT-file of version 4 to 7, .xlsx and .parquet (need pandas), .mcap (needs
-        the extra ``mcap``), or arrays by name, where a path is a file with this channel alone.
+        headings; UTF-8 or UTF-16; exports of TwinCAT Scope), a MAT-file of version 4 to 7, .npz,
+        .npy, .jsonl (an object a line), .xlsx and .parquet (need pandas), .mcap (needs the extra
+        ``mcap``), or arrays by name, where a path is a file with this channel alone.
     columns : mapping, optional
         Heading or index for any of ``t``, ``u``, ``x``, ``reference`` and the known
-        channels ``v`` (velocity), ``a`` (acceleration), ``x2`` (second encoder); None for
-        none. The rest is recognised by usual names; without headings, three or
-        four columns are t, u, x, reference in this order. In the EMPS benchmark layout
-        (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is gtau * vir.
+        channels ``v`` (velocity), ``a`` (acceleration), ``x2`` (second encoder), ``good`` (0 where
+        x may not be used); None for none: ``u`` is then 0, ``x`` the integral of ``v``. The rest
+        is recognised by usual names; without headings, three or four columns are t, u, x,
+        reference in this order. In the EMPS benchmark layout (``t``, ``qm``, ``qg``,
+        ``vir``, ``gtau``) u is gtau * vir.
     gain : float, mapping or Scaling
         Factor on ``u``, such as N per V; factors by channel, such as
-        ``{"u": 35.0, "x": 1e-6}``, after the conversion to SI; or a `Scaling`: counts per turn,
-        gear ratio, torque constant, rated force.
+        ``{"u": 35.0, "x": 1e-6}``; or a `Scaling`: counts per turn, gear ratio, torque constant,
+        rated force. A factor converts the number in the file, and a unit in the heading then only
+        labels it (-1 turns the sign and keeps the unit).
     units : mapping, optional
         Units by channel, where the headings (``x [mm]``, ``time (ms)``, ``u / N``) do
         not state them: as stored, of a channel with a gain after it.
@@ -54,7 +63,8 @@ def read_record(
         Title; the file's name when left out.
     dt : float, optional
         Resample irregular time stamps to this step [s], see
-        `Record.from_irregular`; without a column of time, the sampling step.
+        `Record.from_irregular`; without a column of time, the sampling step. Rows that were lost,
+        repeat a stamp or lack a number are bridged and masked.
     rate : float, optional
         Samples per second of a source without a column of time.
     max_gap : float, optional
@@ -63,6 +73,9 @@ def read_record(
         Encoder period [unit of x], see `Record`.
     max_rows : int
         Longer sources are refused.
+    joint : str or int, optional
+        Joint of a log of several, by its name or number in the headings, such as ``"elbow"`` of
+        ``position.elbow`` or 3 of ``q3``.
 
     Returns
     -------
@@ -90,10 +103,86 @@ def read_record(
     >>> record.notes
     ('t converted from ms to s', 'x converted from mm to m')
     """
-    return record_of(
-        source, columns, gain, units=units, name=name, dt=dt, rate=rate, max_gap=max_gap,
-        unwrap=unwrap, max_rows=max_rows,
-    )  # fmt: skip
+    if rate is not None and dt is not None:
+        raise ValueError(
+            "rate and dt are both given: rate is for a source without a column of time"
+        )
+    if max_gap is not None and dt is None:
+        raise ValueError("max_gap is for resampling: give dt= too")
+    step = None if dt is None else positive_number("dt", dt)
+    if rate is not None:
+        step = 1.0 / positive_number("rate", rate)
+    timed = False if rate is not None else None if dt is not None else True
+    found = read_channels(source, columns, gain, units, max_rows, step, timed, joint)
+    values: dict[str, Any] = {"u": None, "x": None, **found.values}
+    good = values.pop("good", None)
+    extras = {role: values.pop(role) for role in EXTRAS if role in values}
+    if values["x"] is None and "x" not in (columns or {}):
+        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity", 3)
+    options: dict[str, Any] = {
+        "units": found.units,
+        "name": found.name if name is None else name,
+        "notes": found.notes,
+        "quantum": found.quantum,
+        "unwrap": unwrap,
+        "channels": extras,
+        "raw": found.raw,
+    }
+    if good is not None or found.masked is not None:
+        options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
+    try:
+        gaps = step is not None and any(map(_has_gaps, values.values()))
+        if gaps or (dt is not None and found.timed):
+            return Record.from_irregular(**values, dt=step, max_gap=max_gap, **options)
+        record = Record(**values, **options)
+    except ValueError as problem:
+        if not isinstance(source, (str, os.PathLike)):
+            raise
+        raise ValueError(f"{Path(source).name}: {problem}") from None
+    if found.masked and len(found.masked) == len(record.masked.reasons):
+        return record._with(masked=record.masked._replace(reasons=found.masked))
+    return record
+
+
+def _has_gaps(values: Any) -> bool:
+    """Whether some of the numbers are missing."""
+    if np.ma.is_masked(values):
+        return True
+    array = np.asarray(values if values is not None else ())
+    return array.dtype.kind == "f" and not np.isfinite(array).all()
+
+
+def load_record(path: str | os.PathLike[str]) -> Record:
+    """Read a record that `Record.save` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Record
+        As it was, with mask, units, raw factors and channels.
+
+    Raises
+    ------
+    ValueError
+        If the file is of another kind or version, or was changed since.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 1e-3 * np.arange(2000)
+    >>> record = dfc.Record(t, np.cos(t), np.sin(t), name="run")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     record.save(pathlib.Path(folder, "run.json"))
+    ...     dfc.load_record(pathlib.Path(folder, "run.json")) == record
+    True
+    """
+    return cast(Record, load_object(path, "record", 1, (Record,)))
 
 
 def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:
@@ -149,6 +238,7 @@ def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str,
     (100, 400, 1.0)
     """
     head, log = read_bam_entries(path)
+    log = {key: vector(key, values) for key, values in log.items()}
     enabled = log["torque_enable"] != 0
     record = Record.from_irregular(
         log["timestamp"],

@@ -13,7 +13,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -30,6 +30,7 @@ from dryfric_control.records.bad_readings import (
     NONE,
     REASONS,
     Masked,
+    absurd,
     bridged,
     evened,
     filled,
@@ -37,10 +38,8 @@ from dryfric_control.records.bad_readings import (
     without,
 )
 from dryfric_control.records.comparison import Comparison, compared
-from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record
+from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
-from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
@@ -51,21 +50,20 @@ from dryfric_control.records.record_checks import (
     checked_units,
     clipped,
     estimated_quantum,
-    extra_vectors,
+    grid_of,
     increasing_steps,
     plain_text,
     resample,
+    sound_rows,
     spread_of,
     uniform_step,
     unwrapped,
     vector,
     vectors,
-    warn,
     warn_if_suspect,
 )
-from dryfric_control.records.record_warning import RecordWarning
+from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
-from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import replacing
 from dryfric_control.ties import samples
 
@@ -98,9 +96,9 @@ class Record:
     t : array_like, shape (n,)
         Time [s], increasing in steps that agree within 1 %.
     u : array_like, shape (n,)
-        Drive force or torque, ``u[k]`` held from ``t[k]`` to ``t[k+1]``.
+        Drive force or torque, ``u[k]`` held from ``t[k]`` to ``t[k+1]``; None for a free motion.
     x : array_like, shape (n,)
-        Measured position at ``t[k]``.
+        Measured position at ``t[k]``; None for the integral of ``channels["v"]``, from 0.
     reference : array_like, shape (n,), optional
         Commanded position.
     units : mapping, optional
@@ -182,8 +180,8 @@ class Record:
     def __init__(
         self,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         units: Mapping[str, str] | None = None,
@@ -200,19 +198,18 @@ class Record:
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
             quantum = positive_number("quantum", quantum, zero_allowed=True)
-        notes = checked_notes(notes)
-        tv, uv, xv, rv = vectors(t, u, x, reference)
-        more, stored = extra_vectors(channels, tv.size), checked_raw(raw)
+        tv, uv, xv, rv, more, made = vectors(t, u, x, reference, channels)
+        notes, stored = checked_notes(notes) + made, checked_raw(raw)
+        if x is None:
+            quantum, labels = 0.0, labels | position_unit(labels)
         dt = uniform_step(tv)
-        if unwrap is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap))
-            notes += (f"x unwrapped with period {unwrap:g}",)
         usable = None if good is None else usable_readings(good, xv.size)
-        seen = quantum
-        if seen is None:
-            seen = estimated_quantum(xv, stored.get("x", ("", 1.0))[1]) or 0.0
-        xv, masked = repaired(xv, seen, usable)
-        check_motion(uv, xv)
+        factor = stored.get("x", ("", 1.0))[1]
+        if unwrap is not None:
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap), grid_of(xv, factor))
+            notes += (f"x unwrapped with period {unwrap:g}",)
+        xv, masked, seen = repaired(xv, quantum, factor, usable)
+        check_motion(uv, xv, seen or None)
         if quantum is not None and quantum > np.ptp(xv):
             raise ValueError(
                 f"quantum = {quantum:g} is larger than the range of x, {np.ptp(xv):.6g}: give it "
@@ -220,7 +217,8 @@ class Record:
             )
         warn_if_suspect(tv, dt, uv)
         name = None if name is None else plain_text(name)
-        self._set(tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
+        values = (tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
+        self._set(dict(zip(_PARTS, values, strict=True)))
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
@@ -231,56 +229,36 @@ class Record:
                 stacklevel=3,
             )
 
-    def _set(
-        self,
-        t: FloatArray,
-        u: FloatArray,
-        x: FloatArray,
-        reference: FloatArray | None,
-        dt: float,
-        units: Mapping[str, str],
-        name: str | None,
-        notes: tuple[str, ...],
-        quantum: float | None,
-        channels: Mapping[str, FloatArray],
-        raw: Mapping[str, tuple[str, float]],
-        masked: tuple[Any, ...] = NONE,
-    ) -> None:
-        masked = Masked(*masked)
-        for array in (t, u, x, reference, masked.indices, masked.readings, *channels.values()):
+    def _set(self, parts: Mapping[str, Any]) -> None:
+        """Take parts as they are, arrays read-only."""
+        self.__dict__.update(parts, masked=Masked(*parts["masked"]))
+        arrays = self.t, self.u, self.x, self.reference, *self.masked[::2], *self.channels.values()
+        for array in arrays:
             if array is not None:
                 array.setflags(write=False)
-        self.__dict__.update(
-            t=t, u=u, x=x, reference=reference, dt=dt, name=name, notes=notes, quantum=quantum,
-            units=MappingProxyType(dict(units)), channels=MappingProxyType(dict(channels)),
-            raw=MappingProxyType(dict(raw)), masked=masked,
-        )  # fmt: skip
+        for name in ("units", "channels", "raw"):
+            self.__dict__[name] = MappingProxyType(dict(parts[name]))
 
-    def _derived(
-        self,
-        t: FloatArray,
-        u: FloatArray,
-        x: FloatArray,
-        reference: FloatArray | None,
-        dt: float,
-        note: str = "",
-        channels: Mapping[str, FloatArray] | None = None,
-        masked: Masked = NONE,
-    ) -> Record:
+    def _with(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
-        part = object.__new__(Record)
-        notes = self.notes + ((note,) if note else ())
-        part._set(
-            t, u, x, reference, dt, self.units, self.name, notes, self.quantum, channels or {},
-            self.raw, masked,
-        )  # fmt: skip
-        return part
+        kept = {name: self.__dict__[name] for name in _PARTS} | changes
+        return restored(*(kept | {"notes": self.notes + (note,) * bool(note)}).values())
+
+    def _at(self, pick: slice) -> dict[str, Any]:
+        """What is left of the channels and the mask at some samples."""
+        arrays = {name: self.__dict__[name] for name in ("t", "u", "x", "reference")}
+        # One after another in memory, as compiled functions want them.
+        parts: dict[str, Any] = {
+            name: array if array is None else np.ascontiguousarray(array[pick])
+            for name, array in (arrays | dict(self.channels)).items()
+        }
+        channels = {name: parts.pop(name) for name in self.channels}
+        return parts | {"channels": channels, "masked": self.masked.within(pick)}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (
-            self.t, self.u, self.x, self.reference, self.dt, dict(self.units), self.name,
-            self.notes, self.quantum, dict(self.channels), dict(self.raw), tuple(self.masked),
-        )  # fmt: skip
+        plain = {"units": dict(self.units), "channels": dict(self.channels), "raw": dict(self.raw),
+                 "masked": tuple(self.masked)}  # fmt: skip
+        return restored, tuple(({name: self.__dict__[name] for name in _PARTS} | plain).values())
 
     # ------------------------------------------------------------ properties
 
@@ -300,6 +278,7 @@ class Record:
             self.units == other.units
             and self.name == other.name
             and self.channels.keys() == other.channels.keys()
+            and np.array_equal(self.masked.indices, other.masked.indices)
             and all(np.array_equal(a, b) for a, b in pairs)
         )
 
@@ -456,7 +435,7 @@ class Record:
         if quantum := self.resolution.quantum:
             shift = rng.uniform(0.0, quantum) if origin is None else origin
             x = quantum * np.round((x - shift) / quantum) + shift
-        return self._derived(self.t, self.u, x, self.reference, self.dt, "read anew")
+        return self._with("read anew", x=x, channels={}, masked=NONE)
 
     def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
         """The record with another input or other positions.
@@ -485,19 +464,18 @@ class Record:
         >>> float(record.replace(u=35.0 * record.u).u[0])
         35.0
         """
-        new = {"u": self.u, "x": self.x}
-        for name, values in (("u", u), ("x", x)):
-            if values is not None:
-                new[name] = vector(name, values)
-            if new[name].size != len(self):
+        new: dict[str, Any] = {
+            name: vector(name, values)
+            for name, values in (("u", u), ("x", x))
+            if values is not None
+        }
+        for name, values in new.items():
+            if values.size != len(self):
                 raise ValueError(
-                    f"{name} has {new[name].size} samples but the record has {len(self)}; give "
-                    "one each"
+                    f"{name} has {values.size} samples but the record has {len(self)}; give one "
+                    "each"
                 )
-        return self._derived(
-            self.t, new["u"], new["x"], self.reference, self.dt, channels=self.channels,
-            masked=self.masked,
-        )  # fmt: skip
+        return self._with(**new)
 
     def __getitem__(self, key: slice) -> Record:
         """The samples of a slice with step 1."""
@@ -511,13 +489,7 @@ class Record:
                 f"the slice {start}:{stop} of a record of {len(self)} samples holds "
                 f"{max(0, stop - start)}, at least 2 are needed"
             )
-        part = slice(start, stop)
-        r = None if self.reference is None else self.reference[part]
-        more = {name: values[part] for name, values in self.channels.items()}
-        return self._derived(
-            self.t[part], self.u[part], self.x[part], r, self.dt, channels=more,
-            masked=self.masked.within(part),
-        )  # fmt: skip
+        return self._with(**self._at(slice(start, stop)))
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -628,14 +600,9 @@ class Record:
         if factor == 1:
             return self
         pick = slice(0, groups * int(factor), int(factor))
-        u = self.u[: groups * int(factor)].reshape(groups, -1).mean(axis=1)
-        r = None if self.reference is None else self.reference[pick].copy()
-        return self._derived(
-            self.t[pick].copy(), u, self.x[pick].copy(), r, self.dt * int(factor),
-            f"decimated by {factor}",
-            {name: values[pick].copy() for name, values in self.channels.items()},
-            self.masked.within(pick),
-        )  # fmt: skip
+        u = self.u[: pick.stop].reshape(groups, -1).mean(axis=1)
+        parts = self._at(pick) | {"u": u, "dt": self.dt * int(factor)}
+        return self._with(f"decimated by {factor}", **parts)
 
     def resampled(self, dt: float) -> Record:
         """The record at another step, as `from_irregular` does it.
@@ -658,14 +625,14 @@ class Record:
         note = f"resampled from {self.dt:g} s to {dt:g} s"
         lost = filled(self.t[self.good], t, dt)
         masked = Masked(lost, (FILLED,) * lost.size, x[lost])
-        return self._derived(t, u, x, r, dt, note, others, masked)
+        return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=others, masked=masked)
 
     @classmethod
     def from_irregular(
         cls,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         dt: float | None = None,
@@ -679,7 +646,8 @@ class Record:
         Parameters
         ----------
         t, u, x, reference : array_like, shape (n,)
-            As for `Record`; ``t`` increasing with any steps.
+            As for `Record`; ``t`` increasing with any steps.  Samples that are not finite, and up
+            to 5 % that repeat a stamp, count as lost.
         dt : float, optional
             Step of the grid [s]; the median step when left out.
         hold : {"zero", "first"}
@@ -694,8 +662,8 @@ class Record:
             Longest step that may be filled [s], 5 median steps when left
             out.
         **options
-            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw`` of
-            `Record`.
+            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw``, ``good``
+            of `Record`.
 
         Returns
         -------
@@ -709,7 +677,14 @@ class Record:
         >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
-        tv, uv, xv, rv = vectors(t, u, x, reference)
+        found = vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
+        good = options.pop("good", None)
+        good = None if good is None else usable_readings(good, found.x.size)
+        found, good, lacking = sound_rows(found, good)
+        tv, uv, xv, rv, more, made = found
+        if x is None:
+            labels = checked_units(options.get("units"))
+            options |= {"units": labels | position_unit(labels), "quantum": 0.0}
         steps = increasing_steps(tv)
         median = float(np.median(steps))
         step = float(f"{median:.3g}") if dt is None else positive_number("dt", dt)
@@ -722,15 +697,13 @@ class Record:
                 f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
                 f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
+        factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
         if (period := options.pop("unwrap", None)) is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period))
-        check_motion(uv, xv)
-        if options.get("quantum") is None:
-            factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
-            options["quantum"] = estimated_quantum(xv, factor) or 0.0
-        seen = float(options["quantum"])
-        notes = list(checked_notes(options.get("notes", ())))
-        xv, masked = repaired(xv, seen, None)
+            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period), grid_of(xv, factor))
+        notes = [*checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
+        xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
+        options["quantum"] = seen
+        check_motion(uv, xv, seen or None)
         even = evened(tv, xv, spread_of(xv, seen))
         if even is not None:
             late = float(np.ptp(tv - even))
@@ -739,7 +712,7 @@ class Record:
         notes.append(
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
-        others = extra_vectors(options.pop("channels", None), tv.size) | {"x": xv}
+        others = more | {"x": xv}
         if rv is not None:
             others["reference"] = rv
         grid, held, others = resample(tv, uv, others, step, hold, interpolation)
@@ -748,19 +721,21 @@ class Record:
         options |= {"notes": notes, "good": without(grid.size, lost)}
         record = cls(grid, held, x, others.pop("reference", None), channels=others, **options)
         # Readings that were bad leave a gap as those that were lost do.
-        record.__dict__["masked"] = Masked(lost, (FILLED,) * lost.size, x[lost])
-        if lost.size or even is not None:
-            parts = [told(record.bad)] if lost.size else []
+        record = record._with(masked=Masked(lost, (FILLED,) * lost.size, x[lost]))
+        if lost.size or even is not None or lacking:
+            parts = [f"{lost.size} filled and masked"] if lost.size else []
             parts += [notes[-2]] if even is not None else []
-            warn(f"of {len(record)} samples of the new record: {'; '.join(parts)}")
+            before = f"{lacking} in the source; " if lacking else ""
+            after = "; ".join(parts) or "none lost"
+            warn(f"{before}of {len(record)} samples of the new record: {after}")
         return record
 
     @classmethod
     def split_at_gaps(
         cls,
         t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        x: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        x: npt.ArrayLike | None,
         reference: npt.ArrayLike | None = None,
         *,
         units: Mapping[str, str] | None = None,
@@ -783,15 +758,13 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
-        tv, uv, xv, rv = vectors(t, u, x, reference)
+        tv, uv, xv, rv, more, _ = vectors(t, u, x, reference, channels)
         steps = increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         check_motion(uv, xv)
-        whole = object.__new__(cls)
-        more = extra_vectors(channels, tv.size)
-        labels = checked_units(units)
-        step, quantum = float(np.median(steps)), estimated_quantum(xv, 1.0)
-        whole._set(tv, uv, xv, rv, step, labels, name, (), quantum, more, {})
+        labels, step = checked_units(units), float(np.median(steps))
+        quantum = estimated_quantum(xv, 1.0)
+        whole = restored(tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -800,12 +773,7 @@ class Record:
             )
         if lost := tv.size - sum(b - a for a, b in stretches):
             warn(f"{lost} samples in stretches of fewer than {MIN_SAMPLES} were left out")
-        found = []
-        for a, b in stretches:
-            part = whole[a:b]
-            part.__dict__["dt"] = uniform_step(part.t)
-            found.append(part)
-        return tuple(found)
+        return tuple(whole[a:b]._with(dt=uniform_step(tv[a:b])) for a, b in stretches)
 
     # ----------------------------------------------------------- derivatives
 
@@ -917,7 +885,10 @@ class Record:
         """
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
-        return record_of(frame, columns, **options)
+        # Here: reading makes records.
+        from dryfric_control.records.read import read_record
+
+        return read_record(frame, columns, **options)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Data frame that `from_frame` turns back into this record.
@@ -938,7 +909,8 @@ class Record:
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file that `read_record` reads back bit for bit.
 
-        The file appears whole or not at all.
+        The file appears whole or not at all.  Where readings are masked, ``x`` has what was
+        recorded and the column ``good`` is 0.
 
         Parameters
         ----------
@@ -961,16 +933,33 @@ class Record:
                 chunk = (c[a : a + 65_536].tolist() for c in columns.values())
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
 
-    def _columns(self) -> dict[str, FloatArray]:
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write everything the record holds to a JSON file.
+
+        `load_record` reads it.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
+        # Here: what is saved may hold records.
+        from dryfric_control.records.saved import save_object
+
+        save_object(self, path, "record", 1, (Record,))
+
+    def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""
         channels = {"t": self.t, "u": self.u, "x": self.measured}
         if self.reference is not None:
             channels["reference"] = self.reference
         channels |= self.channels
-        return {self._label(role, role): array for role, array in channels.items()}
+        columns = {self._label(role, role): array for role, array in channels.items()}
+        return columns | ({"good": self.good.astype(np.int64)} if self.masked.reasons else {})
 
     def _meta(self) -> dict[str, Any]:
-        kept = {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes)}
+        kept = {"name": self.name, "quantum": self.quantum or 0.0, "notes": list(self.notes),
+                "masked": list(self.masked.reasons)}  # fmt: skip
         return kept | ({"raw": {k: list(v) for k, v in self.raw.items()}} if self.raw else {})
 
     def _label(self, text: str, role: str) -> str:
@@ -998,7 +987,7 @@ class Record:
             ("reference", "yes" if self.reference is not None else "no"),
             *((("units", assumed),) if assumed else ()),
             *(("channel", self._label(name, name)) for name in self.channels),
-            *(("raw", f"{k}: {f:.6g} per {u or 'unit'}") for k, (u, f) in self.raw.items()),
+            *((("factors", factors(self.raw)),) if self.raw else ()),
             ("quantum", quantum),
             ("noise", f"{self.noise:.3g}{unit_x}"),
             *((("bad samples", told(self.bad)),) if any(self.bad.values()) else ()),
@@ -1107,50 +1096,10 @@ class Record:
         return control_plot(axes)
 
 
-def record_of(
-    source: Any,
-    columns: Mapping[str, str | int | None] | None = None,
-    gain: float | Mapping[str, float] | Scaling = 1.0,
-    *,
-    units: Mapping[str, str] | None = None,
-    name: str | None = None,
-    dt: float | None = None,
-    rate: float | None = None,
-    max_gap: float | None = None,
-    unwrap: float | None = None,
-    max_rows: int = MAX_ROWS,
-) -> Record:
-    """Record from whatever `read_record` takes."""
-    if rate is not None and dt is not None:
-        raise ValueError(
-            "rate and dt are both given: rate is for a source without a column of time"
-        )
-    if max_gap is not None and dt is None:
-        raise ValueError("max_gap is for resampling: give dt= too")
-    step = None if dt is None else positive_number("dt", dt)
-    if rate is not None:
-        step = 1.0 / positive_number("rate", rate)
-    timed = False if rate is not None else None if dt is not None else True
-    found = read_channels(source, columns, gain, units, max_rows, step, timed)
-    values = dict(found.values)
-    extras = {role: values.pop(role) for role in EXTRAS if role in values}
-    options: dict[str, Any] = {
-        "units": found.units,
-        "name": found.name if name is None else name,
-        "notes": found.notes,
-        "quantum": found.quantum,
-        "unwrap": unwrap,
-        "channels": extras,
-        "raw": found.raw,
-    }
-    try:
-        if dt is not None and found.timed:
-            return Record.from_irregular(**values, dt=dt, max_gap=max_gap, **options)
-        return Record(**values, **options)
-    except ValueError as problem:
-        if not isinstance(source, (str, os.PathLike)):
-            raise
-        raise ValueError(f"{Path(source).name}: {problem}") from None
+def position_unit(units: Mapping[str, str]) -> dict[str, str]:
+    """Unit of a position that is the integral of a velocity."""
+    unit = units.get("v", "").removesuffix("/s")
+    return {"x": unit} if unit else {}
 
 
 def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
@@ -1169,9 +1118,15 @@ def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
 
 
 def repaired(
-    x: FloatArray, quantum: float, good: npt.NDArray[np.bool_] | None
-) -> tuple[FloatArray, Masked]:
-    """Positions bridged over what is bad, found or given."""
+    x: FloatArray, quantum: float | None, factor: float, good: npt.NDArray[np.bool_] | None
+) -> tuple[FloatArray, Masked, float]:
+    """Positions bridged over what is bad, found or given, and their quantum, 0 for none.
+
+    Without one, it is estimated from what may be a reading at all.
+    """
+    if quantum is None:
+        sound = without(x.size, np.array(absurd(x), np.int64)) if good is None else good
+        quantum = estimated_quantum(x[sound], factor) or 0.0
     if good is None:
         found = find(x, spread_of(x, quantum), quantum)
         index = np.fromiter(found, np.int64, len(found))
@@ -1180,8 +1135,8 @@ def repaired(
         index = np.flatnonzero(~good)
         reasons = (GIVEN,) * index.size
     if not index.size:
-        return x, NONE
-    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index])
+        return x, NONE, quantum
+    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index]), quantum
 
 
 def told(counts: Mapping[str, int]) -> str:
@@ -1192,5 +1147,8 @@ def told(counts: Mapping[str, int]) -> str:
 def restored(*parts: Any) -> Record:
     """A record from what `Record.__reduce__` gave."""
     record = object.__new__(Record)
-    record._set(*parts)
+    record._set(dict(zip(_PARTS, parts, strict=True)))
     return record
+
+
+_PARTS = tuple(item.name for item in fields(Record))

@@ -6,18 +6,18 @@ Plain arrays in, plain arrays or a clear error out; `records` builds on it.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
-from dryfric_control.records.record_warning import RecordWarning
+from dryfric_control.records.record_warning import warn
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
@@ -32,10 +32,6 @@ _MAX_MAGNITUDE = 1e100  # squares stay finite
 
 
 # -------------------------------------------------------------------- checks
-
-
-def warn(message: str, stacklevel: int = 4) -> None:
-    warnings.warn(message, RecordWarning, stacklevel=stacklevel)
 
 
 def plain_text(text: str) -> str:
@@ -90,14 +86,19 @@ def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
     return labels
 
 
-def vector(name: str, value: Any) -> FloatArray:
-    """A fresh finite float64 vector, or an error that names the argument."""
+def vector(name: str, value: Any, gaps: bool = False) -> FloatArray:
+    """A fresh finite float64 vector, or an error that names the argument.
+
+    With `gaps`, what is not finite or masked is nan.
+    """
     if value is None:
         raise ValueError(f"{name} is missing")
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        if gaps:
+            return vector(name, np.ma.filled(value.astype(np.float64), np.nan), gaps)
         raise ValueError(
-            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values; fill them, or "
-            "remove these samples and use Record.from_irregular"
+            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values; fill them, or use "
+            "Record.from_irregular, which bridges and masks them"
         )
     try:
         array = np.asarray(value)
@@ -128,19 +129,22 @@ def vector(name: str, value: Any) -> FloatArray:
     with np.errstate(over="ignore"):  # beyond float64 becomes inf, told below
         out = np.array(array, dtype=np.float64)
     bad = ~np.isfinite(out)
-    if bad.any():
+    if gaps and not bad.all():
+        out[bad] = np.nan
+    elif bad.any():
         k = int(np.argmax(bad))
         raise ValueError(
             f"{name} has {int(bad.sum())} values that are not finite, the first {name}[{k}] = "
-            f"{out[k]}; remove these samples and use Record.from_irregular"
+            f"{out[k]}; remove these samples, or bridge and mask them by "
+            "Record.from_irregular(...) or read_record(..., dt=...)"
         )
-    k = int(np.argmax(np.abs(out)))
+    k = int(np.nanargmax(np.abs(out)))
     if abs(out[k]) > _MAX_MAGNITUDE:
         raise ValueError(f"{name}[{k}] = {out[k]:g} is no physical value; check the column")
     return out
 
 
-def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
+def extra_vectors(channels: Any, size: int, gaps: bool = False) -> dict[str, FloatArray]:
     """Velocity, acceleration and second position as vectors of a length."""
     if channels is not None and not isinstance(channels, Mapping):
         raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
@@ -148,7 +152,7 @@ def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
     for name, values in (channels or {}).items():
         if name not in EXTRAS:
             raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
-        found[name] = vector(f"channels[{name!r}]", values)
+        found[name] = vector(f"channels[{name!r}]", values, gaps)
         if found[name].size != size:
             raise ValueError(
                 f"channels[{name!r}] has {found[name].size} samples but t has {size}; cut them to "
@@ -157,12 +161,35 @@ def extra_vectors(channels: Any, size: int) -> dict[str, FloatArray]:
     return found
 
 
+class Channels(NamedTuple):
+    """The channels of a record as vectors of one length, and what was made up of them."""
+
+    t: FloatArray
+    u: FloatArray
+    x: FloatArray
+    reference: FloatArray | None
+    more: dict[str, FloatArray]
+    notes: tuple[str, ...] = ()
+
+
 def vectors(
-    t: Any, u: Any, x: Any, reference: Any
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """The four channels as vectors of one length."""
-    tv, uv, xv = (vector(n, a) for n, a in (("t", t), ("u", u), ("x", x)))
-    rv = None if reference is None else vector("reference", reference)
+    t: Any, u: Any, x: Any, reference: Any, channels: Any = None, gaps: bool = False
+) -> Channels:
+    """The channels as vectors; no drive is one of zero, no position that of the velocity."""
+    notes: tuple[str, ...] = ()
+    tv = vector("t", t, gaps)
+    more = extra_vectors(channels, tv.size, gaps)
+    if u is None:
+        u = np.zeros(tv.size)
+        notes += ("no drive: u = 0",)
+    if x is None and "v" in more:
+        sound = np.isfinite(tv) & np.isfinite(more["v"])
+        path = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
+        x = np.full(tv.size, np.nan)
+        x[sound] = path
+        notes += ("x is the integral of v, from 0: its offset is free, that of v makes it drift",)
+    uv, xv = vector("u", u, gaps), vector("x", x, gaps)
+    rv = None if reference is None else vector("reference", reference, gaps)
     for name, array in (("u", uv), ("x", xv), ("reference", rv)):
         if array is not None and array.size != tv.size:
             raise ValueError(
@@ -170,7 +197,40 @@ def vectors(
             )
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
-    return tv, uv, xv, rv
+    return Channels(tv, uv, xv, rv, more, notes)
+
+
+# Parts of the rows that may lack a number, or repeat a stamp, and be bridged.
+_LACKING, _DOUBLED = 0.2, 0.05
+
+
+def sound_rows(found: Channels, good: BoolArray | None) -> tuple[Channels, BoolArray | None, str]:
+    """Channels and mask without rows that lack a number or repeat a stamp, and what was wrong."""
+    t, u, x, reference, more, notes = found
+    whole = np.isfinite(t) & np.isfinite(u) & np.isfinite(x)
+    lacking = int(np.count_nonzero(~whole))
+    if lacking > _LACKING * t.size:
+        raise ValueError(
+            f"{lacking} of {t.size} rows have no number for t, u or x, the first is row "
+            f"{np.argmin(whole)}: too many to be bridged"
+        )
+    doubled = np.diff(t, prepend=np.nan) == 0.0
+    repeats = int(np.count_nonzero(doubled & whole))
+    if repeats > _DOUBLED * t.size:
+        repeats = 0  # no accident: refused with what it may be
+    keep = np.flatnonzero(whole & ~doubled if repeats else whole)
+
+    def part(values: FloatArray) -> FloatArray:
+        values = values[keep]
+        there = np.isfinite(values)
+        return values if there.all() else np.interp(t[keep], t[keep][there], values[there])
+
+    kinds = (lacking, "without a number"), (repeats, "with the stamp of the row before")
+    words = [f"{n} row{'s' * (n > 1)} {what}" for n, what in kinds if n]
+    rest = None if reference is None else part(reference)
+    more = {name: part(values) for name, values in more.items()}
+    sound = Channels(t[keep], u[keep], x[keep], rest, more, notes)
+    return sound, None if good is None else good[keep], " and ".join(words)
 
 
 def increasing_steps(t: FloatArray) -> FloatArray:
@@ -188,7 +248,8 @@ def increasing_steps(t: FloatArray) -> FloatArray:
         k = int(np.argmax(same))
         raise ValueError(
             f"t has {int(same.sum())} duplicated time stamps, first t[{k}] = t[{k + 1}] = "
-            f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0]"
+            f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0], or, of an even "
+            "clock in coarse stamps, give rate= and columns={'t': None}"
         )
     return steps
 
@@ -239,20 +300,23 @@ def uniform_step(t: FloatArray) -> float:
     return dt
 
 
-def check_motion(u: FloatArray, x: FloatArray) -> None:
-    """Errors for what never moves and for an encoder that wraps."""
-    for name, array, mend in (
-        ("x", x, "the axis never moved, or the wrong column was read"),
-        ("u", u, "without excitation nothing can be learned; check the column"),
-    ):
-        # a few units in the last place are rounding, not motion
-        if np.ptp(array) <= 8 * np.spacing(np.abs(array).max()):
-            raise ValueError(f"{name} is constant ({array[0]:.6g}): {mend}")
+def check_motion(u: FloatArray, x: FloatArray, grid: float | None = None) -> None:
+    """Errors for what never moves and for an encoder that wraps, on a grid if it has one."""
+    # a few units in the last place are rounding, not motion
+    if _constant(x):
+        raise ValueError(
+            f"x is constant ({x[0]:.6g}): the axis never moved, or the wrong column was read"
+        )
+    if _constant(u) and u.any():
+        raise ValueError(
+            f"u is constant ({u[0]:.6g}): without excitation nothing can be learned; check the "
+            "column. A free motion has u = 0 throughout"
+        )
     steps = np.abs(np.diff(x))
     span = float(np.ptp(x))
     usual = float(np.median(steps[steps > 0]))
     jumps = np.flatnonzero(steps > 0.5 * span)
-    if jumps.size == 0 or usual > 0.1 * span:
+    if usual > 0.1 * span:
         return
     before = steps[np.maximum(jumps - 1, 0)] * (jumps > 0)
     after = steps[np.minimum(jumps + 1, steps.size - 1)] * (jumps < steps.size - 1)
@@ -262,24 +326,81 @@ def check_motion(u: FloatArray, x: FloatArray) -> None:
     wraps = jumps[lone & (ends[0] <= low) & (ends[1] >= high)]
     if wraps.size:
         k = int(wraps[0])
-        period = float(np.median(steps[wraps])) + usual
-        for known in (2 * math.pi, 360.0, *(2.0**p for p in range(8, 33)), 1.0):
-            if abs(known / period - 1) < 0.02:
-                period = known
         raise ValueError(
             f"x jumps {wraps.size} times across its whole range, first from x[{k}] = {x[k]:.6g} to "
             f"x[{k + 1}] = {x[k + 1]:.6g}: the encoder wraps around. Pass its period, unwrap="
-            f"{period:.10g} perhaps; if runs were joined, split there"
+            f"{_period(x, wraps, grid):.10g} perhaps; if runs were joined, or the "
+            "counter was set to zero, split there"
         )
-    k = int(jumps[0])
-    warn(
-        f"x jumps {jumps.size} times by more than half its range in one sample, first from "
-        f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}; a glitch?"
-    )
+    if (last := _set_to_zero(x, steps)) is not None:
+        k = last + 1
+        warn(
+            f"x jumps from x[{last}] = {x[last]:.6g} to x[{k}] = {x[k]:.6g}: was the counter set "
+            f"to zero there? Then split the record: record[:{k}] and record[{k}:]"
+        )
+    elif jumps.size:
+        k = int(jumps[0])
+        warn(
+            f"x jumps {jumps.size} times by more than half its range in one sample, first from "
+            f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}; a glitch?"
+        )
+
+
+def _constant(values: FloatArray) -> bool:
+    return bool(np.ptp(values) <= 8 * np.spacing(np.abs(values).max()))
+
+
+# A reset: a jump of so many steps nearby and so many of the largest other steps, that ends so many
+# steps nearby from zero.
+_RESET, _LARGEST, _AT_ZERO = 20.0, 3.0, 2.0
+
+
+def _set_to_zero(x: FloatArray, steps: FloatArray) -> int | None:
+    """Last sample before a counter was set to zero in mid-record, None if it was not."""
+    if steps.size < 2 * MIN_SAMPLES:
+        return None
+    near = ndimage.maximum_filter1d(np.where(steps < 0.5 * steps.max(), steps, 0.0), 7)
+    near = np.maximum(near, np.min(steps[steps > 0.0]))
+    jumps = (steps > _RESET * near) & (np.abs(x[1:]) <= _AT_ZERO * near)
+    if not jumps.any():
+        return None
+    found = np.flatnonzero(jumps & (steps > _LARGEST * steps[~jumps].max(initial=0.0)))
+    return int(found[0]) if found.size else None
+
+
+#: Turns and counters that encoders have, in rad, degrees, turns or increments.
+_COUNTS = [*(2.0**k for k in range(8, 33)),
+           *(f * 10.0**k for k in (2, 3, 4) for f in (1, 2, 3.6, 4, 5, 8))]  # fmt: skip
+_TURNS = [2 * math.pi, math.pi, 360.0, 180.0, 1.0, *_COUNTS]
+
+
+def _period(x: FloatArray, wraps: IntArray, grid: float | None) -> float:
+    """Period of an encoder whose readings, `grid` apart, wrap after some samples."""
+    steps = np.diff(x)
+    inner = wraps[(wraps > 0) & (wraps < steps.size - 1)]
+    wraps = inner if inner.size else wraps
+    before, after = steps[np.maximum(wraps - 1, 0)], steps[np.minimum(wraps + 1, steps.size - 1)]
+    if not inner.size:
+        before = after = np.zeros(wraps.size)
+    way = 0.5 * (before + after)
+    sign = np.sign(steps[wraps] - way)
+    period = float(np.median(sign * (steps[wraps] - way)))
+    # What acceleration and the grid leave open.
+    unsure = 1e-9 * period + (grid or 0.0) + float(np.median(np.abs(after - before)))
+    known = _TURNS + [grid * one for one in _COUNTS if grid]
+    near = min(known, key=lambda one: abs(one - period))
+    if abs(near - period) <= unsure:
+        return near
+    return grid * round(period / grid) if grid else period
+
+
+# Errors of a period of the encoder from which on it is another one: in changes of the step from
+# sample to sample, of one wrap and of several alike, and in parts of itself; least several wraps.
+_OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
 
 
 def unwrapped(
-    x: FloatArray, reference: FloatArray | None, period: float
+    x: FloatArray, reference: FloatArray | None, period: float, grid: float | None = None
 ) -> tuple[FloatArray, FloatArray | None]:
     """Position and reference without the jumps of a periodic encoder."""
     steps = np.abs(np.diff(x))
@@ -288,11 +409,29 @@ def unwrapped(
             f"unwrap = {period:g} is shorter than twice most steps of x, {np.median(steps):.4g} "
             "usually: it is the period of the encoder in the unit of x"
         )
-    x = np.unwrap(x, period=period)
+    path = np.unwrap(x, period=period)
+    step = np.diff(path)
+    turns = np.rint((step - np.diff(x)) / period)
+    if (wraps := np.flatnonzero(turns[1:-1]) + 1).size:
+        # Motion goes on over a wrap as before and after it.
+        off = turns[wraps] * (step[wraps] - 0.5 * (step[wraps - 1] + step[wraps + 1]))
+        usual = float(np.median(np.abs(np.diff(step))))
+        wrong = abs(float(np.median(off)))
+        alike = wraps.size >= _SURE and np.median(np.abs(off - np.median(off))) < 0.5 * wrong
+        limit = (_ALIKE_OTHER if alike else _OTHER) * usual
+        if wrong > max(limit, 2.0 * (grid or 0.0), _SHARE * period):
+            message = (
+                f"unwrap = {period:.10g} leaves a jump of {wrong:.4g} where x wraps around, "
+                f"{wraps.size} times, first after x[{wraps[0]}]: is the period unwrap="
+                f"{_period(x, wraps, grid):.10g}?"
+            )
+            if alike:
+                raise ValueError(message)
+            warn(message)
     if reference is not None:
         reference = np.unwrap(reference, period=period)
-        reference = reference - period * np.rint((reference[0] - x[0]) / period)
-    return x, reference
+        reference = reference - period * np.rint((reference[0] - path[0]) / period)
+    return path, reference
 
 
 # Suspected unit of time: name, short name, factor, step and time since 1970 from which on.
@@ -451,6 +590,14 @@ def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
     return decimal_grid(x, factor)
 
 
+def grid_of(x: FloatArray, factor: float) -> float | None:
+    """Distance between two readings: one raw number if all are whole ones, else as estimated."""
+    whole = x / factor
+    if factor != 1.0 and np.all(np.abs(whole - np.rint(whole)) < 1e-3):
+        return abs(factor)
+    return estimated_quantum(x, factor)
+
+
 def decimal_grid(x: FloatArray, factor: float = 1.0) -> float | None:
     """Largest power of ten, times a factor, of which all positions are multiples."""
     read = x / factor
@@ -494,7 +641,7 @@ def resample(
         raise ValueError(
             f'interpolation must be "monotone", "linear" or "cubic", got {interpolation!r}'
         )
-    count = (t[-1] - t[0]) / dt + 1e-6
+    count = (t[-1] - t[0] + 2 * np.spacing(np.abs(t).max())) / dt + 1e-6
     if not MIN_SAMPLES - 1 <= count <= 10 * MAX_ROWS:
         raise ValueError(
             f"dt = {dt:g} s would make {count + 1:.3g} samples of {t[-1] - t[0]:.4g} s; it takes "

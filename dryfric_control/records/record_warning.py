@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 
 class RecordWarning(UserWarning):
     """Data that can be used but look suspicious.
@@ -20,3 +22,8 @@ class RecordWarning(UserWarning):
     >>> caught[0].category is dfc.RecordWarning
     True
     """
+
+
+def warn(message: str, stacklevel: int = 4) -> None:
+    """Warn of data that look wrong."""
+    warnings.warn(message, RecordWarning, stacklevel=stacklevel)

@@ -5,21 +5,20 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, positive
-from dryfric_control.records.record_warning import RecordWarning
+from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import existing_file
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
 _OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
-            "rated_force")  # fmt: skip
+            "rated_force", "pinion_radius", "piston_area")  # fmt: skip
 # A lead [m] that was meant in millimetres.
 _LONG_LEAD = 1.0
 # What the table [record] says of the sampling, which `read_record` takes beside a scaling.
@@ -42,7 +41,7 @@ class Scaling:
     ----------
     gain : mapping of str to float, optional
         Factor on a channel (``u``, ``x`` with its reference, ``v``, ``a``, ``x2``), such as
-        newtons per volt; goes before everything below.
+        newtons per volt: converts the number in the file, in place of everything below.
     counts_per_turn : float, optional
         Encoder counts per turn of its shaft.
     gear_ratio : float, optional
@@ -59,6 +58,10 @@ class Scaling:
         Force of a linear motor per current [N/A].
     rated_force : float, optional
         Force of a linear motor at 100 % [N].
+    pinion_radius : float, optional
+        Of rack and pinion, or of the pulley of a belt [m]: a lead of 2 pi times as much.
+    piston_area : float, optional
+        Area on which a measured pressure acts [m^2].
 
     Raises
     ------
@@ -68,14 +71,15 @@ class Scaling:
     Warns
     -----
     RecordWarning
-        If `lead` is a metre or more.
+        If `lead` or `pinion_radius` is a metre or more.
 
     Notes
     -----
     ``x = counts / counts_per_turn / gear_ratio`` turns of the load, times 2 pi [rad] or `lead` [m];
-    ``u = torque_constant * current * gear_ratio`` [N m], times 2 pi / `lead` [N]. A channel without
-    a unit is taken to be in counts, amperes or per cent if the number for these is given. Losses of
-    the gear are not in: they are friction of the axis.
+    ``u = torque_constant * current * gear_ratio`` [N m], times 2 pi / `lead` [N], or
+    ``u = piston_area * pressure`` [N]. A channel without a unit is taken to be in counts, amperes
+    or per cent if the number for these is given. Losses of the gear are not in: they are friction
+    of the axis.
 
     Examples
     --------
@@ -96,6 +100,8 @@ class Scaling:
     rated_torque: float | None = None
     force_constant: float | None = None
     rated_force: float | None = None
+    pinion_radius: float | None = None
+    piston_area: float | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -115,19 +121,18 @@ class Scaling:
         for name in _OPTIONS:
             if (value := getattr(self, name)) is not None:
                 put(self, name, positive(name, value))
-        if self.lead is not None and self.lead >= _LONG_LEAD:
-            warnings.warn(
-                f"lead = {self.lead:g} m means metres of travel per turn of the load: a screw of "
-                f"{self.lead:g} mm has lead={1e-3 * self.lead:g}",
-                RecordWarning,
-                stacklevel=3,
-            )
+        for name, what in (("lead", "a screw"), ("pinion_radius", "a pinion")):
+            if (value := getattr(self, name)) is not None and value >= _LONG_LEAD:
+                warn(f"{name} = {value:g} is in metres: {what} of {value:g} mm has "
+                     f"{name}={1e-3 * value:g}")  # fmt: skip
         put(self, "gear_ratio", positive("gear_ratio", self.gear_ratio))
         if not isinstance(self.load_encoder, bool):
             raise ValueError(f"load_encoder must be True or False, got {self.load_encoder!r}")
         for one, other in (("torque_constant", "force_constant"), ("rated_torque", "rated_force")):
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 raise ValueError(f"{one} and {other} are both given: a motor has one of them")
+        if self.lead is not None and self.pinion_radius is not None:
+            raise ValueError("lead and pinion_radius are both given: an axis has one of them")
 
     @classmethod
     def of(cls, gain: Any) -> Scaling:
@@ -259,24 +264,36 @@ class Scaling:
         found = self._drive(si) if role == "u" else self._motion(role, si)
         return found and Conversion(factor * found.factor, unit or found.raw, found.unit)
 
+    @property
+    def _travel(self) -> float | None:
+        """Travel per turn of the load [m], None of a rotary axis."""
+        return self.lead if self.pinion_radius is None else 2 * math.pi * self.pinion_radius
+
     def _motion(self, role: str, unit: str) -> Conversion | None:
         """Turns of the encoder to way of the load."""
         tail = {"v": "/s", "a": "/s^2"}.get(role, "")
         ratio = 1.0 if self.load_encoder else self.gear_ratio
         if not tail and unit in ("", "counts") and self.counts_per_turn is not None:
             turn, raw = self.counts_per_turn, "counts"
-        elif unit == "rad" + tail and (ratio != 1.0 or self.lead is not None):
+        elif unit == "rad" + tail and (ratio != 1.0 or self._travel is not None):
             turn, raw = 2 * math.pi, unit
         else:
             return None
-        if self.lead is None:
+        if self._travel is None:
             return Conversion(2 * math.pi / (turn * ratio), raw, "rad" + tail)
-        return Conversion(self.lead / (turn * ratio), raw, "m" + tail)
+        return Conversion(self._travel / (turn * ratio), raw, "m" + tail)
 
     def _drive(self, unit: str) -> Conversion | None:
         """Current, per cent or torque of the motor to force or torque of the load."""
         rated = self.rated_torque if self.rated_force is None else self.rated_force
         constant = self.torque_constant if self.force_constant is None else self.force_constant
+        if self.piston_area is not None and unit in ("Pa", ""):
+            if not unit:
+                raise ValueError(
+                    "piston_area is given and u has no unit: name that of the pressure, such as "
+                    'units={"u": "bar"}'
+                )
+            return Conversion(self.piston_area, unit, "N")
         if unit == "%" or (unit == "" and rated is not None and constant is None):
             if rated is None:
                 return None
@@ -285,16 +302,16 @@ class Scaling:
             if constant is None:
                 return None
             factor, raw, linear = constant, "A", self.force_constant is not None
-        elif unit == "N m" and (self.gear_ratio != 1.0 or self.lead is not None):
+        elif unit == "N m" and (self.gear_ratio != 1.0 or self._travel is not None):
             factor, raw, linear = 1.0, unit, False
         else:
             return None
         if linear:
             return Conversion(factor, raw, "N")
         factor *= self.gear_ratio
-        if self.lead is None:
+        if self._travel is None:
             return Conversion(factor, raw, "N m")
-        return Conversion(factor * 2 * math.pi / self.lead, raw, "N")
+        return Conversion(factor * 2 * math.pi / self._travel, raw, "N")
 
 
 def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:

@@ -178,7 +178,7 @@ class Magnet(fx.Effect):
         fx.QuadraticDrag(drag=800.0),
         fx.InputGain(gain=0.7),
         fx.DeadZone(width=2.0),
-        fx.InputDelay(delay=4e-3),
+        fx.InputDelay(delay=8e-3),
     ],
     ids=lambda effect: effect.slug,
 )
@@ -219,7 +219,7 @@ def test_rest_is_quiet_and_the_tube_holds(comp, seed, presliding):
 
 @pytest.mark.parametrize("hard", [1.0, 5.0, 10.0])
 def test_the_tube_of_a_hard_reference_holds(hard):
-    """Beside the mismatch the nominal loop errs: at 40 m/s^2 the tube was 323 um, the error 361."""
+    """Feedforward that is early or late counts: at 40 m/s^2 the tube was 323 um, the error 361."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     comp = dfc.design_compensation(axis, DT, QUANTUM, input_delay=1e-3)
     motion = dfc.motion_profile(
@@ -234,7 +234,7 @@ def test_the_tube_of_a_hard_reference_holds(hard):
         )  # fmt: skip
         run = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
         assert np.abs(motion.position - run.y[0]).max() <= certificate.tube
-    assert certificate.parts["nominal axis"] < certificate.tube < 3.0 * hard * comp.certificate.tube
+    assert certificate.parts["inertia"] < certificate.tube < 3.0 * hard * comp.certificate.tube
 
 
 def test_a_tube_without_a_reference_is_of_slow_ones(comp):
@@ -242,9 +242,7 @@ def test_a_tube_without_a_reference_is_of_slow_ones(comp):
     slow, moved = comp.certificate, comp.certify(reference=moves())
     assert slow.slow and "of mismatch, slow references: " in slow.summary()
     assert not moved.slow and "slow" not in moved.summary()
-    assert moved.tube > slow.tube and set(moved.parts) - set(slow.parts) == {
-        "inertia", "nominal axis", "reversal",
-    }  # fmt: skip
+    assert moved.tube > slow.tube and set(moved.parts) - set(slow.parts) == {"inertia"}
 
 
 def test_a_pid_hunts_where_the_compensated_loop_rests(comp):
@@ -337,7 +335,7 @@ def test_drive_step_is_that_of_the_law(law):
 
 def test_a_lower_bandwidth_and_a_finer_encoder_lower_the_drive_step():
     steps = [
-        dfc.design_compensation(NOMINAL, DT, quantum, bandwidth=bandwidth).drive_step
+        dfc.design_compensation(NOMINAL, DT, quantum, bandwidth=bandwidth, noise=2.0).drive_step
         for bandwidth, quantum in ((100.0, 1e-5), (50.0, 1e-5), (50.0, 1e-6), (50.0, 0.0))
     ]
     assert steps[1] < 0.6 * steps[0] and steps[2] == pytest.approx(0.1 * steps[1], rel=0.1)
@@ -382,7 +380,7 @@ def test_an_axis_rests_although_its_levels_differ_by_direction(levels):
     assert "lower mismatch" in failed.detail
 
 
-@pytest.mark.parametrize("limit", [11.0, 13.0, 14.5, 30.0])
+@pytest.mark.parametrize("limit", [11.0, 13.0, 14.5, 40.0])
 def test_no_error_is_certified_beyond_what_the_drive_can_do(limit):
     """A plant within the mismatch left a certified tube of 90 um by 3 mm: the drive was short."""
     certificate = dfc.design_compensation(NOMINAL, DT, QUANTUM, limit=limit).certify(
@@ -438,10 +436,13 @@ def test_linear_loop_is_that_of_the_simulation(law, delay):
         assert np.abs(near - late).max() < 0.05 * np.abs(late).max()
 
 
-def test_linear_loop_with_the_observer_is_that_of_the_simulation():
+def test_linear_loop_with_the_estimate_is_that_of_the_simulation():
     """Sliding at constant speed, a small force through the loop and the matrices."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, stick_speed=1e-3)
-    comp = dfc.design_compensation(axis, DT, 0.0, input_delay=3e-3, learning=0.0)
+    # Without integral, which the certificate counts among the forces.
+    comp = dfc.design_compensation(
+        axis, DT, 0.0, input_delay=3e-3, law="fixed", gains=(5e4, 0.0, 1e3)
+    )
     n, start = 1200, 600
     reference = 0.05 * np.arange(n) * DT
     push = np.zeros(n)
@@ -453,13 +454,12 @@ def test_linear_loop_with_the_observer_is_that_of_the_simulation():
         )
     seen = (runs[1] - runs[0])[start:] / 1e-3
     A, B = loop_matrices(comp.loop, 2.0, 15.0, 0.0)
-    # The slow filter by which the law judges the observer's friction is left out of the
-    # matrices; the rest agrees.
     state, expected = B[:, 0], [0.0]
     for _ in range(n - start - 1):
         expected.append(state[0])
         state = A @ state
-    assert np.abs(seen - expected).max() < 0.02 * np.abs(expected).max()
+    # Positions of 0.06 m to 16 digits, over a push of 1 mN.
+    assert np.abs(seen - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 def test_a_saved_compensation_is_the_same(comp, tmp_path):

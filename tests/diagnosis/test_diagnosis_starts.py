@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from diagnosis_cases import among, believed, causes, record
+from diagnosis_cases import believed, record
 from truth import make_case
 
 import dryfric_control as dfc
@@ -60,12 +60,3 @@ def test_a_load_may_start_anywhere_in_its_play(seed):
     # Nothing ran before the first window: its load is where it fits best.
     assert -1.0 <= at.starts[2, 0] <= 1.0
     assert scores[0] < OFF
-
-
-def test_free_runs_start_from_what_the_likelihood_has_found():
-    # The guesses of this peak end 3 % beside it, where a drag seems to be missing.
-    case = make_case("stribeck", 4, "exact")
-    with among("stribeck", "quadratic_drag"):
-        found = dfc.diagnose(believed(case), record(case), progress=False)
-    assert causes(found) == ["stribeck"]
-    assert found.verdict == "explained"

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.diagnose import _muted
-from dryfric_control.diagnosis.random_force import IMPOSED, ONE_VELOCITY
 
 
 def walked(
@@ -54,7 +50,7 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
     d = dfc.diagnose(axis, arm(1), known=("mass",), hold="first", progress=False)
     assert [cause.effect for cause in d.main_causes] == ["gravity"]
     assert d.causes[0].parameters["amplitude"] == pytest.approx(38.0, rel=0.02)
-    assert IMPOSED in d.messages
+    assert any("the motion is imposed" in message for message in d.messages)
 
 
 @pytest.mark.slow
@@ -66,7 +62,7 @@ def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     d = dfc.diagnose(axis, records, known=("mass",), hold="first", jobs=1, progress=False)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
     assert d.causes == ()
-    assert IMPOSED in d.messages
+    assert any("the motion is imposed" in message for message in d.messages)
     assert d.gain.unit == "N" and d.gain.after == pytest.approx(0.1, rel=0.05)
     assert "force that the motion needs" in d.summary()
 
@@ -116,7 +112,7 @@ def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.03)
     assert {cause.effect for cause in d.causes} <= {"presliding"}
     assert d.extended.viscous == 0.0
-    assert ONE_VELOCITY in d.messages
+    assert any("nearly one velocity" in message for message in d.messages)
 
 
 @pytest.mark.slow
@@ -152,21 +148,6 @@ def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None
     assert max(forces["standard_errors"]) < 0.1
 
 
-def test_a_motion_that_needs_no_drive_is_made_by_something_else() -> None:
-    # With its stiffness and next to no drive a spring swings as the bench does.
-    t = 5e-3 * np.arange(600)
-    x, v, a = (5.6e-3 * 4.0**i * np.sin(4.0 * t + 0.5 * np.pi * i) for i in range(3))
-    axis = dfc.FrictionAxis(mass=2.2e-2, viscous=1.2e-2, coulomb=7e-3)
-    measured = dfc.Record(t, 2.2e-2 * a + 1.2e-2 * v + 7e-3 * np.sign(v), x)
-    swings = axis.replace(
-        viscous=1e-6, coulomb=1e-6,
-        effects=(dfc.effects.Spring(16.0 * 2.2e-2, 0.0), dfc.effects.InputGain(1e-4)),
-    )  # fmt: skip
-    for extended, muted in ((swings, True), (axis, False)):
-        d = SimpleNamespace(causes=(1,), record=measured, extended=extended)
-        assert _muted(d, 0.25, "zero") is muted
-
-
 @pytest.mark.slow
 def test_input_that_is_stamped_late_is_found_and_shifted() -> None:
     case = truth.make_case("coulomb_asymmetry", 3, "short")
@@ -178,7 +159,7 @@ def test_input_that_is_stamped_late_is_found_and_shifted() -> None:
         d = dfc.diagnose(believed(case), dfc.Record(good.t, u, good.x), jobs=1, progress=False)
     assert [cause.effect for cause in d.causes] == ["coulomb_asymmetry"]
     [told] = [m for m in d.messages if m.startswith("the recorded input acts")]
-    # To a fiftieth of a sample.
-    assert float(told.split()[4]) == pytest.approx(late, abs=0.02) and told.split()[5] == "ms"
+    # To a twentieth of a sample: three standard errors.
+    assert float(told.split()[4]) == pytest.approx(late, abs=0.05) and told.split()[5] == "ms"
     # d.record has it shifted back, but for its noise.
     assert np.std(d.record.u[:-10] - good.u[:-10]) < 0.35 * np.std(u[:-10] - good.u[:-10])

@@ -1,12 +1,11 @@
 """A user's own effect is a candidate like any other, and judged like any other."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from diagnosis_cases import among, causes
-from truth import Plant, closed_loop
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
@@ -120,35 +119,3 @@ SECONDS = 12
 
 def by_heart_law(t, x, v, u, level, direction, rest, p):
     return p[min(int(t), SECONDS - 1)]
-
-
-@pytest.mark.slow
-def test_a_candidate_that_learns_by_heart_is_refused():
-    """A friction level for every second fits any record; it says nothing of the others."""
-    # Bounds that keep the level of 8 N positive.
-    every = {
-        f"second{k:02d}": dfc.effects.parameter("N", "level", default=0.0, bounds=(-6.0, 6.0))
-        for k in range(SECONDS)
-    }
-    heart = make_dataclass(
-        "Heart", [(name, float, one) for name, one in every.items()],
-        bases=(dfc.effects.Effect,), frozen=True,
-        namespace={"slug": "by_heart", "title": "learned by heart", "action": "friction",
-                   "law": staticmethod(by_heart_law)},
-    )  # fmt: skip
-    rng = np.random.default_rng(0)
-    n = SECONDS * 1000
-    targets = np.repeat(rng.uniform(0.03, 0.27, 90), 250)[: n + 400]
-    bell = np.hanning(400)
-    reference = np.convolve(targets, bell / bell.sum(), "same")[200 : 200 + n]
-    plant = Plant(mass=2.0, viscous=15.0, coulomb=8.0, middle=0.15, half_travel=0.15)
-    wander = np.repeat(rng.uniform(-0.4, 0.4, SECONDS), 1000)
-    zero = np.zeros(n)
-    u, x, _ = closed_loop(
-        plant, reference, DT, 30, 2450.0, 0.0, 112.0, 3e-3, 200.0, 2e-6, zero, zero, zero, wander
-    )
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
-    with among("bias_force", "spring", "position_dependence", "drift"), registered(heart):
-        found = diagnose(axis, dfc.Record(DT * np.arange(n), u, x), jobs=1)
-    assert "by_heart" not in causes(found), str(found)
-    assert found.verdict in ("partly explained", "unexplained")

@@ -4,7 +4,6 @@ A record off by 1e-12 of its range, or one whose numbers were summed in another
 order, differs by less than anything that it resolves.
 """
 
-from copy import copy
 from functools import cache
 
 import numpy as np
@@ -13,11 +12,9 @@ from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.estimation.force_residual import View
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import _break_aways, _coarse, stick_phases
-from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.motion import directions
 from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 
@@ -201,35 +198,6 @@ def test_a_fit_ends_in_the_same_place(how):
 
 
 # --- diagnosis --------------------------------------------------------------
-
-
-@pytest.mark.parametrize("how", CHANGES)
-def test_first_guesses_are_the_same(how):
-    record, effect = run("cogging"), REGISTRY["cogging"]
-    one, two = ([*effect.guess(View(BASE, r))] for r in (record, changed(record, how)))
-    assert len(one) == len(two) > 1
-    for (values, base), (others, around) in zip(one, two, strict=True):
-        assert others == pytest.approx(values, rel=1e-6)
-        assert around == pytest.approx(base, rel=1e-6)
-
-
-def test_of_two_equal_peaks_the_first_is_taken():
-    """A sine halfway between two points of the grid raises both alike."""
-    from dryfric_control.estimation.force_residual import _FINE
-
-    seen = View(BASE, run("clean"))
-    along = np.linspace(-0.5, 0.5, seen.x.size)
-    grid = np.arange(40, 60) / _FINE
-    f = 0.5 * (grid[3] + grid[4])
-    found = []
-    for k in range(-4, 5):
-        wave = 4.0 * np.cos(2.0 * np.pi * f * along) * (1.0 + k * 1e-14)
-        still = np.zeros(seen.x.size)
-        one = copy(seen)
-        one.residual, one.a, one.v = wave, still, still + 1.0
-        found.append([p[0] for p in one.periods(along * (1.0 + k * 1e-15))])
-    for other in found[1:]:
-        assert other == pytest.approx(found[0], rel=1e-6)
 
 
 @pytest.mark.slow

@@ -34,7 +34,6 @@ def test_both_causes_of_a_pair_are_found():
     [
         (("input_gain",), 7, "exact"),
         (("input_gain",), 4, "short"),
-        (("input_gain", "stribeck"), 5, "short"),
     ],
 )
 def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
@@ -59,13 +58,3 @@ def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
     assert found.causes[0].parameters["stiffness"] == pytest.approx(true["stiffness"], rel=0.05)
     assert "lready in the nominal axis" in found.causes[0].explanation
     assert len(found.extended.effects) == 1
-
-
-@pytest.mark.slow
-def test_a_believed_peak_that_is_not_there_is_taken_away():
-    case = make_case("input_gain", 4, "short")
-    peak = dfc.Stribeck(excess=0.3, speed=0.02)
-    with among(*BESIDE_GAIN):
-        found = diagnose(believed(case).replace(stribeck=peak), record(case), jobs=1)
-    assert sorted(causes(found)) == ["input_gain", "stribeck"], str(found)
-    assert found.extended.stribeck.excess < 0.02

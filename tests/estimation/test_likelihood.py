@@ -18,8 +18,6 @@ from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import (
     Likelihood,
     prepare,
-    some_of,
-    worst_of,
 )
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import _inverse
@@ -33,7 +31,7 @@ LINEAR = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, stick_speed=1e-6)
 def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0):
     """Innovations and variances of a record, shape (2, n)."""
     arrays = axis.arrays(DT)
-    out, state = np.zeros((2, y.size)), np.zeros((4, y.size))
+    out, state = np.zeros((2, y.size)), np.zeros((6, y.size))
     good = np.ones(y.size, bool) if good is None else good
     hybrid.innovations(
         arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, rested, DT, False, force,
@@ -279,7 +277,12 @@ def test_inner_states_are_found_anew_in_every_stretch(slug, least):
     """Stretches begin with a contact strained or a play crossed nobody knows how far: the axis
     as it was is likelier by far all the same (by -2350 and 687 if they stay as guessed)."""
     case = truth.make_case(slug, 3, "noisy")
-    run = some_of(prepare(record(case)), 8000)
+    run, size = prepare(record(case)), 2000
+    starts = np.linspace(0, len(run.record) - size, 4).astype(int)
+    active = np.zeros(len(run.record), bool)
+    for a in starts:
+        active[a + compiled.FIRST + 1 : a + size] = True
+    run = replace(run, active=active, pieces=tuple((int(a), int(a) + size) for a in starts))
     ((name, values),) = case.truth.items()
     machine = believed(case).replace(effects=(class_of(name)(**values),))
     costs = []
@@ -527,44 +530,6 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
         problem.at(problem.start())
 
 
-@pytest.mark.parametrize("moves", [(0.12, 0.17), (0.4, 0.44, 0.56, 0.6), (0.1, 0.13, 0.9, 0.93)])
-def test_stretches_lie_where_a_record_moves(moves):
-    # Evenly spread ones would stand still.
-    n, size = 40_000, 2000
-    v = np.zeros(n)
-    for begin, end in zip(moves[::2], moves[1::2], strict=True):
-        v[int(begin * n) : int(end * n)] = 0.2
-    t = 1e-3 * np.arange(n)
-    x = 1e-6 * np.round(1e3 * np.cumsum(v * (1.0 + 0.5 * np.sin(t))))
-    run = prepare(dfc.Record(t, np.sign(v) + np.sin(t), x, quantum=1e-6))
-    pieces = np.array(some_of(run, 4 * size).pieces)
-    assert np.all(pieces[:, 1] - pieces[:, 0] == size)
-    assert pieces[0, 0] >= 0 and pieces[-1, 1] <= n and np.all(np.diff(pieces[:, 0]) >= size)
-    moved = sum((v[a:b] != 0.0).sum() for a, b in pieces)
-    assert moved > 0.6 * min((v != 0.0).sum(), 4 * size)
-    # Where they move as the record does they stay evenly spread.
-    always = prepare(dfc.Record(t, np.sin(t), 1e-6 * np.round(1e5 * np.sin(t)), quantum=1e-6))
-    assert [a for a, _ in some_of(always, 4 * size).pieces] == [0, 12666, 25333, 38000]
-
-
-def test_the_stretches_that_a_model_foresees_worst():
-    n = 20_000
-    t = 1e-3 * np.arange(n)
-    run = prepare(dfc.Record(t, np.sin(t), 1e-6 * np.round(1e5 * np.sin(t)), quantum=1e-6))
-    out = np.array([np.random.default_rng(3).standard_normal(n), np.ones(n)])
-    out[0, 5300:5330] += 8.0
-    out[0, 14990:15010] += 8.0
-    out[1, 9000:9100] = 0.0  # no innovations
-    out[0, 9000:9100] = 1e6
-    worst = worst_of(run, out, 2000)
-    pieces = np.array(worst.pieces)
-    assert np.all(np.diff(pieces, axis=1) == 500) and len(pieces) == 4
-    assert np.all(pieces[1:, 0] >= pieces[:-1, 1])
-    for event in (range(5300, 5330), range(14990, 15010)):
-        assert worst.active[event].mean() > 0.4
-    assert worst_of(run, out, 19_000) is run
-
-
 def test_a_rough_cost_ends_where_no_point_around_is_lower():
     """Contacts stick and slide at other samples with every step: slopes are no guide."""
     case = truth.make_case("presliding", 12, "decimated")
@@ -575,22 +540,8 @@ def test_a_rough_cost_ends_where_no_point_around_is_lower():
     axis = believed(case).replace(effects=(machine,))
     actual = axis.replace(**{n: case.actual[n] for n in ("mass", "viscous", "coulomb")})
     known = Likelihood(actual, (), runs)
-    problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(6.68e-5),)), names, runs)
+    problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(8e-5),)), names, runs)
     found = maximise(problem, problem.start(1.0))
     assert found.converged
     assert found.cost < maximise(known, known.start(1.0)).cost - 50.0
     assert found.values()["presliding.distance"] == pytest.approx(values["distance"], rel=0.005)
-
-
-def test_fine_readings_show_more_of_the_random_force_than_coarse_ones():
-    shares = []
-    for noise in (1e-9, 1e-5):
-        axis, r = moved_axis(np.random.default_rng(3), 0.24, noise)
-        problem = Likelihood(axis, (), [prepare(r)])
-        found = maximise(problem, problem.start(1.0))
-        moving = np.mean(np.abs(r.derivatives().v) > 1e-3)
-        shares.append(found.heard() / len(r) / moving)
-    # At rest the force does not act.
-    assert 0.7 < moving < 0.95
-    assert shares[0] == pytest.approx(1.0, abs=0.05)
-    assert 0.0 < shares[1] < 0.3

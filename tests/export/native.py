@@ -19,12 +19,20 @@ FLAGS = "-std=c99 -Wall -Wextra -Wconversion -Werror -O2 -ffp-contract=off".spli
 
 
 def driver(made: Exported) -> str:
-    """C that runs a whole record: inputs in rows, outputs in rows, switches one after another."""
+    """C that runs a whole record: inputs in rows, outputs in rows, switches one after another.
+
+    Macros: NUMBER, the type of the rows, and AFTER, samples that were taken before.
+    """
     n = made.name
-    starts = "".join(f", starts[{i}]" for i in range(len(made.starts)))
-    inputs = "".join(f", in[{len(made.inputs)} * k + {i}]" for i in range(len(made.inputs)))
+
+    def given(signals, array, k=""):
+        kinds = ["" if s.place else f"({n}_real)" for s in signals]
+        return "".join(f", {kind}{array}[{k}{i}]" for i, kind in enumerate(kinds))
+
+    starts = given([s for s, _ in made.starts], "starts")
+    inputs = given(made.inputs, "in", f"{len(made.inputs)} * k + ")
     rows = "\n".join(
-        f"        out[{len(made.outputs)} * k + {i}] = ({n}_real)o.{s.name};"
+        f"        out[{len(made.outputs)} * k + {i}] = (NUMBER)o.{s.name};"
         for i, s in enumerate(made.outputs)
     )
     switches = ""
@@ -36,14 +44,20 @@ def driver(made: Exported) -> str:
             "        lost += state.count[2];\n"
         )
     return f"""#include "{n}.h"
-int run(int n, const {n}_real *starts, const {n}_real *in, {n}_real *out, {n}_real *switches, int most);
-int run(int n, const {n}_real *starts, const {n}_real *in, {n}_real *out, {n}_real *switches, int most)
+#ifndef NUMBER
+#define NUMBER {n}_real
+#endif
+int run(int n, const NUMBER *starts, const NUMBER *in, NUMBER *out, {n}_real *switches, int most);
+int run(int n, const NUMBER *starts, const NUMBER *in, NUMBER *out, {n}_real *switches, int most)
 {{
     {n}_state state;
     {n}_output o;
     int total = 0, lost = 0;
     (void)starts; (void)switches; (void)most;
     {n}_init(&state{starts});
+#ifdef AFTER
+    state.samples = AFTER;
+#endif
     for (int k = 0; k < n; ++k) {{
         if (!{n}_step(&state{inputs}, &o))
             return -1;
@@ -57,7 +71,8 @@ int run(int n, const {n}_real *starts, const {n}_real *in, {n}_real *out, {n}_re
 int main(void)
 {{
     int n = 0;
-    {n}_real starts[8] = {{0}}, *in, *out, *switches;
+    NUMBER starts[8] = {{0}}, *in, *out;
+    {n}_real *switches;
     if (fread(&n, sizeof n, 1, stdin) != 1 || n < 1)
         return 1;
     in = malloc(sizeof *in * (size_t)n * {len(made.inputs)});
@@ -85,7 +100,10 @@ class Native:
         main = self.files[0].parent / "driver.c"
         main.write_text(driver(self.made))
         self.sources, self.flags = [str(self.files[1]), str(main)], list(flags)
-        self.real = np.float64 if precision == "double" else np.float32
+        self.real = np.float32 if precision == "single" else np.float64
+        self.inner = np.float64 if precision == "double" else np.float32
+        if precision == "mixed":
+            self.flags.append("-DNUMBER=double")
         self._run = None
 
     def compiled(self, target: Path, *options: str) -> Path:
@@ -104,7 +122,7 @@ class Native:
         if starts is not None:
             first[: len(starts)] = starts
         out = np.empty((len(given), len(self.made.outputs)), dtype=self.real)
-        switches = np.zeros((100_000, 3), dtype=self.real)
+        switches = np.zeros((100_000, 3), dtype=self.inner)
         count = self._run(
             len(given), *(a.ctypes.data_as(ctypes.c_void_p) for a in (first, given, out, switches)),
             switches.size,

@@ -144,6 +144,19 @@ def test_valgrind_finds_nothing(tmp_path):
 
 
 @needs_gcc
+def test_next_returns_the_end_of_the_sample(tmp_path):
+    axis = AXIS.replace(effects=(E.LoadEncoderBacklash(1e-4, 0.4), E.EccentricEncoder(1e-4, 0.01)))
+    code = native.Native(axis, tmp_path)
+    main = tmp_path / "driver.c"
+    main.write_text(main.read_text().replace("stage_step(", "stage_next("))
+    stepper, expected = axis.stepper(1e-3), []
+    for u in U[:300]:
+        stepper.step(u)
+        expected.append([stepper.x, stepper.v, stepper.F, stepper.mode])
+    assert native.ulps(code.run(U[:300])[0], np.array(expected).T) == 0
+
+
+@needs_gcc
 def test_an_input_that_is_no_number_changes_nothing(tmp_path):
     code = native.Native(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path)
     for bad in (np.nan, np.inf):
@@ -231,7 +244,7 @@ def test_a_law_without_c_is_refused(tmp_path):
     ("given", "words"),
     [
         ({"obj": 3}, "obj must be a FrictionAxis"),
-        ({"precision": "half"}, 'precision must be "double" or "single"'),
+        ({"precision": "half"}, 'precision must be one of "double", "single"'),
         ({"name": "2fast"}, "is no C identifier"),
         ({"name": "a-b"}, "is no C identifier"),
         ({"name": "naïve"}, "is no C identifier"),
@@ -277,6 +290,7 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     assert "u [N]: drive force" in text and "decay" in text and "mode -1, 0 or 1" in text
     data, intact = read_document(numbers, "export", 1)
     assert intact and data["dt"] == 1e-3
+    assert max(data["tables"]["axis_integers"]["values"]) < 100  # counts, and no address
     assert data["operations"]["multiply"] > 10
     assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()
 

@@ -1,5 +1,6 @@
 """FMUs against the simulation: by FMPy, step by step, in a closed loop."""
 
+import dataclasses
 import shutil
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import dryfric_control as dfc
 from dryfric_control.export import export_fmu
 from dryfric_control.export.fmu import Model
 from dryfric_control.export.objects import exported
+from dryfric_control.model.effects.effect import REGISTRY
 
 fmpy = pytest.importorskip("fmpy", reason="no fmpy: FMUs are neither built nor run")
 from fmpy.fmi1 import FMICallException  # noqa: E402
@@ -182,6 +184,56 @@ def test_parameters_are_those_of_the_axis(stages, tmp_path):
     }
     assert starts["mass"] == 2.0 and starts["cogging_period"] == 0.01
     assert np.abs(run(unit, U) - changed.simulate(U, DT).y).max() < 1e-9
+
+
+EFFECTS = (
+    E.Inertia(0.5), E.ViscousFriction(3.0), E.CoulombFriction(1.0), E.StribeckPeak(0.4, 3e-3),
+    E.InputDelay(2.3e-3), E.ActuatorLag(3e-3), E.InputGain(1.1), E.DeadZone(0.5), E.Saturation(9.0),
+    E.Presliding(2e-5), E.Backlash(1e-4, 0.4), E.LoadEncoderBacklash(1e-4, 0.4),
+    E.Compliance(1e5, 10.0, 0.4), E.EccentricEncoder(1e-4, 0.01, 0.5), E.BiasForce(1.0),
+    E.ViscousAsymmetry(2.0), E.QuadraticDrag(5.0), E.Spring(100.0, 0.01), E.Gravity(2.0, 0.5),
+    E.Cogging(0.5, 0.01, 0.5), E.TimePeriodic(0.5, 11.0, 0.5), E.CoulombAsymmetry(1.0),
+    E.PositionDependence(2.0, 30.0, 0.01), E.LoadDependence(0.1), E.LoadAsymmetry(0.1),
+    E.StribeckAsymmetry(0.3, 0.02), E.VelocityStrengthening(0.3, 0.02), E.WarmUp(0.4, 0.3),
+    E.Drift(0.2), E.DwellTime(0.5, 0.1),
+)  # fmt: skip
+#: What the code is written for, and an FMU cannot change.
+BUILT_IN = {
+    "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "backlash": {"load_fraction"},
+    "load_encoder_backlash": {"load_fraction"}, "compliance": {"load_fraction"},
+}  # fmt: skip
+
+
+def test_every_effect_is_exported_here():
+    own = {slug for slug, cls in REGISTRY.items() if cls.__module__.startswith("dryfric_control.")}
+    assert own == {effect.slug for effect in EFFECTS}
+
+
+@pytest.mark.parametrize("effect", [
+    pytest.param(e, id=e.slug, marks=[] if e.action in ("reading", "transmission") else pytest.mark.slow)
+    for e in EFFECTS
+])  # fmt: skip
+def test_every_effect_acts_as_in_simulate(tmp_path, effect):
+    u, start = np.append(np.zeros(100), np.linspace(0.0, 12.0, 200)), {"x0": 0.02, "v0": -0.03}
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=4.0, effects=(effect,), name="stage")
+    expected = axis.simulate(u, DT, **start)
+    assert np.ptp(expected.y[0]) > 1e-4
+    out, _ = native.Native(axis, tmp_path, dt=DT).run(u, starts=[0.02, -0.03])
+    assert native.ulps(out, expected.y) == 0
+    unit = Unit(export_fmu(axis, tmp_path / "stage.fmu", dt=DT), tmp_path / "unit", start)
+    assert np.abs(run(unit, u) - expected.y).max() < 1e-9
+    # Its parameters act, each that is offered.
+    offered = {p for p in type(effect).parameters() if f"{effect.slug}_{p}" in unit.references}
+    if effect.action != "axis":
+        assert offered == set(type(effect).parameters()) - BUILT_IN.get(effect.slug, set())
+    for name in offered:
+        moved = dataclasses.replace(effect, **{name: 1.5 * getattr(effect, name)})
+        unit.fmu.reset()
+        unit.values = start | {f"{effect.slug}_{name}": getattr(moved, name)}
+        unit.begin()
+        other = axis.replace(effects=(moved,)).simulate(u, DT, **start).y
+        assert not np.array_equal(other, expected.y)
+        assert np.abs(run(unit, u) - other).max() < 1e-9
 
 
 def test_what_is_out_of_range_is_refused(stages, tmp_path):

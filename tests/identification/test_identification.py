@@ -275,3 +275,50 @@ def test_figures_show_what_they_name():
     ax = found.plot().axes.ravel()[0]
     assert ax.get_xlabel() == "position [m]" and len(ax.get_lines()) == 3
     plt.close("all")
+
+
+SMOOTH = dfc.FrictionAxis(
+    2.0, 15.0, 8.0, stribeck=dfc.Stribeck(0.25, 0.05), travel=(0.0, 0.3), stick_speed=1e-4
+)
+
+
+def test_an_axis_without_its_peak_is_told_of_what_a_crawl_cannot_show():
+    """At 0.01 m/s friction is 8 (1 + 0.25 exp(-((0.01 - 1e-4) / 0.05)^2)) = 9.923 N."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        record = slow_ramp_experiment(SMOOTH, quantum=1e-6).record
+    with pytest.warns(
+        FitWarning, match=r"travelled at 0\.01 m/s: .* not in their standard errors"
+    ) as caught:
+        raised = identify_coulomb(record, axis=SMOOTH.replace(stribeck=None))
+    assert caught[0].filename == __file__
+    assert raised.mean == pytest.approx(
+        8.0 * (1.0 + 0.25 * np.exp(-((0.0099 / 0.05) ** 2))), rel=1e-3
+    )
+    peak = dfc.effects.StribeckPeak(excess=0.25, speed=0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for axis in (SMOOTH, SMOOTH.replace(stribeck=None, effects=peak)):
+            assert identify_coulomb(record, axis=axis).mean == pytest.approx(8.0, rel=1e-3)
+        # Whoever knows that there is none says so.
+        identify_coulomb(record, axis=SMOOTH.replace(stribeck=dfc.Stribeck(0.0, 0.05)))
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"speed": 0.03, "duration": 20.0, "reach": 0.1}, True),  # slips within the peak
+        ({"speed": 0.04, "omega": 25.0}, True),
+        ({}, False),  # slips beyond it
+        ({"excess": 0.0, "duration": 20.0}, False),
+    ],
+)
+def test_a_peak_shows_where_velocities_differ(options, told):
+    record, _ = bench(0, **options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = identify_coulomb(record, axis=AXIS)
+    assert any("Stribeck" in str(w.message) for w in caught) == told
+    places = PLACES[PLACES < 0.9 * record.x.max()]
+    error = max(np.max(np.abs(found(places, s) / level(places, s) - 1.0)) for s in (1, -1))
+    assert (error > 0.05) == told

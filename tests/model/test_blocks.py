@@ -211,3 +211,23 @@ def test_reference_filter_is_a_butterworth_low_pass():
 def test_bad_blocks_are_refused_by_name(axis, call, words):
     with pytest.raises(ValueError, match=words):
         call(axis)
+
+
+def test_parameters_that_change_nothing_are_refused(axis):
+    """Also through a system all of whose parts have none; those of a user's own part pass."""
+    t, block = np.arange(5) * DT, dfc.axis_block(axis, DT)
+    own = ct.nlsys(
+        None, lambda t, x, u, params: [params["k"] * u[0]], inputs=["r"], outputs=["u"],
+        dt=DT, name="own", params={"k": 2.0},
+    )  # fmt: skip
+    parts = [dfc.encoder(1e-6, DT), block]
+    loop = ct.interconnect(parts, inputs=["u"], outputs=["y"], warn_duplicate=False)
+    for system in (block, dfc.switched_axis(axis, DT), loop, axis.mode(1)):
+        for params in ({"mass": 20.0}, {"k": 3.0}):
+            with pytest.raises(ValueError, match=r"params = .* changes nothing: .*axis\.replace"):
+                ct.input_output_response(system, t, 2.0, params=params)
+        ct.input_output_response(system, t, 2.0, params={})
+    for plant in (block, dfc.switched_axis(axis, DT)):
+        driven = ct.interconnect([own, plant], inputs=["r"], outputs=["F"])
+        run = ct.input_output_response(driven, t, 0.1, params={"k": 3.0})
+        assert run.outputs[0] == pytest.approx(0.3)  # at rest friction is the drive

@@ -139,3 +139,152 @@ def test_a_pendulum_has_the_closed_loop_poles_it_was_given():
 def test_bad_points_are_named(at, message):
     with pytest.raises(ValueError, match=message):
         dfc.FrictionAxis(**STAGE).mode_ss(1, at=at)
+
+
+LATE = {
+    "a delay of whole samples": (fx.InputDelay(delay=5e-3),),
+    "a delay of part of a sample": (fx.InputDelay(delay=0.4e-3),),
+    "a delay between samples": (fx.InputDelay(delay=3.4e-3),),
+    "a lag": (fx.ActuatorLag(time_constant=4e-3),),
+    "delay, lag and gain": (
+        fx.InputDelay(delay=3.4e-3),
+        fx.ActuatorLag(time_constant=4e-3),
+        fx.InputGain(gain=0.8),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_delay_and_lag_are_states_of_the_mode(name):
+    """A sliding axis is linear: two runs differ by the response of the mode to their drives."""
+    axis = dfc.FrictionAxis(**STAGE, effects=LATE[name])
+    rng = np.random.default_rng(3)
+    u, change = np.full(400, 30.0), rng.standard_normal(400)
+    runs = [axis.simulate(drive, DT, v0=0.5) for drive in (u, u + change)]
+    assert all((run.mode == 1).all() for run in runs)
+    system = axis.mode_ss(1, DT, "zoh", at=(0.0, 0.1))
+    response = ct.forced_response(system, runs[0].t, change)
+    expected = runs[1].y[0] - runs[0].y[0]
+    # The simulation integrates a lag to some 1e-10 m; a sample of delay would be 1e-5 m.
+    np.testing.assert_allclose(response.outputs, expected, rtol=0.0, atol=1e-9)
+    assert np.ptp(expected[1:] - expected[:-1]) > 1e-6
+
+
+def test_delay_and_lag_turn_the_phase_as_they_must():
+    plain, w = dfc.FrictionAxis(**STAGE), np.array([5.0, 60.0, 300.0])
+    late = plain.replace(effects=LATE["a delay of whole samples"])
+    ratio = [late.mode_ss(1, DT, m)(np.exp(1j * w * DT)) / plain.mode_ss(1, DT, m)(np.exp(1j * w * DT))
+             for m in ("euler", "zoh")]  # fmt: skip
+    np.testing.assert_allclose(ratio, [np.exp(-5e-3j * w)] * 2, rtol=1e-9)
+    part = plain.replace(effects=LATE["a delay between samples"])
+    # Euler's sample is accurate to first order: so is the part of a sample in it.
+    ratio = part.mode_ss(1, DT)(np.exp(1j * w * DT)) / plain.mode_ss(1, DT)(np.exp(1j * w * DT))
+    np.testing.assert_allclose(ratio, np.exp(-3.4e-3j * w), atol=(0.5 * w[-1] * DT) ** 2)
+    slow = plain.replace(effects=LATE["a lag"])
+    np.testing.assert_allclose(
+        slow.mode_ss(1)(1j * w) / plain.mode_ss(1)(1j * w), 1.0 / (1.0 + 4e-3j * w), rtol=1e-9
+    )
+
+
+def test_states_of_delay_and_lag_have_names():
+    axis = dfc.FrictionAxis(**STAGE, effects=LATE["delay, lag and gain"])
+    for index in (0, 1):
+        system = axis.mode_ss(index, DT, "zoh")
+        assert system.state_labels == ["x", "v", "lagged", "u_1", "u_2", "u_3", "u_4"]
+        assert system.input_labels == ["u"]
+    # A force on the mass is neither late nor lagged; at rest no drive moves the axis.
+    assert axis.mode_ss(1, DT, input="force").state_labels == ["x", "v"]
+    stuck = axis.mode_ss(0, DT, "zoh")
+    assert not ct.forced_response(stuck, np.arange(50) * DT, np.ones(50)).outputs.any()
+
+
+def test_the_lag_is_a_state_of_the_continuous_mode():
+    """Behind the other effects on the drive, as in the simulation."""
+    effects = (fx.DeadZone(width=3.0), fx.ActuatorLag(time_constant=0.02))
+    axis = dfc.FrictionAxis(**STAGE, effects=effects)
+    t = np.arange(101) * DT
+    run = axis.simulate(np.full(t.size, 20.0), DT, v0=0.5)
+    assert (run.mode == 1).all()
+    exactly = {"rtol": 1e-10, "atol": 1e-12}
+    alone = ct.input_output_response(
+        axis.mode(1), t, 20.0, [0.0, 0.5, 0.0], solve_ivp_kwargs=exactly
+    )
+    np.testing.assert_allclose(alone.outputs, run.y[:3], rtol=1e-8, atol=1e-10)
+
+
+def test_a_mode_reads_the_position_as_the_encoder_does():
+    disc = fx.EccentricEncoder(amplitude=1e-3, period=0.04, phase=0.3)
+    axis, x = dfc.FrictionAxis(**STAGE, effects=disc), 0.013
+    turn = 2.0 * np.pi / 0.04
+    assert axis.mode(1).output(0.0, [x, 0.1], [9.0])[0] == pytest.approx(
+        x + 1e-3 * np.sin(turn * x + 0.3), rel=1e-12
+    )
+    for index in (0, 1):
+        slope = axis.mode_ss(index, DT, at=(x, 0.1)).C[0, 0]
+        assert slope == pytest.approx(1.0 + 1e-3 * turn * np.cos(turn * x + 0.3), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        fx.Presliding(distance=1e-5),
+        fx.Backlash(gap=1e-4, load_fraction=0.5),
+        fx.Compliance(stiffness=2e4, damping=3.0, load_fraction=0.4),
+    ],
+)
+def test_what_a_mode_cannot_contain_is_refused(effect):
+    axis = dfc.FrictionAxis(**STAGE, effects=effect)
+    for call in (axis.mode, axis.mode_ss, lambda i: axis.mode_ss(i, DT, at=(0.0, 0.1))):
+        with pytest.raises(ValueError, match=f"no place for {effect.slug}: leave it out"):
+            call(1)
+    # A controller is designed for the rigid axis, as it says.
+    rigid = axis.replace(effects=())
+    made, plain = (
+        dfc.PositionController.from_bandwidth(a, 5.0, DT, limit=9.0) for a in (axis, rigid)
+    )
+    np.testing.assert_array_equal(made.gains, plain.gains)
+
+
+def test_the_way_out_of_a_refusal_is_right():
+    """The whole block, linearised where it slides, against the equations of two masses."""
+    m1, m2, k, d, f = 1.2, 0.8, 2e4, 3.0, 15.0
+    axis = dfc.FrictionAxis(
+        **STAGE, effects=fx.Compliance(stiffness=k, damping=d, load_fraction=m2 / (m1 + m2))
+    )
+    block, u = dfc.axis_block(axis, DT), 9.5
+    state = np.zeros(block.nstates)
+    for step in range(500):
+        state = block.dynamics(step * DT, state, [u])
+    linear = ct.linearize(block, state, [u], eps=1e-7)
+    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F", "mode"]
+    a = [[0, 1, 0, 0], [-k / m1, -d / m1, k / m1, d / m1],
+         [0, 0, 0, 1], [k / m2, d / m2, -k / m2, -(d + f) / m2]]  # fmt: skip
+    exact = ct.c2d(ct.ss(a, [[0], [1 / m1], [0], [0]], [[1, 0, 0, 0]], 0), DT, "zoh")
+    z = np.exp(1j * DT * np.array([20.0, 200.0, 400.0]))
+    # Differences over 1e-7 of positions near 0.04 m: some 1e-4 beside the resonance.
+    np.testing.assert_allclose(linear[0, 0](z), exact(z), rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda a: a.mode(1), r"no states in continuous time: take mode_ss\(1, dt, at=\.\.\.\)"),
+        (lambda a: a.mode_ss(1), "no states in continuous time: give dt"),
+        (lambda a: a.mode_ss(1, 1e-6), "3.4e.03 states at dt = 1e-06 s, at most 1000"),
+    ],
+)
+def test_a_delay_without_samples_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call(dfc.FrictionAxis(**STAGE, effects=LATE["a delay between samples"]))
+
+
+def test_euler_of_a_fast_lag_is_refused():
+    axis = dfc.FrictionAxis(**STAGE, effects=fx.ActuatorLag(time_constant=0.4e-3))
+    with pytest.raises(ValueError, match=r"dt \* 1 / lag < 2, got 2\.5"):
+        axis.mode_ss(1, DT)
+
+
+def test_linearised_modes_keep_the_names_of_their_signals():
+    linear = ct.linearize(dfc.FrictionAxis(**STAGE).mode(-1), [0.0, -0.1], [-9.0])
+    assert linear.state_labels == ["x", "v"]
+    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F"]

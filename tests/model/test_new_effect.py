@@ -1,6 +1,6 @@
 """One effect of every action, written outside the package in one class each.
 
-Nothing else is touched: each is simulated, guessed, fitted, diagnosed, documented,
+Nothing else is touched: each is simulated, fitted, diagnosed, documented,
 and written to a file and read back.
 """
 
@@ -16,7 +16,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import BASE
-from dryfric_control.estimation.force_residual import View
+from dryfric_control.model.effects.columns import simulated
 from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
 from dryfric_control.model.effects.naming import class_of, put
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
@@ -143,9 +143,9 @@ class Bristles(Foreign):
         return dfc.effects.Inner(contact=self.stiffness)
 
     @classmethod
-    def guess(cls, view) -> Iterator:
+    def columns(cls, view) -> Iterator:
         for part in np.geomspace(3e-4, 3e-2, 6):
-            yield {"stiffness": view.level / (part * view.span)}, {}
+            yield simulated(stiffness=view.size / (part * view.span))
 
 
 @dataclass(frozen=True)
@@ -167,9 +167,9 @@ class Belt(Foreign):
         )
 
     @classmethod
-    def guess(cls, view) -> Iterator:
+    def columns(cls, view) -> Iterator:
         for pitch in (8.0, 16.0, 30.0, 60.0):
-            yield {"pitch": pitch}, {}
+            yield simulated(pitch=pitch)
 
 
 @dataclass(frozen=True)
@@ -185,11 +185,6 @@ class BentScale(Foreign):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):
         return p[0] * x * x
-
-    @classmethod
-    def guess(cls, view) -> Iterator:
-        for bend in (-0.3, -0.1, 0.1, 0.3):
-            yield {"bend": bend}, {}
 
 
 TRUE = (
@@ -242,12 +237,6 @@ def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
         u = record.u[:1000]
         moved = machine.simulate(u, DT).y[0] - AXIS.simulate(u, DT).y[0]
         assert np.abs(moved).max() > 100 * QUANTUM
-        # Guessed, within its bounds.
-        guesses = [values for values, _ in cls.guess(View(AXIS, record))]
-        low, high = cls.parameters()[name]["bounds"]
-        assert guesses
-        assert all(low <= min(max(values[name], low), high) <= high for values in guesses)
-        assert min(abs(math.log(abs(values[name]) / true)) for values in guesses) < math.log(3.0)
         # Fitted from numbers that are off.
         off = AXIS.replace(effects=(cls(0.8 * true),))
         found = dfc.fit(off, record, free=(cls.slug,))

@@ -89,6 +89,45 @@ def test_what_has_not_crossed_zero(mean):
     assert variance == pytest.approx(exact.var(), rel=1e-4)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_tail_is_cut_in_part(share):
+    mean, sd = 0.4, 1.3
+    tail = kernel._positive_part(mean, sd)
+    total, centre, variance = kernel._without(share, mean, sd * sd, *tail)
+    x = np.linspace(mean - 10 * sd, mean + 10 * sd, 200_001)
+    density = norm.pdf(x, mean, sd) * np.where(x > 0.0, 1.0, 1.0 - share)
+    mass = np.trapezoid(density, x)
+    middle = np.trapezoid(x * density, x) / mass
+    assert (total, centre) == (pytest.approx(mass, abs=1e-4), pytest.approx(middle, abs=1e-4))
+    assert variance == pytest.approx(np.trapezoid((x - middle) ** 2 * density, x) / mass, abs=1e-3)
+
+
+def test_what_was_cut_before_is_not_cut_again():
+    # Nothing has moved: only the part that time allows.  All new: all of it.
+    assert kernel._share(0.8, 0.8, 0.02) == pytest.approx(0.02)
+    assert kernel._share(0.8, 0.9, 0.02) == pytest.approx(0.02)
+    assert kernel._share(1.0, 0.8, 0.0) == pytest.approx(1.0)
+    # Of a density with 0.8 inside, 0.1 crosses the bound: what is left is (1 - 0.1/0.8).
+    share = kernel._share(0.8, 0.7, 0.0)
+    assert 1.0 - share * (1.0 - 0.7) == pytest.approx(1.0 - 0.1 / 0.8)
+
+
+@njit
+def add(s, i, k, factor):
+    kernel._add(axis_step.pointer(s), 0, i, k, factor)
+
+
+@pytest.mark.parametrize(("i", "k"), [(0, 1), (1, 0), (1, 4), (5, 2)])
+def test_a_state_is_added_to_another(i, k):
+    root = np.random.default_rng(0).normal(size=(6, 6))
+    step = np.eye(6)
+    step[i, k] = 0.7
+    lower = np.tril_indices(6)
+    s = (root @ root.T)[lower]
+    add(s, i, k, 0.7)
+    assert s == pytest.approx((step @ root @ root.T @ step.T)[lower], rel=1e-12)
+
+
 @njit
 def make_positive(s):
     kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
@@ -96,7 +135,7 @@ def make_positive(s):
 
 @njit
 def arrive(s, mode, probability):
-    kernel._arrive(axis_step.pointer(s), mode, probability, kernel.LEAVING)
+    kernel._arrive(axis_step.pointer(s), 0, mode, probability, kernel.LEAVING)
 
 
 @njit
@@ -306,6 +345,60 @@ def test_sampling_rates(dt):
     run = dfc.simulate_loop(plant, controller, r, quantum=1e-6)
     estimate = dfc.hybrid_filter(stage(), dt, 1e-6).run(run.outputs[4], run.outputs[5])
     assert speed_error(estimate, run) < 0.01
+
+
+EXACT = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+
+
+def driven(dt, frequency, ratio, phase, n):
+    """Drive and motion of a plant that is its own model, without any noise."""
+    w = 2.0 * np.pi * frequency * dt * np.arange(n)
+    u = 20.0 * np.sin(w) + 8.0 * np.sin(ratio * w + phase)
+    return u, EXACT.simulate(u, dt=dt)
+
+
+def rounded(x, quantum):
+    return quantum * np.round(x / quantum) if quantum else x
+
+
+@pytest.mark.parametrize(
+    ("quantum", "frequency", "ratio", "phase"),
+    [(1e-7, 7.5, 3.3, 1.0), (1e-6, 14.56, 2.8115, 4.9707)],
+)
+def test_an_exact_plant_is_not_lost_at_50_khz(quantum, frequency, ratio, phase):
+    u, run = driven(2e-5, frequency, ratio, phase, 20_000)
+    seen = dfc.hybrid_filter(EXACT, 2e-5, quantum).run(u, rounded(run.y[0], quantum))
+    late = slice(5000, None)
+    error = np.abs(seen.outputs[1] - run.y[1])[late]
+    assert error.max() < 0.1 * np.abs(run.y[1]).max()
+    assert np.mean((seen.mode != run.mode)[late]) < 0.05
+
+
+def test_a_reversal_inside_a_sample_is_followed():
+    u, run = driven(5e-3, 4.0, 3.1, 2.0, 2000)
+    seen = dfc.hybrid_filter(EXACT, 5e-3, 1e-7).run(u, rounded(run.y[0], 1e-7))
+    after = np.flatnonzero(run.mode[1:] * run.mode[:-1] < 0.0)[5:] + 1
+    assert after.size > 20
+    error = np.abs(seen.outputs[1] - run.y[1])[after]
+    assert np.median(error / np.abs(run.y[1][after])) < 0.02
+
+
+@pytest.mark.parametrize("dt", [2e-2, 5e-3, 1e-3, 2e-4, 2e-5])
+@pytest.mark.parametrize("quantum", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
+    """Few errors are beyond five standard deviations: the samples of a switch."""
+    n = int(np.clip(4.0 / dt, 2000, 40_000))
+    frequency = min(max(4.0 / (n * dt), 2.0), 0.02 / dt)
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        u, run = driven(
+            dt, frequency * rng.uniform(0.7, 1.3), rng.uniform(2.5, 4.0), rng.uniform(0.0, 6.0), n
+        )
+        seen = dfc.hybrid_filter(EXACT, dt, quantum or 1e-9).run(u, rounded(run.y[0], quantum))
+        error = np.abs(seen.outputs[1] - run.y[1])[200:]
+        assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.01
+        # The coarsest encoder leaves up to 0.013, at 50 Hz.
+        assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(run.y[1])
 
 
 # --- nothing breaks it -----------------------------------------------------------------

@@ -375,6 +375,20 @@ def test_mcap_of_one_topic(tmp_path):
         dfc.read_record(write(tmp_path, log[:500], "run.mcap"))
 
 
+def test_stamps_in_headers_go_before_those_of_the_log(tmp_path):
+    rng = np.random.default_rng(0)
+    log = mcap_log(
+        (
+            "/joint_states",
+            10**18 + 10**6 * k + int(rng.integers(10**7)),  # as the logger got to it
+            {"header": {"stamp": {"sec": 100, "nanosec": 10**6 * k}}, "name": ["a", "b"],
+             "position": [0.0, float(X[k])], "effort": [0.0, float(U[k])]},
+        )
+        for k in range(N)
+    )  # fmt: skip
+    same(dfc.read_record(write(tmp_path, log, "run.mcap"), joint="b"))
+
+
 def test_mcap_with_a_damaged_length_takes_no_memory(tmp_path):
     log = mcap_log([("/axis", 0, {"x": 1.0})])
     path = tmp_path / "run.mcap"
@@ -402,7 +416,7 @@ def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
     )
     columns = {"u": "/drive.cmd.force.0", "x": "/encoder.x"}
     same(dfc.read_record(write(tmp_path, log, "run.mcap"), columns=columns))
-    with pytest.raises(ValueError, match="no column recognised as u; available: .*'/drive.cmd"):
+    with pytest.raises(ValueError, match="'/drive.cmd.force.0', .* could each be u"):
         dfc.read_record(write(tmp_path, log, "run.mcap"), columns={"x": "/encoder.x"})
 
 
@@ -423,9 +437,12 @@ def test_mcap_of_ros_2(tmp_path):
         writer.write_message("/joint_states", schema, joints, log_time=stamp, publish_time=stamp)
     writer.finish()
     path = write(tmp_path, file.getvalue(), "run.mcap")
-    record = dfc.read_record(path, columns={"u": "effort.1", "x": "position.1"})
-    same(record)
-    assert record.notes[0] == "left out: 'position.0', 'effort.0'"
+    for asked in (dict(joint="b"), dict(columns={"x": "position.b"})):
+        record = dfc.read_record(path, **asked)
+        same(record)
+        assert record.notes[0] == "left out: 'position.a', 'effort.a'"
+    with pytest.raises(ValueError, match="'effort.a', 'effort.b' could each be u.*joint="):
+        dfc.read_record(path)
 
 
 # -- what is kept ------------------------------------------------------------------------------------

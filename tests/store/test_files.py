@@ -327,7 +327,9 @@ def test_nothing_is_executed_by_reading_sound_files(tmp_path):
             path = tmp_path / f"file{reader.suffix}"
             path.write_bytes(content)
             reader.read(path)
-            assert heard(lambda reader=reader, path=path: reader.read(path)) == []
+            events = heard(lambda reader=reader, path=path: reader.read(path))
+            # numpy reads the head of an array as a literal, which is parsed and not run.
+            assert [one for one in events if not one.startswith("compile: (b\"{'descr'")] == []
 
 
 # ---------------------------------------------------------------- round trip

@@ -45,7 +45,8 @@ class Diagnosis(Result, Findings):
     record : Record
         The measured record.
     verdict : str
-        "nothing to find", "explained", "partly explained" or "unexplained".
+        "nothing to find", "explained", "partly explained", "unexplained", or "not finished"
+        where a time limit or an interrupt cut the search off.
     causes : tuple of Cause
         In the order found.
     extended : FrictionAxis
@@ -64,7 +65,8 @@ class Diagnosis(Result, Findings):
     window : float
         Length of the free runs [s].
     roles : ndarray of int, shape (nwindows,)
-        What each window was used for: 0 fit, 1 judge, 2 measure.
+        Half of the record, 0 or 1, that each window belongs to: it is judged with parameters
+        fitted to the other one.
     hold : str
         How the input runs between samples, "zero" or "first".
     remaining : Remaining
@@ -77,6 +79,8 @@ class Diagnosis(Result, Findings):
         one a record.
     others : tuple of Record
         The records after the first.
+    not_tried : dict of str to str
+        Effects that could not be tried, with the reason.
 
     Examples
     --------
@@ -122,6 +126,7 @@ class Diagnosis(Result, Findings):
             ],
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),
             "messages": list(self.messages),
+            "not_tried": dict(self.not_tried),
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},
         }
 

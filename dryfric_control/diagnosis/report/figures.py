@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
-from dryfric_control.diagnosis.held_out import LEAST
 from dryfric_control.diagnosis.report.findings import Findings, plain
 from dryfric_control.diagnosis.report.wording import (
     WAYS,
@@ -21,6 +20,7 @@ from dryfric_control.diagnosis.report.wording import (
     summary_lines,
     times_smaller,
 )
+from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.drawing import axes_of, control_plot, legend_above
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
@@ -35,7 +35,7 @@ FOUND = "#0072B2"
 BEFORE = {"color": "#D55E00", "linestyle": "--"}
 AFTER = {"color": FOUND, "linestyle": "-"}
 #: What a window was used for, with the grey behind it.
-ROLES = ((1, "judge", "0.92"), (2, "measure", "0.80"))
+ROLES = ((1, "0.92"),)
 #: What the force residual is drawn against.
 AGAINST = ("velocity", "position", "time", "reversal")
 PANELS = 5 + len(AGAINST)
@@ -220,8 +220,8 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     least = 0.1 * (d.gain.floor if d.gain.floor > 0.0 else float(before.error_by_window.max()))
     factor, unit = prefixed(max(d.gain.floor, least), d.axis.units[0])
     ends = np.append(windows.start_times, windows.record.t[-1] + windows.record.dt)
-    for role, name, shade in ROLES:
-        label: str | None = f"used to {name}"
+    for role, shade in ROLES:
+        label: str | None = "judged by a fit to the rest, and the rest by a fit to these"
         for i in np.flatnonzero(d.roles == role):
             ax.axvspan(ends[i], ends[i + 1], color=shade, lw=0, zorder=0, label=label)
             label = None

@@ -29,7 +29,7 @@ from dryfric_control.text import (
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.experiment import Experiment
 
-VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained")
+VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained", "not finished")
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
@@ -239,6 +239,7 @@ class Findings:
     references: dict[str, float] = field(default_factory=dict)
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     others: tuple[Record, ...] = ()
+    not_tried: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "causes", Causes(self.causes))

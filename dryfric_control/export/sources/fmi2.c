@@ -7,6 +7,10 @@
 #include "fmi2Functions.h"
 #include "model.c"
 
+#ifdef __GNUC__
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the interface says which there are */
+#endif
+
 typedef struct {
     model_t model;
     const fmi2CallbackFunctions *functions;
@@ -39,7 +43,6 @@ const char *fmi2GetVersion(void)
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
-    (void)c; (void)on; (void)n; (void)categories;
     return fmi2OK;
 }
 
@@ -47,7 +50,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
     instance_t *instance;
-    (void)resources; (void)visible; (void)logging;
     if (type != fmi2CoSimulation || guid == NULL || strcmp(guid, MODEL_TOKEN) != 0) {
         return NULL;
     }
@@ -70,14 +72,12 @@ void fmi2FreeInstance(fmi2Component c)
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean ends, fmi2Real stop)
 {
-    (void)given; (void)tolerance; (void)ends; (void)stop;
     ((instance_t *)c)->model.start = start;
     return fmi2OK;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
-    (void)c;
     return fmi2OK;
 }
 
@@ -89,7 +89,6 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
-    (void)c;
     return fmi2OK;
 }
 
@@ -116,7 +115,6 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean final)
 {
-    (void)final;
     return told(c, model_step(&((instance_t *)c)->model, time, step));
 }
 
@@ -133,7 +131,6 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    (void)c;
     free(*state);
     *state = NULL;
     return fmi2OK;
@@ -141,7 +138,6 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
-    (void)c; (void)state;
     *size = sizeof(model_t);
     return fmi2OK;
 }
@@ -158,7 +154,6 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
-    (void)c; (void)kind;
     *value = fmi2OK;
     return fmi2OK;
 }
@@ -166,16 +161,15 @@ fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status 
 /* What a model of this kind does not have. */
 #define NO_ACCESS(Kind) \
     fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[]) \
-    { (void)vr; (void)value; return n == 0 ? fmi2OK : failed(c, "no variable of that type"); } \
+    { return n == 0 ? fmi2OK : failed(c, "no variable of that type"); } \
     fmi2Status fmi2Set##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Kind value[]) \
-    { (void)vr; (void)value; return n == 0 ? fmi2OK : failed(c, "no variable of that type"); }
+    { return n == 0 ? fmi2OK : failed(c, "no variable of that type"); }
 
 NO_ACCESS(Boolean)
 NO_ACCESS(String)
 
 fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
 {
-    (void)vr; (void)value;
     return n == 0 ? fmi2OK : failed(c, "no integer can be set");
 }
 
@@ -188,21 +182,18 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
                                         const fmi2ValueReference known[], size_t nk, const fmi2Real seed[],
                                         fmi2Real result[])
 {
-    (void)unknown; (void)nu; (void)known; (void)nk; (void)seed; (void)result;
     return failed(c, "no derivatives");
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real value[])
 {
-    (void)vr; (void)n; (void)order; (void)value;
     return failed(c, "inputs are held");
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                         const fmi2Integer order[], fmi2Real value[])
 {
-    (void)vr; (void)n; (void)order; (void)value;
     return failed(c, "no derivatives");
 }
 
@@ -214,19 +205,16 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
-    (void)c; (void)kind; (void)value;
     return fmi2Discard;
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
-    (void)c;
     *value = fmi2False;
     return kind == fmi2Terminated ? fmi2OK : fmi2Discard;
 }
 
 fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
-    (void)c; (void)kind; (void)value;
     return fmi2Discard;
 }

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dryfric_control.model.effects.columns import PARTS, Column, View, amount
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
-from dryfric_control.model.effects.guesses import Guess, View
 from dryfric_control.model.friction import MOST_EXCESS, Stribeck
 
 
@@ -224,9 +224,8 @@ class StribeckPeak(Effect):
         return cls(0.05, max(axis.stick_speed, 0.02 * size("m/s")))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Peaks over parts of the speed in the record.
-        fast = float(np.quantile(np.abs(view.v), 0.9))
-        for excess in (0.15, 0.4):
-            for part in (0.02, 0.05, 0.15):
-                yield {"excess": excess, "speed": part * fast}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        for part in PARTS:
+            peak = np.exp(-np.minimum((view.v / (part * view.fast)) ** 2, 40.0))
+            force = -view.direction * view.level * peak
+            yield amount("excess", force, positive=True, speed=part * view.fast)

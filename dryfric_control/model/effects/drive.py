@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
+from dryfric_control.model.effects.columns import Column, View, amount, simulated
 from dryfric_control.model.effects.effect import (
     BaseAxis,
     Effect,
@@ -16,7 +18,6 @@ from dryfric_control.model.effects.effect import (
     parameter,
     register_effect,
 )
-from dryfric_control.model.effects.guesses import Guess, View
 
 # Times the noise of the drive that a limit must cut off, and a dead zone must hide
 # (`benchmarks/diagnosis.py`).
@@ -73,10 +74,12 @@ class InputDelay(Effect):
         return Inner(delay=self.delay)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Some samples.
-        for samples in (1.5, 3.5, 8.0):
-            yield {"delay": samples * view.dt}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        at = np.arange(view.u.size)
+        for samples in (0.5, 1, 2, 4, 8, 16):
+            late = np.interp(at - samples, at, view.u)
+            found = amount("delay", (late - view.u) / (samples * view.dt), positive=True)
+            yield found._replace(most=2.0 * samples * view.dt)
 
 
 @register_effect
@@ -123,10 +126,12 @@ class ActuatorLag(Effect):
         return Inner(lag=self.time_constant)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Some samples.
-        for samples in (1.5, 3.5, 8.0):
-            yield {"time_constant": samples * view.dt}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        for samples in (0.5, 1, 2, 4, 8, 16):
+            kept = math.exp(-1.0 / samples)
+            late = lfilter([1.0 - kept], [1.0, -kept], view.u, zi=[kept * view.u[0]])[0]
+            found = amount("time_constant", (late - view.u) / (samples * view.dt), positive=True)
+            yield found._replace(most=2.0 * samples * view.dt)
 
 
 @register_effect
@@ -174,14 +179,9 @@ class InputGain(Effect):
         return p[0] * u
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A gain by regression, alone, and as all base parameters over it.
-        for c in (view.regress([view.u])[0][0], view.u @ view.residual / (view.u @ view.u)):
-            yield {"gain": float(np.clip(1.0 + c, 0.2, 5.0))}, {}
-        axis = view.axis
-        now = {"mass": axis.mass, "viscous": axis.viscous, "coulomb": axis.coulomb.mean}
-        gain = float(np.median([view.believed[n] / v for n, v in now.items() if v > 0.0]))
-        yield {"gain": gain}, {n: gain * v for n, v in now.items()}
+    def columns(cls, view: View) -> Iterator[Column]:
+        # A gain near 0 would predict a straight line, whatever the drive.
+        yield Column(lambda c: {"gain": 1.0 + float(c[0])}, (view.u,), most=0.5)
 
 
 @register_effect
@@ -237,13 +237,11 @@ class DeadZone(Effect):
         return self.width > _PEAKS * noise
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Parts of the Coulomb level, and what the drive loses while it pushes.
-        for part in (0.05, 0.15, 0.3):
-            width = part * view.level
-            yield {"width": width}, view.beside(-np.clip(view.u, -width, width))
-        part = float(np.median(-view.residual * np.sign(view.u)) / view.level)
-        yield {"width": float(np.clip(part, 0.01, 1.0)) * view.level}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        for part in (0.02, 0.05, 0.1, 0.2, 0.4, 0.7):
+            width = part * view.size
+            lost = -np.clip(view.u, -width, width) / width
+            yield amount("width", lost, positive=True)._replace(most=2.0 * width)
 
 
 @register_effect
@@ -294,9 +292,8 @@ class Saturation(Effect):
         return bool(np.sqrt(np.mean(cut**2)) > _PEAKS * noise)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Parts of the largest command.
-        peak = float(np.abs(view.drive).max())
-        for part in (0.97, 0.85, 0.7, 0.5, 0.35, 0.2, 0.12):
-            lost = view.u - np.clip(view.u, -part * peak, part * peak)
-            yield {"limit": part * peak}, view.beside(-lost)
+    def columns(cls, view: View) -> Iterator[Column]:
+        for part in (0.97, 0.9, 0.8, 0.7, 0.5, 0.35, 0.2):
+            limit = part * view.top
+            cut = np.clip(view.u, -limit, limit) - view.u
+            yield simulated(limit=limit)._replace(force=(cut,), positive=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, positive
 from dryfric_control.compiled.axis_step import LAW
-from dryfric_control.model.effects.guesses import Guess, View, tried
+from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.units import on_axis
 
@@ -215,7 +215,7 @@ class Effect:
     axis with other base parameters; for "delay", "lag", "contact" and
     "transmission" a method ``inner(axis)`` that returns an `Inner` with the
     numbers of its state.  A law that oscillates along the travel or in time states
-    `shortest_length` and `shortest_time`.
+    `shortest_length` and `shortest_time`, and one that repeats its `periods`.
 
     Notes
     -----
@@ -311,6 +311,15 @@ class Effect:
     def shortest_time(self) -> float:
         """Time over which the law may oscillate by itself [s], inf where it does not."""
         return math.inf
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """Time [s] and length after which the law repeats, inf where it does not.
+
+        C in single precision leaves out whole periods, so that it stays accurate after
+        hours and far from zero.
+        """
+        return math.inf, math.inf
 
     @classmethod
     def parameters(cls) -> dict[str, dict[str, Any]]:
@@ -422,24 +431,21 @@ class Effect:
         return cls(**values)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        """First guesses of its parameters from the force residual.
+    def columns(cls, view: View) -> Iterator[Column]:
+        """What it would add to a model, for a regression: one column for each of its shapes.
 
-        By default fractions of the typical size of each unit are tried, in every
-        combination, and parameters to which the law is proportional come from regression.
+        By default its law at parts of the typical size of each unit, in every combination.
 
         Parameters
         ----------
         view : View
-            Sliding samples of the record and the force residual there.
+            The states of the model in the records.
 
         Yields
         ------
-        tuple of dict
-            Values of the parameters, and of those base parameters that the
-            residual determines.
+        Column
         """
-        yield from tried(cls, view)
+        yield from by_law(cls, view)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         """Distance and time after a reversal in which it is no force.

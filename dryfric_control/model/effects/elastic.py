@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
+from dryfric_control.model.effects.columns import Column, View, simulated
 from dryfric_control.model.effects.effect import (
     BaseAxis,
     Effect,
@@ -15,8 +17,9 @@ from dryfric_control.model.effects.effect import (
     parameter,
     register_effect,
 )
-from dryfric_control.model.effects.guesses import Guess, View
 
+# Damping ratio of a spring between motor and load.
+_RATIO = 0.05
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 
@@ -93,11 +96,11 @@ class Presliding(Effect):
         return 2.0 * self.distance, 0.0
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Elastic lengths over a decade and a half, of metal, and soft ones, as of a seal.
+    def columns(cls, view: View) -> Iterator[Column]:
+        # Elastic lengths of metal, and soft ones, as of a seal.
         metal = _elastic_length(view) * np.geomspace(0.7, 20.0, 8)
         for distance in (*metal, *(d for d in _SOFT * view.span if d > metal[-1])):
-            yield {"distance": float(distance)}, {}
+            yield simulated(distance=float(distance))
 
 
 @register_effect
@@ -118,11 +121,19 @@ class Backlash(Effect):
 
     The motor, (1 - load_fraction) m, carries drive and encoder; the load,
     load_fraction m, carries all friction and all force effects.  In contact
-    the two move as one until the contact would have to pull; they meet again
-    in a plastic impact that keeps the momentum.  Position and velocity are the
-    motor's, friction and mode the load's.  A simulation starts with the motor
-    in the middle of the gap.  In contact the net force on both masses counts
-    for a friction that depends on it.
+    the two move as one until the contact would have to pull.  Where they meet
+    again, the impact is plastic and takes no time: both have the velocity
+
+    .. math:: \frac{(1 - \lambda)\, m_m v_m + m_l v_l}{(1 - \lambda)\, m_m + m_l}
+
+    with m_m, v_m of the motor and m_l, v_l of the load.  Friction that grows with the load of
+    the transmission, by lambda per newton, takes that part of an impulse along the motion
+    (and adds it to one against it: lambda is negative then); without such friction momentum is
+    conserved.  Coulomb level and drive do nothing in no time, and nothing rebounds.
+
+    Position and velocity are the motor's, friction and mode the load's.  A
+    simulation starts with the motor in the middle of the gap.  In contact the
+    net force on both masses counts for a friction that depends on it.
 
     Examples
     --------
@@ -166,11 +177,10 @@ class Backlash(Effect):
         return self.gap, 2.0 * math.sqrt(2.0 * self.gap * free / max(force, 1e-300))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Widths over a decade and a half, loads on either side of a half.
+    def columns(cls, view: View) -> Iterator[Column]:
         for part in (1.5, 3.0, 6.0, 12.0, 24.0, 48.0):
-            for share in (0.35, 0.65):
-                yield {"gap": part * _elastic_length(view), "load_fraction": share}, {}
+            for share in (0.35, 0.5, 0.65):
+                yield simulated(gap=part * _elastic_length(view), load_fraction=share)
 
 
 @register_effect
@@ -300,15 +310,20 @@ class Compliance(Effect):
         return Presliding.slug, {"distance": level / self.stiffness}
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Natural frequencies from 60 to 400 rad/s.
-        reduced = view.axis.mass * 0.5 * (1.0 - 0.5)
-        for omega in (60.0, 120.0, 200.0, 400.0):
-            yield (
-                {
-                    "stiffness": reduced * omega**2,
-                    "damping": 0.1 * reduced * omega,
-                    "load_fraction": 0.5,
-                },
-                {},
+    def columns(cls, view: View) -> Iterator[Column]:
+        # The load follows the motor through the spring, which carries its inertia and friction.
+        friction = view.axis.viscous * view.v + view.direction * view.level
+        for turn in np.geomspace(0.02, 0.5, 14) / view.dt:
+            spring = signal.bilinear(
+                [2.0 * _RATIO * turn, turn**2], [1.0, 2.0 * _RATIO * turn, turn**2], 1.0 / view.dt
             )
+            for share in (0.3, 0.5, 0.7):
+                inertia = share * view.axis.mass
+                rigid = inertia * view.a + friction
+                carried = signal.lfilter(*spring, rigid)
+                values = {
+                    "stiffness": inertia * turn**2,
+                    "damping": 2.0 * _RATIO * inertia * turn,
+                    "load_fraction": share,
+                }
+                yield simulated(**values)._replace(force=(rigid - carried,), positive=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dryfric_control.model.effects.columns import Column, View, sine
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
-from dryfric_control.model.effects.guesses import Guess, View
 
 
 @register_effect
@@ -63,6 +63,11 @@ class EccentricEncoder(Effect):
         "the velocity, that of cogging does not."
     )
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats along the travel."""
+        return math.inf, self.period
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
@@ -73,16 +78,9 @@ class EccentricEncoder(Effect):
         return cls(0.0, 0.3 * size("m"))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # The strongest sines over position; a reading that is off by A sin(k x) has an
-        # acceleration too much, -k^2 v^2 A sin(k x) + k a A cos(k x), and a velocity.
-        m, f = view.axis.mass, view.axis.viscous
-        for wave, _, _ in view.periods(view.x):
-            k = 2.0 * math.pi * wave
-            square, along = m * (k * view.v) ** 2, k * (m * view.a + f * view.v)
-            sine, cosine = np.sin(k * view.x), np.cos(k * view.x)
-            c, base = view.regress([along * cosine - square * sine,
-                                    -along * sine - square * cosine])  # fmt: skip
-            amplitude = min(max(math.hypot(c[0], c[1]), 1e-6 / k), 0.5 / k)
-            phase = math.atan2(c[1], c[0])
-            yield {"amplitude": amplitude, "period": 1.0 / wave, "phase": phase}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        waves, lobes = view.waves("reading")
+        for wave in waves:
+            angle = 2.0 * math.pi * wave * view.x
+            found = sine(period=1.0 / wave)
+            yield Column(found, (), (np.sin(angle), np.cos(angle)), shapes=lobes)

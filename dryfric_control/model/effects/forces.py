@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dryfric_control.model.effects.columns import Column, View, amount, sine
 from dryfric_control.model.effects.effect import Effect, parameter, register_effect
-from dryfric_control.model.effects.guesses import Guess, View, linear
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
 _ARC = 0.5
@@ -70,9 +70,8 @@ class BiasForce(Effect):
         return p[0]
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A constant force.
-        yield from linear(view, np.ones_like(view.x), "force")
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield amount("force", np.ones_like(view.x))
 
 
 @register_effect
@@ -125,9 +124,8 @@ class ViscousAsymmetry(Effect):
         return direction * self.viscous
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Drag of either sign.
-        yield from linear(view, -np.abs(view.v), "viscous")
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield amount("viscous", -np.abs(view.v))
 
 
 @register_effect
@@ -174,9 +172,8 @@ class QuadraticDrag(Effect):
         return -p[0] * v * abs(v)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Drag with the square of speed.
-        yield from linear(view, -view.v * np.abs(view.v), "drag", 0.0)
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield amount("drag", -view.v * np.abs(view.v), positive=True)
 
 
 @register_effect
@@ -225,12 +222,14 @@ class Spring(Effect):
         return -p[0] * (x - p[1])
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
+    def columns(cls, view: View) -> Iterator[Column]:
         # A line over position.
-        c, base = view.regress([-(view.x - view.middle), np.ones_like(view.x)])
-        stiffness = max(c[0], 1e-3 * view.level / view.span)
-        away = float(np.clip(c[1] / stiffness, -20.0 * view.span, 20.0 * view.span))
-        yield {"stiffness": stiffness, "rest": view.middle + away}, base
+        def values(c: Sequence[float]) -> dict[str, float]:
+            stiffness = max(float(c[0]), 1e-3 * view.size / view.span)
+            away = float(np.clip(c[1] / stiffness, -20.0 * view.span, 20.0 * view.span))
+            return {"stiffness": stiffness, "rest": view.middle + away}
+
+        yield Column(values, (view.middle - view.x, np.ones_like(view.x)), positive=True)
 
 
 @register_effect
@@ -282,18 +281,20 @@ class Gravity(Effect):
         """A quarter of a turn [rad]."""
         return 0.5 * math.pi if self.amplitude > 0.0 else math.inf
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats with every turn."""
+        return math.inf, 2.0 * math.pi
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        if view.axis.units[0] == "m" and view.span < _ARC:
-            return
-        # A sine of the position.
-        c, base = view.regress([-np.sin(view.x), np.cos(view.x)])
-        amplitude = max(math.hypot(*c), 1e-3 * view.level)
-        yield {"amplitude": amplitude, "phase": math.atan2(c[1], c[0])}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        if view.axis.units[0] != "m" or view.span >= _ARC:
+            # A sine of the position, the other way round.
+            yield Column(sine(), (-np.sin(view.x), np.cos(view.x)))
 
 
 @register_effect
@@ -346,17 +347,22 @@ class Cogging(Effect):
         """A quarter of the period."""
         return 0.25 * self.period if self.amplitude > 0.0 else math.inf
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats along the travel."""
+        return math.inf, self.period
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # The strongest sines over position.
-        for wave, c, base in view.periods(view.x):
-            amplitude = max(math.hypot(*c), 1e-3 * view.level)
-            phase = math.atan2(c[1], c[0])
-            yield {"amplitude": amplitude, "period": 1.0 / wave, "phase": phase}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        waves, lobes = view.waves("force")
+        for wave in waves:
+            angle = 2.0 * math.pi * wave * view.x
+            found = sine(period=1.0 / wave)
+            yield Column(found, (np.sin(angle), np.cos(angle)), shapes=lobes)
 
 
 @register_effect
@@ -411,14 +417,19 @@ class TimePeriodic(Effect):
             return math.inf
         return 0.125 / self.frequency
 
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats in time."""
+        return 1.0 / self.frequency if self.frequency > 1e-300 else math.inf, math.inf
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # The strongest sines over time.
-        for frequency, c, base in view.periods(view.t):
-            amplitude = max(math.hypot(*c), 1e-3 * view.level)
-            phase = math.atan2(c[1], c[0])
-            yield {"amplitude": amplitude, "frequency": frequency, "phase": phase}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        waves, lobes = view.waves("time")
+        for wave in waves:
+            angle = 2.0 * math.pi * wave * view.t
+            found = sine(frequency=wave)
+            yield Column(found, (np.sin(angle), np.cos(angle)), shapes=lobes)

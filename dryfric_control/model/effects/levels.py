@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dryfric_control.model.effects.columns import PARTS, Column, View, amount, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.effects.forces import BiasForce
-from dryfric_control.model.effects.guesses import Guess, View, linear
 from dryfric_control.model.effects.naming import named
 
+# Largest fraction of the load that may be lost to friction.
+_NEARLY_ALL = 0.5
 # Half the difference of the levels of both directions over their mean, at most: three to one.
 _ONE_SIDED = 0.5
 
@@ -70,9 +72,8 @@ class CoulombAsymmetry(Effect):
         return abs(self.force) <= _ONE_SIDED * axis.coulomb.mean
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A force of one sign both ways.
-        yield from linear(view, -np.ones_like(view.x), "force")
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield amount("force", -np.abs(view.direction))
 
 
 @register_effect
@@ -133,11 +134,14 @@ class PositionDependence(Effect):
         )
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
+    def columns(cls, view: View) -> Iterator[Column]:
         # A parabola over position, about the middle of the travel.
         q, level = view.x - view.middle, -view.direction * view.level
-        c, base = view.regress([level * q, level * q**2])
-        yield {"slope": c[0], "curvature": c[1], "centre": view.middle}, base
+
+        def values(c: Sequence[float]) -> dict[str, float]:
+            return {"slope": float(c[0]), "curvature": float(c[1]), "centre": view.middle}
+
+        yield Column(values, (level * q, level * q**2))
 
 
 @register_effect
@@ -193,13 +197,9 @@ class LoadDependence(Effect):
         return p[0] * abs(u)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Friction with the load.
-        yield from linear(view, -np.sign(view.v) * np.abs(view.carried), "coefficient", 1e-3)
-        # To a drive that hardly brakes it is a gain, which wrong base parameters hide.
-        for share in (0.05, 0.1, 0.15, 0.2, 0.25):
-            level = {"coulomb": (1.0 - share) * view.level}
-            yield {"coefficient": share}, carrying(view.axis, 1.0 - share) | level
+    def columns(cls, view: View) -> Iterator[Column]:
+        force = -view.direction * np.abs(view.carried)
+        yield amount("coefficient", force, positive=True)._replace(most=_NEARLY_ALL)
 
 
 def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
@@ -281,9 +281,9 @@ class LoadAsymmetry(Effect):
         return p[0] * abs(u) if direction > 0.0 else -p[0] * abs(u)
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A force against the load's size, of one sign both ways.
-        yield from linear(view, -np.abs(view.carried), "coefficient")
+    def columns(cls, view: View) -> Iterator[Column]:
+        force = -np.abs(view.direction * view.carried)
+        yield amount("coefficient", force)._replace(most=_NEARLY_ALL)
 
 
 @register_effect
@@ -304,7 +304,9 @@ class StribeckAsymmetry(Effect):
     .. math:: F_c \to F_c \left(1 + s \cdot \text{difference} \cdot
         e^{-(v/\text{speed})^2}\right), \quad s = \pm 1 \text{ the direction}
 
-    With a Stribeck peak of the same velocity, each direction has its own excess;
+    F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
+    the Stribeck peak nor what other effects add counts.  With a Stribeck peak of the same
+    velocity, each direction has its own excess, difference added to or subtracted from it;
     without one, friction at low velocity is higher in one direction and lower in the other.
 
     Examples
@@ -319,7 +321,7 @@ class StribeckAsymmetry(Effect):
     """
 
     difference: float = parameter(
-        "1", "half the difference of the excess, positive minus negative direction",
+        "1", "half the difference of the excess of the own Coulomb level, positive minus negative",
         bounds=(-10.0, 10.0), breaks_away=True, size=1.0,
     )  # fmt: skip
     speed: float = parameter(
@@ -355,20 +357,11 @@ class StribeckAsymmetry(Effect):
         return cls(0.0, max(axis.stick_speed, 0.02 * size("m/s")))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A force of one sign both ways, over parts of the speed in the record; breakaway
-        # itself is in no sliding sample, so that its size is tried as well.
-        fast = float(np.quantile(np.abs(view.v), 0.9))
-        for part in (0.02, 0.05, 0.15):
-            speed = part * fast
-            shape = -view.level * np.exp(-np.minimum((view.v / speed) ** 2, 40.0))
-            for guess, base in linear(view, shape, "difference"):
-                yield (
-                    {"speed": speed, "difference": float(np.clip(guess["difference"], -1, 1))},
-                    base,
-                )
-            for difference in (0.2, -0.2):
-                yield {"difference": difference, "speed": speed}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        for part in PARTS:
+            peak = np.exp(-np.minimum((view.v / (part * view.fast)) ** 2, 40.0))
+            force = -np.abs(view.direction) * view.level * peak
+            yield amount("difference", force, speed=part * view.fast)
 
 
 @register_effect
@@ -379,7 +372,7 @@ class VelocityStrengthening(Effect):
     Parameters
     ----------
     deficit : float
-        Share of the Coulomb level that is missing at rest [1].
+        Share of the axis' own Coulomb level that is missing at rest [1].
     speed : float
         Speed over which friction reaches its level [m/s].
 
@@ -387,6 +380,10 @@ class VelocityStrengthening(Effect):
     -----
     .. math:: F_c \to F_c \left(1 - \text{deficit} \cdot
         (1 - \tanh({|v|}/\text{speed}))\right)
+
+    F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
+    the Stribeck peak nor what other effects add counts, so that a peak of excess sigma leaves
+    (1 + sigma - deficit) F_c at rest.
 
     The opposite of a Stribeck peak: at constant force motion is stable at every velocity, and
     an axis does not stick and slip.
@@ -403,7 +400,9 @@ class VelocityStrengthening(Effect):
     (1, True)
     """
 
-    deficit: float = parameter("1", "share of the level missing at rest", bounds=(0.0, 0.95))
+    deficit: float = parameter(
+        "1", "share of the axis' own Coulomb level missing at rest", bounds=(0.0, 0.95)
+    )
     speed: float = parameter(
         "m/s",
         "velocity over which it rises",
@@ -435,13 +434,11 @@ class VelocityStrengthening(Effect):
         return cls(0.0, max(axis.stick_speed, 0.1 * size("m/s")))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Friction that is missing, over parts of the speed in the record.
-        fast = float(np.quantile(np.abs(view.v), 0.9))
-        for part in (0.03, 0.1, 0.3):
-            missing = view.level * view.direction * (1.0 - np.tanh(np.abs(view.v) / (part * fast)))
-            for guess, base in linear(view, missing, "deficit", 0.0):
-                yield {"deficit": min(guess["deficit"], 0.9), "speed": part * fast}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        for part in PARTS:
+            missing = 1.0 - np.tanh(np.abs(view.v) / (part * view.fast))
+            force = view.direction * view.level * missing
+            yield amount("deficit", force, positive=True, speed=part * view.fast)
 
 
 @register_effect
@@ -502,13 +499,12 @@ class WarmUp(Effect):
         return cls(0.0, 10.0 * size("s"))
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Time constants from a tenth of the record to all of it; longer ones are a drift.
-        span = float(np.ptp(view.t))
-        for part in (0.1, 0.2, 0.4, 0.8):
-            shape = -np.sign(view.v) * view.level * np.exp(-view.t / (part * span))
-            for guess, base in linear(view, shape, "rise", -0.9):
-                yield guess | {"time_constant": part * span}, base
+    def columns(cls, view: View) -> Iterator[Column]:
+        # Time constants up to the length of the record; longer ones are a drift.
+        for part in (0.05, 0.1, 0.2, 0.4, 0.8):
+            fade = np.exp(-view.t / (part * view.duration))
+            force = -view.direction * view.level * fade
+            yield amount("rise", force, time_constant=part * view.duration)
 
 
 @register_effect
@@ -553,9 +549,8 @@ class Drift(Effect):
         return level * p[0] * t
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # Friction with time.
-        yield from linear(view, -np.sign(view.v) * view.level * view.t, "rate")
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield amount("rate", -view.direction * view.level * view.t)
 
 
 @register_effect
@@ -615,8 +610,8 @@ class DwellTime(Effect):
         return p[0] * -math.expm1(-rest / p[1])
 
     @classmethod
-    def guess(cls, view: View) -> Iterator[Guess]:
-        # A grid: breakaway is all there is to see, and a force read off there is too rough.
-        for part in np.geomspace(0.1, 2.4, 10):
-            for time_constant in np.geomspace(0.05, 1.5, 9):
-                yield {"rise": part * view.level, "time_constant": time_constant}, {}
+    def columns(cls, view: View) -> Iterator[Column]:
+        # Breakaway is all that shows it.
+        for part in (0.15, 0.4, 1.0, 2.0):
+            for time_constant in (0.05, 0.2, 0.8):
+                yield simulated(rise=part * view.size, time_constant=time_constant)

@@ -6,10 +6,13 @@ import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
+from unicodedata import combining, normalize
 
 import numpy as np
 
+from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import known_unit, si_unit
@@ -19,51 +22,77 @@ MAX_ROWS = 10_000_000  # 0.3 GB for four columns
 #: Channels that are kept with a record beside those that it needs.
 EXTRAS = ("v", "a", "x2")
 
-# What a column is called, and how what was measured and what was asked for are marked.
+# What a column is called, and how what was measured and what was asked for are marked.  German,
+# French, Spanish, Italian, Portuguese and Dutch without accents; Chinese and Japanese.
 _POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg", "lage",
-             "winkel", "joint_position", "joint_pos", "joint_angle", "axis_position")  # fmt: skip
-_DRIVE = ("u", "i", "iq", "i_q", "current", "tau", "torque", "force", "effort", "voltage", "kraft",
-          "moment", "drehmoment", "strom", "motor_current", "motor_torque", "motor_force",
-          "motor_voltage", "joint_torque")  # fmt: skip
-_VELOCITY = ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "geschwindigkeit",
-             "drehzahl", "vitesse")  # fmt: skip
+             "winkel", "joint_position", "joint_pos", "joint_angle", "axis_position", "posicion",
+             "posizione", "posicao", "positie", "angulo", "angolo", "hoek")  # fmt: skip
+_DRIVE = ("u", "i", "iq", "i_q", "current", "tau", "tau_j", "torque", "force", "effort", "voltage",
+          "pressure", "kraft", "moment", "drehmoment", "strom", "druck", "motor_current",
+          "motor_torque", "motor_force", "motor_voltage", "joint_torque", "pwm")  # fmt: skip
+_VELOCITY = ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "dq_dt",
+             "geschwindigkeit", "drehzahl", "vitesse", "velocidad", "velocita", "velocidade",
+             "snelheid", "速度")  # fmt: skip
 _ACCELERATION = ("a", "acceleration", "acc", "accel", "ddq", "qdd", "beschleunigung")
-_MEASURED = ("act", "actual", "actual_value", "meas", "measured", "fb", "feedback", "ist")
+_MEASURED = ("act", "actual", "actual_value", "meas", "measured", "msr", "fb", "feedback", "ist",
+             "istwert", "est", "estimate", "estimated", "present")  # fmt: skip
 _ASKED = ("cmd", "command", "commanded", "ref", "reference", "des", "desired", "set", "setpoint",
-          "sp", "target", "demand", "demand_value", "goal", "soll")  # fmt: skip
+          "sp", "target", "demand", "demand_value", "goal", "soll", "sollwert",
+          "input")  # fmt: skip
+
+
+_JOINED = ("ist", "istwert", "soll", "sollwert")  # Istposition, Lagesollwert, Positionsistwert
 
 
 def _marked(stems: tuple[str, ...], marks: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
+    parted = (n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
+    joined = (n for s in stems if len(s) > 2 for m in marks if m in _JOINED
+              for n in (f"{s}{m}", f"{s}s{m}", f"{m}{s}"))  # fmt: skip
+    return (*parted, *joined)
 
 
 #: Usual names of the channels, in lower case, words joined by "_"; the first group of which a
 #: source has a column decides.  A position that was asked for is the reference; a drive that was
 #: asked for is the input where none was measured.
 NAMES = {
-    "t": (("t", "time", "timestamp", "time_stamp", "zeit", "temps", "seconds"),),
+    "t": (("t", "time", "timestamp", "time_stamp", "zeit", "zeitstempel", "temps", "tiempo",
+           "tempo", "tijd", "seconds", "secs", "sec", "elapsed", "elapsed_time", "时间", "時間"),),
     "u": (("u",),
           ("input", "force", "torque", "vir", "effort", "command", "voltage", "current", "kraft",
-           "moment", "drehmoment", "couple"),
+           "moment", "drehmoment", "couple", "fuerza", "forza", "forca", "kracht", "coppia",
+           "koppel", "力", "力矩", "扭矩", "转矩", "トルク"),
           ("motor_current", "motor_torque", "drive_force", "motor_force"),
-          ("iq", "i_q", "tau", "motor_voltage", "joint_torque", "pwm", "duty", "strom",
-           *_marked(_DRIVE, _MEASURED)),
-          _marked(_DRIVE, _ASKED)),
+          ("iq", "i_q", "tau", "tau_j", "motor_voltage", "joint_torque", "pwm", "duty", "strom",
+           "spannung", "stellgrosse", "stellgroesse", "courant", "corriente", "corrente", "stroom",
+           "pressure", "druck", "pression", "presion", "pressione", "voltage.q", "current.q",
+           "present_load", "电流", "電流", *_marked(_DRIVE, _MEASURED)),
+          ("tau_j_d", *_marked(_DRIVE, _ASKED))),
     "x": (("x",),
-          ("position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage", "winkel"),
+          ("position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage", "winkel",
+           "drehwinkel", "hub", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
+           "hoek", "shaft_angle", "位置", "角度"),
           (*_marked(_POSITION, _MEASURED), "joint_position", "joint_pos", "joint_angle",
            "axis_position", "phi"),
-          ("counts", "encoder", "encoder_counts", "encoder_position", "enc", "enc_pos")),
+          ("counts", "encoder", "encoder_counts", "encoder_position", "enc", "enc_pos",
+           "shadow_count")),
     "reference": (("reference",),
                   ("ref", "r", "qg", "goal", "goal_position", "setpoint", "target", "x_ref",
-                   "xref", "desired", "soll", "sollwert", "consigne"),
+                   "xref", "desired", "soll", "sollwert", "consigne", "q_d", "x_d", "pos_d"),
                   _marked(_POSITION, _ASKED)),
-    "v": (_VELOCITY, _marked(_VELOCITY, _MEASURED)),
+    "v": ((*_VELOCITY, "shaft_velocity"), _marked(_VELOCITY, _MEASURED)),
     "a": (_ACCELERATION, _marked(_ACCELERATION, _MEASURED)),
     "x2": (("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
             "x_motor"),),
+    "good": (("good",),),
 }  # fmt: skip
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
+# Words that say of which machine a channel is, not what it is; letters that programmers of
+# controllers put before a name.
+_FILLING = {"joint", "joints", "axis", "axes", "j", "jnt", "achse", "gelenk", "motor", "servo",
+            "link", "drive", "actuator", "state", "states", "value", "wert", "main", "gvl",
+            "encoder", "controller"}  # fmt: skip
+_PREFIXES = {"f", "lr", "n", "l", "r"}
+_LETTERS = ("q", "u", "i", "v")  # in a name with parts
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -79,8 +108,10 @@ class Channels:
     quantum: float | None = None
     raw: dict[str, tuple[str, float]] = field(default_factory=dict)
     timed: bool = True
+    masked: tuple[str, ...] | None = None
 
 
+@lru_cache(maxsize=4096)
 def split_header(cell: str) -> tuple[str, str]:
     """Name and unit of a column heading.
 
@@ -88,32 +119,73 @@ def split_header(cell: str) -> tuple[str, str]:
     --------
     >>> split_header("x [mm]"), split_header("time_ms"), split_header("u / N")
     (('x', 'mm'), ('time', 'ms'), ('u', 'N'))
+    >>> split_header("pos (5)"), split_header("vel_rad_s"), split_header("Weg in mm")
+    (('pos (5)', ''), ('vel', 'rad/s'), ('Weg', 'mm'))
     """
     cell = cell.strip()
     if len(cell) > 200:  # no heading, and the pattern takes quadratic time
         return cell, ""
     match = _BRACKETS.fullmatch(cell)
     if match:
-        return match[1], (match[2] if match[2] is not None else match[3]).strip()
-    for mark in ("/", "_"):
-        name, found, unit = cell.rpartition(mark)
-        roles = [_ROLES[n] for n in spellings(name) if n in _ROLES]
-        if found and roles and known_unit(unit) and _fits(roles[0], unit):
-            return name.strip(), unit.strip()
+        unit = (match[2] if match[2] is not None else match[3]).strip()
+        return (cell, "") if unit.isdigit() else (match[1], unit)
+    for mark in ("/", " in ", "_", " "):
+        words = cell.split(mark)
+        for tail in (3, 2, 1) if mark == "_" else (1,):
+            name = mark.join(words[:-tail])
+            role = meaning(name)[0]
+            for unit in {"/".join(words[-tail:]), " ".join(words[-tail:])}:
+                if role and known_unit(unit) and _fits(role, unit):
+                    return name.strip(), unit.strip()
     return cell, ""
 
 
-def spellings(name: str) -> set[str]:
-    """A heading in lower case, and with its words joined by "_".
+def worded(name: str) -> str:
+    """A heading in lower case without accents, its words joined by "_".
 
     Examples
     --------
-    >>> sorted(spellings("ActualPosition")), sorted(spellings("Torque cmd"))
-    (['actual_position', 'actualposition'], ['torque cmd', 'torque_cmd'])
+    >>> worded("ActualPosition"), worded("Größe cmd")
+    ('actual_position', 'grosse_cmd')
     """
-    name = name.strip()
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name)
-    return {name.lower(), words.lower()}
+    name = "".join(c for c in normalize("NFKD", name.strip()) if not combining(c))
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
+
+
+@lru_cache(maxsize=4096)
+def meaning(name: str) -> tuple[str, str, str]:
+    """Role of a heading, its usual name, and the joint it is of, each empty if there is none.
+
+    Examples
+    --------
+    >>> meaning("ActualPosition"), meaning("q3_tau_J"), meaning("effort.elbow")
+    (('x', 'actual_position', ''), ('u', 'tau', '3'), ('u', 'effort', 'elbow'))
+    """
+    for one in (worded(name), name.strip().casefold()):
+        if one in _ROLES:
+            return _ROLES[one], one, ""
+    parts = [part for part in re.split(r"[./\\:()\[\]\s]+", name) if part]
+    found = [m for k in range(len(parts), max(0, len(parts) - 3), -1) if (m := _part(parts, k))]
+    # A letter may be the name of a joint or a direction in space, behind what it is of.
+    found.sort(key=lambda m: len(m[1]) == 1)
+    path = sum(not part.isdigit() for part in parts) > 1
+    if not found or (path and len(found[0][1]) == 1 and found[0][1] not in _LETTERS):
+        return "", "", ""
+    return found[0]
+
+
+def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
+    """Meaning of the k-th part of a name; what follows is the joint, or a number in it."""
+    words = re.findall(r"[^\W\d_]+|\d+", worded(parts[k - 1]))
+    numbers = [w for w in words if w.isdigit()]
+    if len(words) > 2 and words[1].isdigit() and words[0] in _POSITION:
+        words = words[2:]  # q3_tau: the torque of a joint that is called q3
+    words = [w for w in words if not w.isdigit() and w not in _FILLING]
+    for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):
+        if stem in _ROLES and _ROLES[stem] not in ("x2", "good"):
+            before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
+            return _ROLES[stem], stem, ".".join(parts[k:] or numbers or before[-1:])
+    return None
 
 
 def _fits(role: str, unit: str) -> bool:
@@ -130,6 +202,7 @@ def assign_columns(
     columns: Mapping[str, str | int | None] | None,
     where: str,
     timed: bool | None = True,
+    joint: str | int | None = None,
 ) -> dict[str, int]:
     """Index of the column that plays each role.
 
@@ -143,6 +216,8 @@ def assign_columns(
         The source, for messages.
     timed : bool, optional
         Whether a column of time is needed; False for none, None for perhaps.
+    joint : str or int, optional
+        Joint of which the columns are wanted, as their headings name it.
 
     Raises
     ------
@@ -158,14 +233,16 @@ def assign_columns(
     names = [split_header(h)[0] for h in headings]
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
+    if joint is not None:
+        names = _of_joint(names, str(joint), where)
     chosen: dict[str, int] = {}
     for role, wanted in columns.items():
-        if role not in (*ROLES, *EXTRAS):
+        if role not in (*ROLES, *EXTRAS, "good"):
             raise ValueError(
                 f"columns: {role!r} is no role; the roles are {', '.join((*ROLES, *EXTRAS))}"
                 + did_you_mean(str(role), [*ROLES, *EXTRAS])
             )
-        if wanted is None and (role not in ("t", "u", "x") or (role == "t" and not timed)):
+        if wanted is None and not (role == "t" and timed):
             continue
         chosen[role] = _find_column(role, wanted, headings, names, where)
     if not columns and all(h == "" for h in headings):
@@ -177,32 +254,60 @@ def assign_columns(
             )
         return dict(zip(roles, range(len(headings)), strict=False))
     for role in ROLES[:3]:
-        if role not in columns and (found := _recognise(role, names, where)) is not None:
+        if role not in columns and (found := _recognise(role, names, where, chosen)) is not None:
             chosen[role] = found
-    for role in ("reference", *EXTRAS):
-        found = None if role in columns else _extra(role, headings, names)
+    for role in ("reference", *EXTRAS, "good"):
+        found = None if role in columns else _extra(role, headings, names, chosen)
         if found is not None and found not in chosen.values():
             chosen[role] = found
     for role in ("t", "u", "x"):
-        if role not in chosen and (role != "t" or timed):
-            raise ValueError(
-                f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
-                f'Say which it is: columns={{"{role}": ...}}'
-                + (", or give rate= [samples per s] if there is none" if role == "t" else "")
-            )
+        if role in chosen or (role == "t" and not timed) or (role == "u" and role in columns):
+            continue
+        if role == "x" and "v" in chosen:
+            continue
+        none = {"t": "rate= [samples per s]", "u": 'columns={"u": None} for a free motion',
+                "x": "a column of velocity, v"}[role]  # fmt: skip
+        raise ValueError(
+            f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
+            f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
+        )
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
 
 
-def _extra(role: str, headings: list[str], names: list[str]) -> int | None:
+def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
+    """Names of the columns of a joint, without it, and of time; others empty."""
+    sides = (r"(?<!\d)", r"(?!\d)") if joint.isdigit() else (r"(?<![^\W_])", r"(?![^\W_])")
+    pattern = re.compile(sides[0] + re.escape(joint) + sides[1], re.IGNORECASE)
+    if not any(map(pattern.search, names)):
+        raise ValueError(f"{where} has no column of joint {joint!r}; available: {_listing(names)}")
+    out = []
+    for name in names:
+        if meaning(name)[0] == "t" or (pattern.search(name) and joint.isdigit()):
+            out.append(name)
+        else:
+            out.append(pattern.sub("", name).strip(" _./:()[]-") * bool(pattern.search(name)))
+    return out
+
+
+def _extra(
+    role: str, headings: list[str], names: list[str], chosen: Mapping[str, int]
+) -> int | None:
     """Index of a column that is such a channel beyond doubt, by name and unit."""
-    found = named(role, names)
+    found = _same_joint(named(role, names), names, chosen)
     if len(found) != 1:
         return None
     unit = split_header(headings[found[0]])[1]
     return found[0] if not unit or _fits(role, unit) else None
+
+
+def _same_joint(found: list[int], names: list[str], chosen: Mapping[str, int]) -> list[int]:
+    """Of several columns those of the joint of which others were chosen."""
+    joints = {joint for k in chosen.values() if (joint := meaning(names[k])[2])}
+    same = [k for k in found if meaning(names[k])[2] in joints]
+    return same if len(found) > 1 and same else found
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
@@ -213,6 +318,8 @@ def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
 
 def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], where: str) -> int:
     """Index of the column the caller asked for."""
+    if isinstance(wanted, str) and wanted.isdigit() and not any(headings):
+        wanted = int(wanted)
     if isinstance(wanted, int) and not isinstance(wanted, bool):
         if not -len(headings) <= wanted < len(headings):
             raise ValueError(
@@ -242,20 +349,26 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
 
 
 def named(role: str, names: list[str]) -> list[int]:
-    """Columns of the first group of usual names of which there are any."""
-    for usual in NAMES[role]:
-        if found := [k for k, n in enumerate(names) if not spellings(n).isdisjoint(usual)]:
-            return found
+    """Columns of the first group of usual names of which there are any; plain names go first."""
+    means = [meaning(n) for n in names]
+    for plain in (True, False):
+        for usual in NAMES[role]:
+            found = [k for k, (of, name, _) in enumerate(means) if of == role and name in usual]
+            if plain:
+                found = [k for k in found if means[k][1] in (worded(names[k]), names[k].casefold())]
+            if found:
+                return found
     return []
 
 
-def _recognise(role: str, names: list[str], where: str) -> int | None:
+def _recognise(role: str, names: list[str], where: str, chosen: Mapping[str, int]) -> int | None:
     """Index of the column whose name shows its role, if there is one."""
-    found = named(role, names)
+    found = _same_joint(named(role, names), names, chosen)
     if len(found) > 1:
+        several = len({meaning(names[k])[2] for k in found}) == len(found)
         raise ValueError(
             f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
-            f'say which: columns={{"{role}": ...}}'
+            f'say which: columns={{"{role}": ...}}' + ", or one joint: joint=..." * several
         )
     return found[0] if found else None
 
@@ -281,8 +394,9 @@ def to_si(
     stored : mapping
         Units the source states; empty text where it does not.
     gain : float, mapping or Scaling
-        Factor on ``u``, factors by channel, or numbers of the machine; applied after
-        the conversion to SI.
+        Factor on ``u``, factors by channel, or numbers of the machine. A factor converts the
+        number in the source: a unit in the heading then only labels it, but for a gain of -1,
+        which turns the sign and keeps the unit.
     declared : mapping or None
         Units the caller states: as stored, of a channel with a gain after it.
     where : str
@@ -308,14 +422,17 @@ def to_si(
     raw: dict[str, tuple[str, float]] = {}
     out = dict(values)
     for role in values:
-        unit = stored.get(role, "")
-        said = declared.get("x" if role == "reference" else role, "")
-        own = scaling.gain.get("x" if role == "reference" else role)
-        factor, si = si_unit(role, unit) if unit else (1.0, "")
+        key = "x" if role == "reference" else role
+        unit, said, own = stored.get(role, ""), declared.get(key, ""), scaling.gain.get(key)
+        turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
+        factor, si = si_unit(role, unit) if unit and (own is None or turned) else (1.0, "")
         if own is not None:
-            si, factor = "", factor * own
-            notes.append(f"{role} multiplied by gain {own:g}")
-        if said:
+            if not turned:
+                _check_gain(role, unit, said, own, where)
+            factor *= own
+            per = f" per {unit}" if unit and not turned else ""
+            notes.append(f"{role} multiplied by gain {own:g}{per}")
+        if said and not turned:
             more, said_si = si_unit(role, said)
             if si and (si, factor) != (said_si, more):
                 raise ValueError(
@@ -326,7 +443,7 @@ def to_si(
         if own is None and (found := scaling.conversion(role, si)):
             factor, unit, si = factor * found.factor, unit or found.raw, found.unit
             notes.append(f"{role} converted from {unit} to {si} with factor {factor:.6g}")
-        elif factor != 1 and factor != own:
+        elif factor not in (1.0, own):
             notes.append(f"{role} converted from {unit or said} to {si or 'SI'}")
         if factor != 1:
             out[role] = scaled(out[role], factor)
@@ -340,6 +457,28 @@ def to_si(
             "or leave it out: columns={'reference': None}"
         )
     return Channels(out, units, tuple(notes), raw=raw)
+
+
+def _check_gain(role: str, unit: str, said: str, own: float, where: str) -> None:
+    """Tell of a gain that could be meant before or after the factor of the heading's unit."""
+    found = known_unit(unit)
+    if found is None or found.factor == 1.0 or said not in ("", unit):
+        return
+    sensed = found.kind in ("voltage", "current", "pressure")
+    product = ("N" if role == "u" else "m") if sensed else found.si
+    mend = f'units={{"{role}": "{product}"}}'
+    if said:
+        raise ValueError(
+            f"{where} gives {role} in {unit!r} and units= says {said!r} beside a gain: "
+            f"{own:g} {product} per {unit}, which is {mend}, or {own:g} times as many {unit}, "
+            f'which is gain={{"{role}": {own * found.factor:g}}} and units={{"{role}": '
+            f'"{found.si}"}}?'
+        )
+    if not sensed:
+        warn(
+            f"{where}: {role} [{unit}] is multiplied by the gain {own:g} alone, not by the "
+            f"{found.factor:g} {found.si} per {unit} as well: state the unit of the product, {mend}"
+        )
 
 
 def scaled(values: Any, factor: float) -> Any:

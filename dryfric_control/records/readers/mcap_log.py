@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dryfric_control.records.readers.channels import assign_columns, too_long
+from dryfric_control.records.readers.messages import numbers
 
-_LONGEST = 64  # numbers taken of an array in a message, such as the joints of a robot
-_DEEPEST = 8
 _SHORT = 1 << 16  # bytes of a read that need no look at what the file holds
 
 
@@ -28,12 +26,14 @@ class _NoLonger(io.BufferedReader):
         return super().read(size)
 
 
-def read_mcap(path: Path, columns: Any, max_rows: int) -> dict[str, Any]:
+def read_mcap(path: Path, columns: Any, max_rows: int, joint: Any = None) -> dict[str, Any]:
     """Channels of a log on the time stamps of the position.
 
     Fields are named ``topic.field`` or, where one topic alone holds numbers, ``field``; of an
-    array ``field.0`` and so on.  Those of other topics than the position's are brought
-    onto its stamps: the input as held, everything else along straight lines.
+    array ``field.0`` and so on, or by the names beside it, as of the joints of a robot.  The time
+    is that in the headers of messages of ROS 2 if all have one, else that of the log.  Fields of
+    other topics than the position's are brought onto its stamps: the input as held, everything
+    else along straight lines.
     """
     topics = _topics(path, max_rows)
     if not topics:
@@ -45,8 +45,8 @@ def read_mcap(path: Path, columns: Any, max_rows: int) -> dict[str, Any]:
         for key in fields
     }
     headings = ["t", *(h for h in place if h != "t")]
-    chosen = assign_columns(headings, columns, path.name)
-    clock = topics[place[headings[chosen["x"]]][0]][0]
+    chosen = assign_columns(headings, columns, path.name, joint=joint)
+    clock = topics[place[headings[chosen["x" if "x" in chosen else "v"]]][0]][0]
     table: dict[str, Any] = {"t": clock}
     for role, k in chosen.items():
         if k == 0:
@@ -64,7 +64,7 @@ def read_mcap(path: Path, columns: Any, max_rows: int) -> dict[str, Any]:
     return table | {h: () for h in headings if h not in table}
 
 
-def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[float]]]]:
+def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Seconds and numeric fields of each topic."""
     try:
         from mcap.reader import make_reader
@@ -72,7 +72,7 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
         raise ImportError(
             f'{path.name}: reading .mcap needs mcap: pip install "dryfric-control[mcap]"'
         ) from None
-    stamps: dict[str, list[int]] = {}
+    stamps: dict[str, list[tuple[int, int]]] = {}
     found: dict[str, dict[str, list[float]]] = {}
     rows, ros2 = 0, _ros2()
     try:
@@ -80,14 +80,15 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
             for schema, channel, message in make_reader(file).iter_messages():
                 if (content := _content(schema, channel, message, ros2)) is None:
                     continue
-                fields = dict(_numbers("", content, 0))
+                fields = dict(numbers("", content, 0))
                 if not fields:
                     continue
                 rows += 1
                 if rows > max_rows:
                     break
+                both = _stamp(fields), message.log_time
+                stamps.setdefault(channel.topic, []).append(both)
                 kept = found.setdefault(channel.topic, {key: [] for key in fields})
-                stamps.setdefault(channel.topic, []).append(message.log_time)
                 for key in list(kept):
                     if key in fields:
                         kept[key].append(fields[key])
@@ -100,12 +101,22 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, list[fl
         ) from None
     if rows > max_rows:
         raise ValueError(too_long(path.name, max_rows))
-    start = min((times[0] for times in stamps.values()), default=0)
-    return {
-        topic: (np.array([t - start for t in times], dtype=np.float64) * 1e-9, found[topic])
-        for topic, times in stamps.items()
-        if found[topic]
-    }
+    stamps = {topic: times for topic, times in stamps.items() if found[topic]}
+    clock = 0 if all(own for times in stamps.values() for own, _ in times) else 1
+    start = min((t[clock] for times in stamps.values() for t in times), default=0)
+    topics = {}
+    for topic, times in stamps.items():
+        since = np.array([t[clock] - start for t in times])
+        order = np.argsort(since, kind="stable")  # a logger may write one after the next
+        columns = {key: np.array(values)[order] for key, values in found[topic].items()}
+        topics[topic] = since[order] * 1e-9, columns
+    return topics
+
+
+def _stamp(fields: dict[str, float]) -> int:
+    """Stamp in the header of a message in ns, taken out of its fields; 0 if there is none."""
+    parts = [fields.pop(f"header.stamp.{part}", 0.0) for part in ("sec", "nanosec")]
+    return 1_000_000_000 * int(parts[0]) + int(parts[1])
 
 
 def _ros2() -> Any:
@@ -123,21 +134,3 @@ def _content(schema: Any, channel: Any, message: Any, ros2: Any) -> Any:
         return json.loads(message.data)
     decode = ros2 and ros2.decoder_for(channel.message_encoding, schema)
     return decode(message.data) if decode else None
-
-
-def _numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
-    """Numbers of a message with the path that leads to each."""
-    if isinstance(content, (int, float)) and not isinstance(content, bool):
-        yield prefix, float(content)
-    elif depth == _DEEPEST or isinstance(content, (str, bytes, bool, type(None))):
-        return
-    elif isinstance(content, Mapping):
-        for key, value in content.items():
-            yield from _numbers(f"{prefix}.{key}" if prefix else str(key), value, depth + 1)
-    elif isinstance(content, (Sequence, np.ndarray)):
-        for k, value in enumerate(content[:_LONGEST]):
-            yield from _numbers(f"{prefix}.{k}", value, depth + 1)
-    else:
-        for key in getattr(content, "__slots__", ()):
-            path = f"{prefix}.{key}" if prefix else key
-            yield from _numbers(path, getattr(content, key), depth + 1)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dryfric_control.records.readers.array_file import read_json_lines, read_numpy
 from dryfric_control.records.readers.channels import (
     EXTRAS,
     MAX_ROWS,
@@ -33,6 +34,7 @@ from dryfric_control.records.readers.text_file import SUFFIXES, read_column, rea
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import existing_file
 
+_SOUND = 0.8  # part of a channel that must be numbers; those that are not are bridged
 _EXACT = 2**53  # beyond, float64 leaves whole numbers out
 
 
@@ -44,15 +46,19 @@ def read_channels(
     max_rows: int = MAX_ROWS,
     step: float | None = None,
     timed: bool | None = True,
+    joint: str | int | None = None,
 ) -> Channels:
     """Read the channels of a file, data frame or mapping.
 
     Parameters
     ----------
     step : float, optional
-        Sampling step [s] of a source without a column of time.
+        Sampling step [s]: of a source without a column of time, or that of the record; words
+        for a missing number are nan then.
     timed : bool, optional
         Whether there is such a column; None for perhaps.
+    joint : str or int, optional
+        Joint of a log of several.
 
     Raises
     ------
@@ -69,6 +75,7 @@ def read_channels(
     quantum: float | None = None
     raw: dict[str, tuple[str, float]] = {}
     extra: tuple[str, ...] = ()
+    masked: tuple[str, ...] | None = None
     if isinstance(source, (str, os.PathLike)):
         path = existing_file(source)
         where, name = path.name, path.stem
@@ -78,17 +85,18 @@ def read_channels(
             if suffix not in SUFFIXES:
                 raise ValueError(_unsupported(path))
         if suffix in SUFFIXES:
-            found = read_text(path, columns, max_rows, timed)
+            found = read_text(path, columns, max_rows, timed, step is not None, joint)
             values, stored, meta = found.values, found.stored, found.meta
             name = meta.get("name", name) if meta else name
             quantum, extra = meta.get("quantum"), tuple(meta.get("notes", ()))
             raw = {k: (str(u), float(f)) for k, (u, f) in meta.get("raw", {}).items()}
             extra += () if meta else found.notes
+            masked = tuple(meta["masked"]) if "masked" in meta else None
             return _finished(
-                values, stored, gain, units, where, step, timed, extra, name, quantum, raw
+                values, stored, gain, units, where, step, timed, extra, name, quantum, raw, masked
             )
         if suffix == ".mcap":
-            table = read_mcap(path, columns, max_rows)
+            table = read_mcap(path, columns, max_rows, joint)
         elif suffix in _TABLES:
             table = _TABLES[suffix](path, max_rows)
         else:
@@ -101,15 +109,19 @@ def read_channels(
         if isinstance(kept := getattr(source, "attrs", {}).get("dryfric_control"), Mapping):
             name, quantum, extra = kept.get("name"), kept.get("quantum"), tuple(kept["notes"])
             raw = dict(kept.get("raw", {}))
+            masked = tuple(kept["masked"]) if "masked" in kept else None
     else:
         raise TypeError(
             "read_record takes a path, a data frame or a mapping of arrays, "
             f"got {type(source).__name__}"
         )
     headings = list(table)
-    chosen = assign_columns(headings, columns, where, timed)
-    for role in EXTRAS:  # kept where they are numbers, one for each sample
-        if role in chosen and role not in (columns or {}):
+    unnamed = all(h.isdigit() for h in headings)  # columns of an array
+    chosen = assign_columns(
+        [""] * len(headings) if unnamed else headings, columns, where, timed, joint
+    )
+    for role in (*EXTRAS, "good"):  # kept where they are numbers, one for each sample
+        if role in chosen and role not in (columns or {}) and (role != "v" or "x" in chosen):
             if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
                 del chosen[role]
     values = {role: table[headings[k]] for role, k in chosen.items()}
@@ -128,7 +140,9 @@ def read_channels(
         headings = [h for h in headings if h != "gtau"]
     elif not isinstance(source, Mapping) and not raw:
         extra += left_out(headings, chosen)
-    return _finished(values, stored, gain, units, where, step, timed, extra, name, quantum, raw)
+    return _finished(
+        values, stored, gain, units, where, step, timed, extra, name, quantum, raw, masked
+    )
 
 
 def _finished(
@@ -143,6 +157,7 @@ def _finished(
     name: Any,
     quantum: Any,
     raw: dict[str, tuple[str, float]],
+    masked: tuple[str, ...] | None,
 ) -> Channels:
     """Channels in SI units, with a time of their own where they came without."""
     if "t" in values and timed is False:
@@ -152,7 +167,7 @@ def _finished(
         )
     own = "t" in values
     if step is not None and not own:
-        values = {"t": step * np.arange(np.size(values["x"])), **values}
+        values = {"t": step * np.arange(np.size(values["x" if "x" in values else "v"])), **values}
         notes += (f"time from a step of {step:g} s",)
     values, said = _from_first(values)
     found = to_si(values, stored, gain, units, where)
@@ -172,6 +187,7 @@ def _finished(
         quantum,
         raw,
         own,
+        masked,
     )
 
 
@@ -198,7 +214,7 @@ def _is_channel(values: Any, x: Any) -> bool:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         return False
-    return array.shape == np.shape(x) and bool(np.all(np.isfinite(array)))
+    return array.shape == np.shape(x) and bool(np.isfinite(array).mean() > _SOUND)
 
 
 def _with_files(table: dict[str, Any], max_rows: int) -> dict[str, Any]:
@@ -230,8 +246,7 @@ def _scales_by_gtau(
 ) -> bool:
     """True for the EMPS layout, unless the caller names the input himself."""
     return (
-        headings[chosen["u"]] == "vir"
-        and headings[chosen["x"]] == "qm"
+        [headings[chosen[role]] for role in ("u", "x") if role in chosen] == ["vir", "qm"]
         and "u" not in (columns or {})
         and "gtau" in table
         and np.size(table["gtau"]) == 1
@@ -241,7 +256,8 @@ def _scales_by_gtau(
 
 def _unsupported(path: Path) -> str:
     mend = {
-        ".json": "read_bam() reads BAM logs; otherwise load it and pass a dict of arrays",
+        ".json": "read_bam() reads BAM logs, and objects, one a line, are read as .jsonl; "
+        "otherwise load it and pass a dict of arrays",
         ".xls": "save it as .xlsx or CSV",
         ".gz": "only text such as run.csv.gz is read compressed; decompress it first",
         ".bag": "convert it to .mcap",
@@ -301,6 +317,10 @@ def _plain(series: Any) -> Any:
 
 
 _TABLES: dict[str, Callable[[Path, int], dict[str, Any]]] = {
+    ".npz": read_numpy,
+    ".npy": read_numpy,
+    ".jsonl": read_json_lines,
+    ".ndjson": read_json_lines,
     ".mat": lambda path, _: read_mat(path),
     ".xlsx": lambda path, _: frame_columns(read_xlsx(path)),
     ".parquet": lambda path, max_rows: frame_columns(read_parquet(path, max_rows)),

@@ -14,14 +14,19 @@ _ROOM, _RATIO = 2**26, 100
 
 def read_xlsx(path: Path) -> Any:
     """First sheet of a spreadsheet as a data frame."""
+    check_room(path)
+    return _read(path, "read_excel", "openpyxl")
+
+
+def check_room(path: Path) -> None:
+    """Refuse an archive that would unpack to far more than such a file holds."""
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(item.file_size for item in archive.infolist())
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as problem:
-        raise ValueError(f"{path.name} is damaged or no .xlsx file ({problem})") from None
+        raise ValueError(f"{path.name} is damaged or no {path.suffix} file ({problem})") from None
     if size > max(_ROOM, _RATIO * path.stat().st_size):
-        raise ValueError(f"{path.name} would unpack to {size} bytes; export the sheet as CSV")
-    return _read(path, "read_excel", "openpyxl")
+        raise ValueError(f"{path.name} would unpack to {size} bytes; export it as CSV")
 
 
 def read_parquet(path: Path, max_rows: int) -> Any:

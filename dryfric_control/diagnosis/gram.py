@@ -1,0 +1,452 @@
+"""Normal equations of all candidate effects beside one model, and proposals from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled.likelihood import FREEDOM
+from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, with_effect
+from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.problem import Problem, noises_of
+from dryfric_control.diagnosis.thresholds import (
+    CHANCE,
+    COINCIDE,
+    JOINT,
+    LOUDEST,
+    NEIGHBOURS,
+    PROPOSALS,
+    QUIET,
+    QUIETEST,
+    SAME,
+    SETTLED,
+)  # fmt: skip
+from dryfric_control.estimation.likelihood import BOLD, Likelihood, Point, wondered
+from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.columns import Column, View, simulated
+from dryfric_control.model.effects.naming import named
+
+FloatArray = NDArray[np.float64]
+
+# Largest change of an innovation by a simulated shape, in standard deviations, and bounds of the
+# change of a base parameter in the start of a fit.
+_FAR, _BASE = 30.0, (0.4, 2.5)
+# Columns whose responses are computed at once, and ridge of the normal equations.
+_AT_ONCE, _RIDGE = 32, 1e-9
+
+
+@dataclass(frozen=True)
+class Item:
+    """One shape of an effect.
+
+    Attributes
+    ----------
+    name : str
+        The effect's name in the axis.
+    column : Column
+    at : tuple of int
+        Places in the matrix.
+    gain : float
+        Gain of log-likelihood in one pass, if it was simulated.
+    """
+
+    name: str
+    column: Column
+    at: tuple[int, ...]
+    gain: float = -math.inf
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An axis with effects added, from which a fit starts.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The effects.
+    axis : FrictionAxis
+    free : tuple of str
+        Their free parameters.
+    cost : float
+        Cost in one pass, with the size of all noises fitted.
+    predicted : float
+        Gain of log-likelihood that the normal equations predict.
+    held : FrictionAxis, optional
+        The same with the base parameters of the model.
+    """
+
+    names: tuple[str, ...]
+    axis: FrictionAxis
+    free: tuple[str, ...]
+    cost: float
+    predicted: float
+    held: FrictionAxis | None = None
+
+
+def raised(problem: Problem, fit: Solution) -> FloatArray:
+    """Noises of a fit with the random force within parts of the drive.
+
+    With next to no random force a switch at another sample counts as an outlier and what acts
+    rarely is not seen; with too much the filter follows the readings, whatever the model.
+    """
+    z = noises_of(fit).copy()
+    for i, run in enumerate(problem.runs):
+        low, high = (2.0 * math.log(part * run.drive) for part in (QUIETEST, LOUDEST))
+        z[2 * i] = min(max(z[2 * i], low), high)
+    return z
+
+
+def profiled(likelihood: Likelihood, point: Point) -> float:
+    """Cost without prior, one factor of all variances fitted; infinite without a result."""
+    if not point.out:
+        return math.inf
+    total = 0.0
+    for run, out in zip(likelihood.runs, point.out, strict=True):
+        seen = run.active & (out[1] > 0.0)
+        if not np.isfinite(out[:, seen]).all():
+            return math.inf
+        ratio, factor = out[0, seen] ** 2 / out[1, seen], 1.0
+        for _ in range(SETTLED):
+            weights = (FREEDOM + 1.0) / (FREEDOM + ratio / factor)
+            factor = max(float(np.mean(weights * ratio)), 1e-12)
+        spread = 0.5 * (FREEDOM + 1.0) * np.log1p(ratio / (FREEDOM * factor))
+        total += float(np.sum(0.5 * np.log(out[1, seen] * factor) + spread))
+    return total
+
+
+@dataclass(eq=False)
+class Gram:
+    """Normal equations of the columns of some effects beside a model.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Solution
+        The model.
+    names : sequence of str
+        Effects that may be added, by their names in the axis.
+    fail : callable
+        Called with an effect and the reason why it was not tried.
+    """
+
+    problem: Problem
+    fit: Solution
+    names: Sequence[str]
+    fail: Callable[[str, str], None]
+    items: list[Item] = field(default_factory=list)
+    #: Logarithm of the number of shapes of each effect that were searched.
+    odds: dict[str, float] = field(default_factory=dict)
+    #: Predicted gain of each effect alone.
+    singles: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        problem, fit = self.problem, self.fit
+        self.noises = raised(problem, fit)
+        z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
+        self.here = self._rigid(fit.problem, z)
+        here = self.here
+        self.base = [n for n in problem.base if n in fit.problem.names]
+        self._now = values_of(here.axis, self.base)
+        own = here.steps([n for n in here.likelihood.names if n not in self.base])
+        fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
+        here.left(fixed)
+        self.fixed, blocks, at = fixed.shape[1], [fixed], fixed.shape[1]
+        for name, column, values, gain in (*self._columns(), *self._simulated()):
+            width = values.shape[1]
+            self.items.append(Item(name, column, tuple(range(at, at + width)), gain))
+            blocks.append(values)
+            at += width
+        c = np.concatenate(blocks, axis=1)
+        self.scale = np.maximum(np.linalg.norm(c, axis=0), 1e-300)
+        c /= self.scale
+        self.g, self.b = c.T @ c, -(c.T @ here.y)
+        ridge = np.full(self.fixed, 1e-6)
+        ridge[: len(self.base)] = [
+            problem.tolerance.get(n, BOLD) ** -2 if problem.nominal[n] > 0.0 else 1e-6
+            for n in self.base
+        ]
+        self.g[np.diag_indices(self.fixed)] += ridge / self.scale[: self.fixed] ** 2
+        self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
+        for name in self.names:
+            some = [i.column for i in self.items if i.name == name]
+            shapes = max([len(some), *(one.shapes for one in some)], default=1.0)
+            self.odds[name] = math.log(max(min(shapes, 0.1 * self.count), 1.0))
+
+    def _rigid(self, likelihood: Likelihood, z: FloatArray) -> Linearised:
+        """The pass; with two masses on a spring, which have no scalar gains, as one mass."""
+        axis = likelihood.axis_at(z, 0)
+        spring = next((n for n, e in named(axis).items() if e.inner(axis).stiffness > 0.0), None)
+        if spring is not None:
+            bare = self.problem.less(axis, spring)
+            free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
+            likelihood = self.problem.likelihood(bare, free)
+            z = likelihood.start(noises=self.noises)
+        return Linearised(self.problem, likelihood, z)
+
+    @cached_property
+    def _shapes(self) -> dict[str, list[Column]]:
+        """Shapes of all effects, by name."""
+        found, present = dict[str, list[Column]](), named(self.problem.believed)
+        for name in self.names:
+            try:
+                if name in present:
+                    found[name] = [*_changes(present[name])]
+                else:
+                    found[name] = [*effect_class(name).columns(cast(View, self.here))]
+            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as problem:
+                self.fail(name, str(problem))
+        return found
+
+    def _columns(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
+        """Shapes of all effects with their weighted columns."""
+        for kind, respond in (("force", self.here.of_forces), ("reading", self.here.of_readings)):
+            waiting = [
+                (name, one) for name, some in self._shapes.items() for one in some
+                if getattr(one, kind)
+            ]  # fmt: skip
+            for k in range(0, len(waiting), _AT_ONCE):
+                some = waiting[k : k + _AT_ONCE]
+                values = respond([a for _, one in some for a in getattr(one, kind)])
+                at = 0
+                for name, one in some:
+                    width = len(getattr(one, kind))
+                    yield name, one, np.nan_to_num(values[:, at : at + width]), -math.inf
+                    at += width
+
+    def _simulated(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
+        """Shapes without force columns, from a pass of the filter each."""
+        tasks = [
+            (name, one) for name, some in self._shapes.items() for one in some
+            if not (one.force or one.reading)
+        ]  # fmt: skip
+        before = profiled(self.here.likelihood, self.here.point)
+
+        def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
+            try:
+                start = with_effect(self.here.axis, name, column.values((1.0,)))
+                free = (*self.problem.free_of(self.fit), *start.free)
+                likelihood = self.problem.likelihood(start.axis, free)
+                point = likelihood.at(likelihood.start(noises=self.noises))
+                return self.here.of_change(point, _FAR)[:, None], before - profiled(
+                    likelihood, point
+                )
+            except ValueError as problem:
+                self.fail(name, str(problem))
+                return None
+
+        found = self.problem.parallel(run, *(zip(*tasks, strict=True) if tasks else ((), ())))
+        for name in dict.fromkeys(name for name, _ in tasks):
+            rows = [row for (one, _), row in zip(tasks, found, strict=True) if one == name]
+            if not any(row is not None and math.isfinite(row[1]) for row in rows):
+                self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
+        for (name, column), row in zip(tasks, found, strict=True):
+            if row is not None and np.any(row[0]):
+                yield name, column._replace(positive=True), *row
+
+    def _cost(self, likelihood: Likelihood, memory: bool) -> float:
+        """Cost in one pass, of what has a memory at the better of some noises."""
+        costs = []
+        for quieter in QUIET if memory else QUIET[:1]:
+            noises = self.noises.copy()
+            noises[::2] += 2.0 * math.log(quieter)
+            z = likelihood.start(noises=noises)
+            costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
+        return min(costs)
+
+    def solved(self, chosen: Sequence[int], moved: bool = True) -> tuple[float, NDArray[Any]]:
+        """Predicted gain of log-likelihood of some items beside the model, and coefficients.
+
+        `moved`: whether the base parameters may change along.
+        """
+        own: list[int] = [] if moved else [0] * len(self.base)
+        fixed = range(len(own), self.fixed)
+        index = [*fixed, *(j for g in chosen for j in self.items[g].at)]
+        if not index:
+            return 0.0, np.zeros(len(own))
+        m = self.g[np.ix_(index, index)]
+        m[np.diag_indices(len(index))] += _RIDGE
+        c = np.linalg.solve(m, self.b[index])
+        quad, c = 0.5 * float(self.b[index] @ c), np.concatenate((own, c / self.scale[index]))
+        at = self.fixed
+        for g in chosen:
+            one = self.items[g].column
+            if (one.positive and c[at] <= 0.0) or abs(c[at]) > one.most:
+                return -math.inf, c
+            at += len(self.items[g].at)
+        left = max(1.0 - 2.0 * quad / max(self.total, 1e-300), 1e-12)
+        return -0.5 * self.count * math.log(left) - self._assumed(c), c
+
+    def gain(self, chosen: Sequence[int]) -> float:
+        """Predicted gain of some items, the base as it is or moved along."""
+        return max(self.solved(chosen, moved)[0] for moved in (True, False))
+
+    def _assumed(self, c: NDArray[Any]) -> float:
+        """Cost of the changes of base parameters as assumptions, which is not quadratic."""
+        there = self._now * (1.0 + c[: len(self.base)])
+        rows = zip(self.base, there, strict=True)
+        return sum(
+            wondered(float(v) / self.problem.nominal[n]) for n, v in rows
+            if self.problem.nominal[n] > 0.0 and n not in self.problem.tolerance
+        )  # fmt: skip
+
+    def early(self) -> bool:
+        """Whether a drive that acts before its time stamps is worth a fit."""
+        before, gains = self.gain([]), [-math.inf]
+        for g, one in enumerate(self.items):
+            if effect_class(one.name).action == "delay" and one.column.force:
+                earlier = replace(one, column=one.column._replace(positive=False))
+                self.items[g] = earlier
+                gain, c = self.solved([g])
+                self.items[g] = one
+                gains.append(gain - before if c[self.fixed] < 0.0 else -math.inf)
+        return max(gains) > CHANCE
+
+    def _best(self, chosen: Sequence[int]) -> tuple[float, int]:
+        """The item with the largest gain beside chosen ones."""
+        names = {self.items[g].name for g in chosen}
+        actions = {effect_class(n).action for n in names} & {*_SINGLE}
+        some = [
+            g for g, one in enumerate(self.items)
+            if one.name not in names and effect_class(one.name).action not in actions
+        ]  # fmt: skip
+        return max(((self.gain([*chosen, g]), g) for g in some), default=(-math.inf, -1))
+
+    def sets(self) -> list[tuple[float, list[int]]]:
+        """Items worth a fit, with their predicted gains: singles, and sets by selection."""
+        before = self.gain([])
+        singles: dict[str, tuple[float, int]] = {}
+        for g, one in enumerate(self.items):
+            gain = max(self.gain([g]) - before, one.gain)
+            singles[one.name] = max(singles.get(one.name, (-math.inf, g)), (gain, g))
+        self.singles = {name: max(gain, 0.0) for name, (gain, _) in singles.items()}
+        rows = sorted(singles.values(), reverse=True)
+        found = [(gain, [g]) for gain, g in rows if gain > self._chance(g)][:PROPOSALS]
+        chosen: list[int] = []
+        now = before
+        while len(chosen) < JOINT:
+            gain, g = self._best(chosen)
+            if g < 0 or gain < now + self._chance(g):
+                break
+            chosen, now = [*chosen, g], gain
+            for k in range(len(chosen)):
+                gain, g = self._best(chosen[:k] + chosen[k + 1 :])
+                if gain > now + COINCIDE:
+                    chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+            if len(chosen) > 1:
+                found.append((now - before, list(chosen)))
+        return found
+
+    def _chance(self, g: int) -> float:
+        return CHANCE + self.odds[self.items[g].name]
+
+    def proposals(self) -> list[Proposal]:
+        """Starts of fits, with the shapes whose cost is lowest in a pass."""
+        sets = self.sets()
+        starts = self.problem.parallel(self._start, [s[0] for s in sets], [s[1] for s in sets])
+        found = [one for one in starts if one is not None]
+        return found + self._instead_of_base()
+
+    def _instead_of_base(self) -> list[Proposal]:
+        """Effects that do the same as a change of the base, which brings that nearer to nominal.
+
+        The column of such an effect lies in the span of the base's, so that its amount is open:
+        it is that with which the base is least surprising.
+        """
+        found: dict[str, Proposal] = {}
+        count = len(self.base)
+        low, high = _BASE
+        for one in self.items:
+            if len(one.at) != 1 or not count or one.gain > -math.inf:
+                continue
+            j = one.at[0]
+            same = np.linalg.solve(
+                self.g[:count, :count] + _RIDGE * np.eye(count), self.g[:count, j]
+            )
+            if self.g[j, j] - self.g[:count, j] @ same > SAME**2:
+                continue
+            rates = same / self.scale[:count] * self.scale[j]
+            most = min(one.column.most, 1.0 / max(float(np.abs(rates).max()), 1e-300))
+            amounts = np.linspace(0.0 if one.column.positive else -most, most, 201)
+            costs = [self._assumed(-c * rates) for c in amounts]
+            best = int(np.argmin(costs))
+            gain = self._assumed(np.zeros(count)) - costs[best]
+            if gain < CHANCE or gain <= getattr(found.get(one.name), "predicted", 0.0):
+                continue
+            c = float(amounts[best])
+            try:
+                start = with_effect(self.fit.axis, one.name, dict(one.column.values([c])))
+            except ValueError:
+                continue
+            now = values_of(start.axis, self.base)
+            axis = with_values(start.axis, self.base, now * np.clip(1.0 - c * rates, low, high))
+            found[one.name] = Proposal((one.name,), axis, start.free, self.fit.cost - gain, gain)
+        return list(found.values())
+
+    def _start(self, predicted: float, chosen: list[int]) -> Proposal | None:
+        best: Proposal | None = None
+        held = next(self._axes(chosen), (None, ()))[0]
+        options = [chosen]
+        for k, g in enumerate(chosen):
+            # Other shapes of one effect at a time.
+            others = [o for o, one in enumerate(self.items) if one.name == self.items[g].name]
+            rows = [
+                (max(self.gain([*chosen[:k], o, *chosen[k + 1 :]]), self.items[o].gain), o)
+                for o in others if o != g
+            ]  # fmt: skip
+            rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)
+            options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
+        for option in options:
+            for axis, free in self._axes(option):
+                try:
+                    likelihood = self.problem.likelihood(
+                        axis, (*self.problem.free_of(self.fit), *free)
+                    )
+                except ValueError:
+                    continue
+                cost = self._cost(likelihood, any(self.items[g].gain > -math.inf for g in option))
+                if math.isfinite(cost) and (best is None or cost < best.cost):
+                    names = tuple(self.items[g].name for g in option)
+                    best = Proposal(names, axis, free, cost, predicted, held)
+        return best
+
+    def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
+        """The model with items at their coefficients, its base as it is and moved along."""
+        for moved in (False, True) if self.base else (False,):
+            c, at = self.solved(chosen, moved)[1], self.fixed
+            axis, free = self.fit.axis, list[str]()
+            for g in chosen:
+                one = self.items[g]
+                values = one.column.values([float(v) for v in c[at : at + len(one.at)]])
+                try:
+                    start = with_effect(axis, one.name, dict(values))
+                except ValueError as problem:
+                    self.fail(one.name, str(problem))
+                    return
+                axis, at = start.axis, at + len(one.at)
+                held = [n for n in start.free if self.problem.constant(n)]
+                axis = with_values(axis, held, [self.here.middle] * len(held))
+                free += [n for n in start.free if n not in held]
+            if moved:
+                low, high = _BASE
+                now, c = values_of(axis, self.base), c[: len(self.base)]
+                none = np.maximum(c, 0.0) * self.here.size / self.here.fast
+                rise = np.where(now > 0.0, now * np.clip(1.0 + c, low, high), none)
+                axis = with_values(axis, self.base, rise)
+            yield axis, tuple(free)
+
+
+def _changes(effect: object) -> Iterator[Column]:
+    """Other values of an effect that the nominal axis has."""
+    now = {n: float(getattr(effect, n)) for n in type(effect).named_parameters()}  # type: ignore[attr-defined]
+    for name, value in now.items():
+        for factor in (0.2, 0.7, 1.4, 2.0):
+            changed = now | {name: factor * value}
+            yield simulated(**changed)

@@ -1,0 +1,171 @@
+"""How the recorded inputs act: noise that was recorded with them, leads, imposed motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.problem import BIAS, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.search import Model, Search, evidence
+from dryfric_control.diagnosis.thresholds import (
+    BEHIND,
+    CLEAR,
+    CLEAR_OF,
+    EARLIER,
+    FOLLOWS,
+    HEARD,
+    LEAST,
+    SLACK,
+    SOONEST,
+    WHITE,
+    WIDTHS,
+)  # fmt: skip
+from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
+from dryfric_control.estimation.input_noise import without_noise
+from dryfric_control.estimation.likelihood import Run
+from dryfric_control.estimation.parameters import SHIFT
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
+
+FloatArray = NDArray[np.float64]
+
+
+def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool) -> Problem:
+    """The problem with as little, or as much, noise taken off its inputs as is likely.
+
+    Measurement noise of the input does not act on the axis.  Left in, it would count as random
+    force, and a lag that filters it would seem to be a cause.
+    `most`: whether the smoothest or the least smooth of equally likely inputs is taken.
+    """
+    found = {0.0: tuple(recorded)}
+    force = max(fit.random_force(i) for i in range(len(recorded)))
+    for width in WIDTHS[1:]:
+        runs = tuple(replace(r, u=without_noise(r.u, width)) for r in recorded)
+        off = [a.u - b.u for a, b in zip(recorded, runs, strict=True)]
+        white = all(e[1:] @ e[:-1] <= WHITE * (e @ e) for e in off)
+        # Noise far below the random force makes no difference.
+        if white and any(np.std(e) > HEARD * force for e in off):
+            found[width] = runs
+    if problem.imposed or len(found) == 1:
+        return replace(problem, runs=tuple(recorded)) if not problem.imposed else problem
+    shift = fit.values().get(SHIFT)
+
+    def cost(runs: tuple[Run, ...]) -> float:
+        one = replace(problem, runs=runs, shift=shift)
+        return one.reference(fit.axis, noises=noises_of(fit)).cost
+
+    costs = dict(zip(found, problem.parallel(cost, found.values()), strict=True))
+    enough = min(costs.values()) + SLACK
+    widths = [width for width, cost in costs.items() if cost < enough]
+    return replace(problem, runs=found[max(widths) if most else min(widths)])
+
+
+def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
+    """The fit on inputs as recorded, with only the noises fitted again."""
+    runs = [replace(r, u=one.u) for r, one in zip(fit.problem.runs, recorded, strict=True)]
+    if all(np.array_equal(a.u, b.u) for a, b in zip(runs, fit.problem.runs, strict=True)):
+        return fit
+    problem, known = fit.problem.on(runs), slice(len(fit.problem.names))
+    problem.low, problem.high = problem.low.copy(), problem.high.copy()
+    problem.low[known] = problem.high[known] = fit.z[known]
+    return maximise(problem, fit.z, 12)
+
+
+def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
+    """The problem and fit with inputs that act before their time stamps, if data require it."""
+    if problem.imposed or problem.shift is not None:
+        return None
+    if any(e.action in ("delay", "lag") for e in fit.axis.effects):
+        return None
+    free, dt = problem.free_of(fit), problem.scales.step
+    costs = {}
+    for samples in EARLIER:
+        one = replace(problem, shift=-samples * dt)
+        likelihood = one.likelihood(fit.axis, free, each=each_of(fit))
+        costs[samples] = likelihood.tried(likelihood.start(noises=noises_of(fit))).cost
+    # Parameters may have compensated for the lead, so no cost needs to be lower yet.
+    led = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
+    found = led.fit(fit.axis, free, noises_of(fit), SOME, each=each_of(fit))
+    shift = found.values()[SHIFT]
+    sure = shift < -max(CLEAR * found.standard_errors()[SHIFT], SOONEST * dt)
+    if sure and evidence(fit, found) > 0.0:
+        return replace(led, shift=shift), found
+    return None
+
+
+def straight(problem: Problem) -> Solution:
+    """The straight line: the axis without drive and friction, only its noises fitted."""
+    line = FrictionAxis(mass=problem.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
+    return problem.reference(line, idle=True)
+
+
+def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | None:
+    """The problem in the view of the force, where a straight line beats every model.
+
+    None where the drive moves the axis, or does not follow the force that the motion requires.
+    """
+    line, samples = straight(problem).cost, problem.samples
+    if begun.cost <= line + BEHIND * samples:
+        return None
+    runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
+    force = replace(problem, runs=runs, view=ForceView)
+    fit = Search(force).alone()
+    if len(runs) > 1:
+        force, fit = _apart(force, fit)
+    if _one_velocity(force):
+        force = replace(force, steady=True)
+        fit = Search(force).alone()
+    best = fit
+    if not _follows(fit):
+        # An effect such as gravity may make up most of the required force.
+        rows = Search(force).round(Model(fit))
+        best = min((row.fit for row in rows), key=lambda s: s.cost, default=fit)
+        if not _follows(best):
+            return None
+    # With such an effect the drive may well move the axis.
+    try:
+        moved = problem.fit(best.axis, problem.free_of(best), turns=SOME)
+    except ValueError:
+        return force, fit
+    return None if moved.cost <= line - CLEAR_OF * samples else (force, fit)
+
+
+def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
+    """The problem with a Coulomb level and offset per record, where the records differ."""
+    for names in ((f"{BIAS}.force", "coulomb"), ("coulomb",)):
+        if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
+            continue
+        one = replace(problem, also=(*problem.also, *names), own=(*problem.own, *names))
+        fit = Search(one).alone()
+        # A cause that is still missing correlates what is left, whatever differs between records.
+        fall = now.held_out() - fit.held_out()
+        penalty = 0.5 * math.log(one.samples) * len(names) * len(one.runs)
+        if float(fall[np.isfinite(fall)].sum()) > LEAST + penalty:
+            return one, fit
+    return problem, now
+
+
+def _one_velocity(problem: Problem) -> bool:
+    """Whether each direction has nearly one velocity, in each record that has its own level.
+
+    Then only the samples next to the turns separate what depends on velocity from the
+    level, and there the motion changes in other ways, too.
+    """
+    motions = [run.sliding.v for run in problem.runs if isinstance(run, ForceRun)]
+    if "coulomb" not in problem.own:
+        motions = [np.concatenate(motions)]
+    speeds = [usual_speeds(v[s * v > 0.0]) for v in motions for s in (1.0, -1.0)]
+    return all(fast < ONE_VELOCITY * slow for slow, fast in speeds if fast > 0.0)
+
+
+def _follows(fit: Solution) -> bool:
+    """Whether the drive matches the required force of each record up to a fraction."""
+    runs = fit.problem.runs
+    return max(fit.random_force(i) / run.drive for i, run in enumerate(runs)) < FOLLOWS

@@ -1,0 +1,89 @@
+"""What every answer must keep, whatever found it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from dryfric_control.diagnosis.candidates import amounts, effect_class, placed, wide
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.effects.naming import named
+
+# Standard errors by which an amount must differ from none.
+_SURE = 2.0
+
+
+def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
+    """Why no machine can have a cause with these values; empty if one may."""
+    values = fit.values()
+    here = {n: values[n] for n in own if n in values}
+    records = [r.record for r in fit.problem.runs]
+    effect = named(fit.axis).get(name)
+    if effect is None:
+        return "not in the model"
+    if not placed(here, records, problem.believed.travel):
+        return "outside what the records show"
+    axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
+    if not all(named(axis)[name].plausible(axis) for axis in axes):
+        return "implausible values"
+    if not any(
+        effect.beyond_noise(run.u, fit.random_force(i)) for i, run in enumerate(fit.problem.runs)
+    ):
+        return "no different from noise of the drive"
+    return ""
+
+
+def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
+    """Why a cause cannot be one; empty if it may be."""
+    reason = impossible(problem, fit, name, own)
+    if reason:
+        return reason
+    values, errors = fit.values(), fit.standard_errors()
+    here = {n: values[n] for n in own if n in values}
+    records = [r.record for r in fit.problem.runs]
+    for full in here:
+        of_kind = effect_class(name).parameters()[full.partition(".")[2]]
+        # A peak narrower than the record shows still raises breakaway.
+        if full in fit.at_bound and not (of_kind["kind"] == "speed" and of_kind["breaks_away"]):
+            return f"{full} ended at a bound"
+    everywhere = wide(name, here, records)
+    rows = [
+        (abs(values[full] - neutral) > _SURE * errors[full], optional)
+        for full, neutral, optional in amounts(name, list(here), everywhere)
+    ]
+    needed = all(there for there, optional in rows if not optional)
+    if not (needed or any(there for there, optional in rows if optional)):
+        return "not determined"
+    return ""
+
+
+def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:
+    """Fall of the mean score of unseen free runs that a cause brings, and its standard error.
+
+    Each window is predicted with parameters fitted without its half of the record; infinite
+    where no free runs are judged.
+    """
+    falls = []
+    for i, w in enumerate(problem.windows):
+        moving = w.moving
+        if problem.imposed or not moving.any():
+            continue
+        scores = []
+        for fit in (less, more):
+            axes, half = fit.unseen(i)
+            half = half[w.edges[:-1]]
+            found = np.zeros(len(w))
+            for k, axis in enumerate(axes):
+                mine = moving & (half == k)
+                found[mine] = w.scores(w.evaluate(axis, mine).costs)[mine]
+            scores.append(found[moving])
+        falls.append(scores[0] - scores[1])
+    fall = np.concatenate(falls) if falls else np.zeros(0)
+    fall = fall[np.isfinite(fall)]
+    if not fall.size:
+        # Of an imposed motion there are no free runs: the force alone must show the cause.
+        return (0.0, 0.0) if problem.imposed else (math.inf, 0.0)
+    return float(fall.mean()), float(fall.std() / math.sqrt(fall.size))

@@ -1,0 +1,189 @@
+"""The question of a diagnosis, and fits of a model to its records by one likelihood."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import effect_class, holds, shown
+from dryfric_control.estimation.force_view import ForceView
+from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
+from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.estimation.windows import Windows
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import named, put
+
+FloatArray = NDArray[np.float64]
+
+#: The effect that is a constant force.
+BIAS = "bias_force"
+#: Iterations of a first look at a proposal, of a fit that compares, of the last fit, and of one
+#: of the noises alone.
+FEW, SOME, LAST, NOISES = 4, 15, 30, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Records of one machine, its nominal axis, and what is known about it.
+
+    Attributes
+    ----------
+    believed : FrictionAxis
+        The nominal axis.
+    runs : tuple of Run
+        The records.
+    known : tuple of str
+        Parameters that stay at their nominal values.
+    tolerance : mapping of str to float
+        Relative standard deviations of priors.
+    own : tuple of str
+        Parameters with a separate value for each record.
+    also : tuple of str
+        Further free parameters of the nominal axis.
+    hold : str
+    view : type of Likelihood
+        Likelihood of the motion, or of the force where the motion is imposed.
+    shift : float or None
+        Start value of the time by which the inputs act after their time stamps [s]; None: not
+        free, and zero.
+    steady : bool
+        Whether each direction has nearly one velocity.
+    jobs : int
+        Number of fits in parallel.
+    until : float
+        Reading of `time.monotonic` at which fits end.
+    windows : tuple of Windows
+        Free runs of each record.
+    """
+
+    believed: FrictionAxis
+    runs: tuple[Run, ...]
+    known: tuple[str, ...] = ()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    own: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
+    hold: str = "zero"
+    view: type[Likelihood] = Likelihood
+    shift: float | None = None
+    steady: bool = False
+    jobs: int = 1
+    until: float = math.inf
+    windows: tuple[Windows, ...] = ()
+
+    @cached_property
+    def samples(self) -> int:
+        """Number of samples whose innovations count."""
+        return sum(int(r.active.sum()) for r in self.runs)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Typical sizes in the records."""
+        return typical([r.record for r in self.runs])
+
+    @cached_property
+    def nominal(self) -> dict[str, float]:
+        """Nominal base parameters."""
+        return dict(zip(BASE, values_of(self.believed, BASE).tolist(), strict=True))
+
+    @property
+    def base(self) -> tuple[str, ...]:
+        """Base parameters that are free."""
+        held = (*self.known, *self.also, *(("viscous",) if self.steady else ()))
+        return tuple(n for n in BASE if n not in held)
+
+    @property
+    def imposed(self) -> bool:
+        """Whether the motion is imposed by something other than the drive."""
+        return issubclass(self.view, ForceView)
+
+    @property
+    def late(self) -> bool:
+        """Whether the time limit has passed."""
+        return time.monotonic() > self.until
+
+    def likelihood(
+        self, axis: FrictionAxis, free: Sequence[str] = (), base: Sequence[str] | None = None,
+        wonder: bool = True, each: Mapping[tuple[str, int], float] | None = None,
+    ) -> Likelihood:  # fmt: skip
+        """Likelihood of an axis with the base and further parameters free."""
+        clock = () if self.shift is None else (SHIFT,)
+        base = self.base if base is None else base
+        names = tuple(dict.fromkeys((*base, *clock, *self.also, *free)))
+        problem = self.view(
+            axis, names, self.runs, believed=self.believed, tolerance=self.tolerance,
+            own=self.own, each=each, hold=self.hold, scales=self.scales, wonder=wonder,
+            shift=self.shift or 0.0,
+        )  # fmt: skip
+        records = [r.record for r in self.runs]
+        for j, p in enumerate(problem.parameters):
+            if p.name == SHIFT:
+                problem.high[j] = 0.0  # acting later is a delay of the machine
+            elif not holds(self.believed, p.name.partition(".")[0]) and "." in p.name:
+                low, high = shown(p.name, records, self.believed.travel)
+                problem.low[j] = max(problem.low[j], p.search(max(low, p.low)))
+                problem.high[j] = min(problem.high[j], p.search(min(high, p.high)))
+        return problem
+
+    def fit(
+        self, axis: FrictionAxis, free: Sequence[str] = (), noises: FloatArray | None = None,
+        turns: int = SOME, **settings: Any,
+    ) -> Solution:  # fmt: skip
+        """Most likely parameters, starting from the values of an axis."""
+        problem = self.likelihood(axis, free, **settings)
+        return maximise(problem, problem.start(1.0, noises), turns, self.until)
+
+    def reference(
+        self, axis: FrictionAxis, idle: bool = False, noises: FloatArray | None = None
+    ) -> Solution:
+        """Fit of the noises of a fixed axis, from those of a similar one if given.
+
+        `idle`: without its drive.
+        """
+        runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in self.runs]
+        problem = self.view(
+            axis, (), runs, hold=self.hold, scales=self.scales, shift=self.shift or 0.0
+        )
+        return maximise(problem, problem.start(1.0, noises), NOISES, self.until)
+
+    def constant(self, name: str) -> bool:
+        """Whether a parameter only adds a force of which every record has its own."""
+        owner, _, part = name.partition(".")
+        return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
+
+    def less(self, axis: FrictionAxis, name: str) -> FrictionAxis:
+        """The axis with an effect as in the nominal axis, or without it if that has none."""
+        return put(axis, name, named(self.believed).get(name))
+
+    def free_of(self, now: Solution) -> tuple[str, ...]:
+        """Free parameters of the effects of a model."""
+        others = (*self.base, SHIFT, *self.also)
+        return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
+
+    def parallel(self, function: Callable[..., Any], *arguments: Iterable[Any]) -> list[Any]:
+        """Results of a function for each of some arguments, in threads."""
+        rows = list(zip(*arguments, strict=True))
+        if self.jobs == 1 or len(rows) < 2:
+            return [function(*row) for row in rows]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(function, *zip(*rows, strict=True)))
+
+
+def noises_of(fit: Solution) -> FloatArray:
+    """Search coordinates of the noises of a fit."""
+    return np.asarray(fit.z[len(fit.problem.names) :])
+
+
+def each_of(fit: Solution) -> dict[tuple[str, int], float]:
+    """Values of the parameters that every record has of its own."""
+    rows = zip(fit.problem.parameters, fit.problem.place, fit.z, strict=False)
+    return {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}

@@ -1,0 +1,467 @@
+"""Search for causes: screen all effects at once, fit the promising ones, let evidence decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    holds,
+)
+from dryfric_control.diagnosis.gram import Gram, Proposal
+from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
+from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.thresholds import (
+    AHEAD,
+    EQUAL,
+    EXCHANGED,
+    FREE,
+    LARGEST,
+    LEAST,
+    LONGEST,
+    MOST,
+    MOVED,
+    NOTED,
+    OUTSTANDING,
+    PROPOSALS,
+    SHARE,
+    SLACK,
+    STRONG,
+)  # fmt: skip
+from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import renumbered
+
+FloatArray = NDArray[np.float64]
+
+
+def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> float:
+    """Log-likelihood of held-out data that `more` gains over `less`, net of its assumptions.
+
+    Blocks are predicted with parameters fitted without their half.  Each cause costs LEAST
+    and the logarithm of the number of shapes that were searched, of which held-out data know
+    nothing; wrong base parameters cost by their prior.  Coloured innovations count as fewer.
+    """
+    fall = less.held_out() - more.held_out()
+    prior = less.problem.prior(less.z) - more.problem.prior(more.z)
+    gain = float(fall[np.isfinite(fall)].sum())
+    return gain / long_run(more) + prior - sum(LEAST + one for one in odds)
+
+
+def long_run(fit: Solution) -> float:
+    """Ratio of the long-run variance of a fit's innovations to their variance, at least 1.
+
+    The integrated autocorrelation while sliding, up to the first lag at which it is no more
+    than chance: so many samples tell as much as one.
+    """
+    products, pairs = np.zeros(1), np.zeros(1)
+    for run, out, states in zip(fit.problem.runs, fit.point.out, fit.point.states, strict=True):
+        seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
+        e = np.zeros(seen.size)
+        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -LARGEST, LARGEST)
+        lags = min(round(LONGEST / run.record.dt), seen.size // 4)
+        size = 2 * (e.size + lags)
+        rows = [
+            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: lags + 1]
+            for one in (e, seen.astype(float))
+        ]
+        longest = max(lags + 1, products.size)
+        products, pairs = (
+            np.pad(a, (0, longest - a.size)) + np.pad(b, (0, longest - b.size))
+            for a, b in zip((products, pairs), rows, strict=True)
+        )
+    if products[0] <= 0.0:
+        return 1.0
+    part = products / np.maximum(pairs, 1.0)
+    part /= part[0]
+    chance = np.flatnonzero(part[1:] < 2.0 / math.sqrt(pairs[0]))
+    last = int(chance[0]) + 1 if chance.size else part.size
+    return max(1.0, 1.0 + 2.0 * float(part[1:last].sum()))
+
+
+def begun(
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = FEW,
+    **settings: Any,
+) -> Solution:  # fmt: skip
+    """Fit beside a model, from its noises if it starts as likely, else from a large random force.
+
+    From far away a small random force leads to a local minimum, thousands of units too high.
+    """
+    likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
+    z = likelihood.start(noises=noises_of(now))
+    if likelihood.tried(z).cost > now.cost + SLACK:
+        z = likelihood.start(1.0)
+    return maximise(likelihood, z, turns, problem.until)
+
+
+def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
+    """The fit, or one with base parameters back at nominal if that is likelier.
+
+    Where a cause and all base parameters together do the same, their prior alone decides, and
+    its valley at the nominal values is narrow.  `start`: where to begin.
+    """
+    names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
+    if start is None or not names or fit.problem.prior(fit.z) < LEAST:
+        return fit
+    free = problem.free_of(fit)
+    axis = with_values(start, names, [problem.nominal[n] for n in names])
+    held = begun(problem, axis, free, fit, SOME, base=())
+    if held.cost > fit.cost:
+        return fit
+    again = problem.fit(held.axis, free, noises_of(held), SOME, each=each_of(held))
+    return min(fit, again, key=cost_of)
+
+
+def cost_of(fit: Solution) -> float:
+    """Cost of a fit, to choose one by it."""
+    return fit.cost
+
+
+def prior_of(fit: Solution) -> float:
+    """Prior cost of a fit."""
+    return fit.problem.prior(fit.z)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A proposal after its fit."""
+
+    names: tuple[str, ...]
+    free: tuple[str, ...]
+    fit: Solution
+    evidence: float
+    predicted: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A fit with its causes.
+
+    Attributes
+    ----------
+    fit : Solution
+    causes : tuple of str
+        In the order found.
+    worth : dict of str to float
+        Evidence for each cause beside the others.
+    """
+
+    fit: Solution
+    causes: tuple[str, ...] = ()
+    worth: dict[str, float] = field(default_factory=dict)
+
+    def own(self, name: str) -> tuple[str, ...]:
+        """Free parameters of one cause."""
+        names = dict.fromkeys(self.fit.problem.names)
+        return tuple(n for n in names if n.startswith(f"{name}."))
+
+
+@dataclass(eq=False)
+class Search:
+    """Rounds of the search, remembered by the causes of their model.
+
+    Parameters
+    ----------
+    problem : Problem
+    tell : callable
+        Called with the name of each step and the causes so far.
+    """
+
+    problem: Problem
+    tell: Callable[[str, Sequence[str]], None] = lambda step, causes: None
+    #: Why effects were not tried.
+    not_tried: dict[str, str] = field(default_factory=dict)
+    #: Logarithm of the number of shapes of each effect that were searched.
+    odds: dict[str, float] = field(default_factory=dict)
+    #: Gains of log-likelihood of single effects as the first cause.
+    first: dict[str, float] = field(default_factory=dict)
+    #: Whether inputs that act before their time stamps may explain something.
+    early: bool = False
+    #: The best model so far.
+    now: Any = None
+    _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
+    _less: dict[str, Model] = field(default_factory=dict)
+
+    def alone(self) -> Solution:
+        """The nominal structure with its base fitted, from two starts."""
+        problem = self.problem
+        axis, nominal = problem.believed, problem.nominal
+        speed = problem.scales.length / problem.scales.time
+        level = nominal["coulomb"]
+        # The other start: 80 % of the dry friction replaced by viscous friction.
+        other = {"coulomb": 0.2 * level, "viscous": nominal["viscous"] + 0.8 * level / speed}
+        other = {n: v for n, v in other.items() if n in problem.base}
+        starts = [axis, with_values(axis, list(other), list(other.values()))] if other else [axis]
+        fits = problem.parallel(problem.fit, starts)
+        return min(fits, key=cost_of)
+
+    def run(self, now: Model) -> Model:
+        """Causes added, exchanged and dropped until the set stays."""
+        seen = set[frozenset[str]]()
+        while frozenset(now.causes) not in seen and not self.problem.late:
+            self.now = now
+            seen.add(frozenset(now.causes))
+            step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
+            self.tell(step, now.causes)
+            row = self.best(now)
+            if row is not None:
+                now = Model(row.fit, (*now.causes, *row.names))
+                now = self.pruned(now)
+            elif now.causes:
+                self.tell("exchange", now.causes)
+                now = self.exchanged(now)
+        return now
+
+    def best(self, now: Model) -> Row | None:
+        """The proposal that joins; of equally good ones the one with fewest assumptions."""
+        room = MOST - len(now.causes)
+        good = [
+            r for r in (self.round(now) if room > 0 else ())
+            if not r.reason and r.evidence > 0.0 and len(r.names) <= room
+        ]  # fmt: skip
+        if not good:
+            return None
+        top = max(r.evidence for r in good)
+        return min((r for r in good if r.evidence > top - EQUAL), key=_assumptions)
+
+    def round(self, now: Model) -> list[Row]:
+        """Proposals beside a model, fitted."""
+        key = frozenset(now.causes)
+        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + 1.0:
+            return self._rounds[key][1]
+        rows = self._fitted(now.fit, self._proposals(now))
+        if not now.causes:
+            gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
+            self.first = self.first | gains
+        self._rounds[key] = now.fit, rows
+        return rows
+
+    def _proposals(self, now: Model) -> list[Proposal]:
+        """Starts beside the model, and beside it with its base at nominal if that has moved."""
+        names = self._addable(now)
+        best: dict[frozenset[str], Proposal] = {}
+        models = [now.fit, *([self._nominal(now.fit)] if self._moved(now.fit) else [])]
+        for fit in models:
+            if self.problem.late:
+                break
+            gram = Gram(self.problem, fit, names, self._fail)
+            for name, odds in gram.odds.items():
+                self.odds[name] = max(odds, self.odds.get(name, 0.0))
+            self.early = gram.early()
+            proposals = gram.proposals()
+            if not now.causes and fit is now.fit:
+                self.first = gram.singles | self.first
+            for one in proposals:
+                # What holds the base is wanted where that is at nominal: beside the last model.
+                key = frozenset(one.names)
+                before = best.get(key, one)
+                best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
+        # The likeliest in one pass, and those of which most is predicted.
+        some = sorted(best.values(), key=lambda p: p.cost)[:PROPOSALS]
+        more = sorted(best.values(), key=lambda p: -p.predicted)[: PROPOSALS // 2]
+        return list(dict.fromkeys([*some, *more]))
+
+    def _addable(self, now: Model) -> list[str]:
+        """Effects that may be added to a model."""
+        problem, found = self.problem, []
+        for name in catalogue(now.fit.axis, now.causes):
+            effect = effect_class(name)
+            if problem.imposed:
+                # The drive follows the friction there: as the load it would explain itself.
+                # Of effects with a memory a contact alone follows from the motion.
+                acts = effect.action in ("force", "friction", "axis", "contact")
+                remembers = effect.remembers and effect.action != "contact"
+                if not acts or remembers or effect.loaded():
+                    continue
+                if problem.steady and effect.needs_velocities():
+                    continue
+            if problem.shift is not None and effect.action in ("delay", "lag"):
+                continue  # a free lead of the input is no different from a delay
+            if any(f"{name}.{p}" in problem.known for p in effect.named_parameters()):
+                continue
+            found.append(name)
+        return found
+
+    def _fail(self, name: str, reason: str) -> None:
+        self.not_tried.setdefault(name, reason)
+
+    def _moved(self, fit: Solution) -> bool:
+        """Whether a base parameter is notably off its nominal value."""
+        values, nominal = fit.values(), self.problem.nominal
+        return any(
+            nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / nominal[n])) > MOVED
+            for n in self.problem.base if n in values
+        )  # fmt: skip
+
+    def _nominal(self, fit: Solution) -> Solution:
+        """The model with its base at nominal, its noises fitted."""
+        problem = self.problem
+        names = [n for n in problem.base if n in fit.problem.names]
+        axis = with_values(fit.axis, names, [problem.nominal[n] for n in names])
+        noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
+        return problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
+
+    def _fitted(self, now: Solution, proposals: Sequence[Proposal]) -> list[Row]:
+        """Full fits: all for a few iterations, the promising ones to the end."""
+        problem, free = self.problem, self.problem.free_of(now)
+
+        def first(one: Proposal) -> Solution | None:
+            try:
+                return begun(problem, one.axis, (*free, *one.free), now)
+            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
+                self._fail("+".join(one.names), str(wrong))
+                return None
+
+        some = problem.parallel(first, proposals)
+        # What no machine can have must not outdo what it may.
+        fits = [
+            (p, f) for p, f in zip(proposals, some, strict=True)
+            if f is not None and self._hopeful(now, p, f)
+            and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
+        ]  # fmt: skip
+
+        def last(one: Proposal, fit: Solution) -> Row:
+            fit = problem.fit(fit.axis, (*free, *one.free), noises_of(fit), SOME, each=each_of(fit))
+            worth = evidence(now, fit, [self.odds[n] for n in one.names])
+            reasons = [unsound(problem, fit, n, _own(one.free, n)) for n in one.names]
+            reason = next(filter(None, reasons), "")
+            return Row(one.names, one.free, fit, worth, one.predicted, reason)
+
+        rows: list[Row] = []
+        # What turns out to be no cause must not have kept others from a full fit.
+        while fits and not any(not r.reason and r.evidence > 0.0 for r in rows):
+            fall = max(now.cost - f.cost for _, f in fits)
+            near = min(SHARE * fall, fall) - SLACK
+            ahead = [(p, f) for p, f in fits if now.cost - f.cost >= near]
+            fits = [(p, f) for p, f in fits if now.cost - f.cost < near]
+            new = problem.parallel(last, [p for p, _ in ahead], [f for _, f in ahead])
+            rows += self._restored(now, new, {p.names: p.held for p, _ in ahead})
+        return rows
+
+    def _restored(
+        self, now: Solution, rows: list[Row], held: dict[tuple[str, ...], FrictionAxis | None]
+    ) -> list[Row]:
+        """Rows with the base back at nominal where that may decide which one is best."""
+        problem = self.problem
+        top = max((r.evidence for r in rows if not r.reason), default=0.0)
+
+        def one(row: Row) -> Row:
+            if row.reason or row.evidence + prior_of(row.fit) < max(top, 0.0):
+                return row
+            fit = restored(problem, row.fit, held[row.names])
+            if fit is row.fit:
+                return row
+            worth = evidence(now, fit, [self.odds[n] for n in row.names])
+            return replace(row, fit=fit, evidence=worth)
+
+        return problem.parallel(one, rows)
+
+    def _hopeful(self, now: Solution, one: Proposal, fit: Solution) -> bool:
+        """Whether a fit may still gain what its causes cost."""
+        needed = sum(LEAST + self.odds[n] for n in one.names)
+        prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
+        return now.cost - fit.cost + AHEAD * fit.promised + max(prior, 0.0) > 0.5 * needed
+
+    def without(self, now: Model, name: str) -> Model:
+        """The model fitted without one cause; those of its kind are counted again."""
+        problem, fit = self.problem, now.fit
+        axis = problem.less(fit.axis, name)
+        rest = [n for n in problem.free_of(fit) if n not in now.own(name)]
+        causes = [c for c in now.causes if c != name]
+        if not holds(problem.believed, name):
+            rest, causes = renumbered(rest, name), renumbered(causes, name)
+        return Model(begun(problem, axis, rest, fit, SOME), tuple(causes))
+
+    def pruned(self, now: Model) -> Model:
+        """Backward elimination: causes without evidence beside the others go, worst first."""
+        while now.causes and not self.problem.late:
+            self._less = {}
+            worth = {}
+            lesser = self.problem.parallel(self.without, [now] * len(now.causes), now.causes)
+            for name, less in zip(now.causes, lesser, strict=True):
+                worth[name] = evidence(less.fit, now.fit, [self._odds(name)])
+                self._less[name] = less
+            worst = min(worth, key=worth.__getitem__)
+            lost = [worst] if worth[worst] <= 0.0 else []
+            alone = max(STRONG, OUTSTANDING * max(worth.values()))
+            for name in now.causes:
+                if unsound(self.problem, now.fit, name, now.own(name)):
+                    lost.append(name)
+                elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
+                    lost.append(name)
+            if not lost:
+                return Model(now.fit, now.causes, worth)
+            now = self._less[lost[0]]
+        return now
+
+    def _seen(self, less: Solution, more: Solution) -> bool:
+        """Whether a cause shows in free runs too, unless it is there for simpler assumptions."""
+        spared = less.problem.prior(less.z) - more.problem.prior(more.z)
+        fall, error = in_free_runs(self.problem, less, more)
+        return spared > LEAST or fall > max(FREE, NOTED * error)
+
+    def _odds(self, name: str) -> float:
+        return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))
+
+    def exchanged(self, now: Model) -> Model:
+        """The model with a cause exchanged for what explains more in its place, if anything.
+
+        Another one is no less likely than a cause that it makes superfluous.
+        """
+        lesser = dict(self._less)
+        least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
+        for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
+            less = lesser[name]
+            for row in self.round(less):
+                causes = (*less.causes, *row.names)
+                same = {*causes} == {*now.causes} or len(causes) > MOST
+                if same or row.reason or self.over(Model(row.fit, causes), now) < least:
+                    continue
+                other = self.pruned(Model(row.fit, causes))
+                if {*other.causes} != {*now.causes} and self.over(other, now) > 0.5 * EQUAL:
+                    return other
+        self._less = lesser
+        return now
+
+    def over(self, one: Model, other: Model) -> float:
+        """Evidence for a model over another, net of the causes of both."""
+        costs = [sum(LEAST + self._odds(c) for c in m.causes) for m in (one, other)]
+        return evidence(other.fit, one.fit, ()) - costs[0] + costs[1]
+
+    def less_by(self, name: str) -> Model | None:
+        """The last model without one of its causes."""
+        return self._less.get(name)
+
+    def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
+        """Effects that explain the records as well in the place of each cause."""
+        found: dict[str, dict[str, Solution]] = {}
+        for name in now.causes:
+            less = self._less.get(name)
+            rows = self._rounds.get(frozenset(less.causes), (None, []))[1] if less else []
+            count = len(now.own(name))
+            found[name] = {
+                r.names[0]: r.fit
+                for r in rows
+                if len(r.names) == 1 and r.names[0] != name and not r.reason
+                and r.fit.cost < now.fit.cost + EQUAL and len(r.free) <= count + 1
+            }  # fmt: skip
+        return found
+
+
+def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
+    return tuple(n for n in free if n.startswith(f"{name}."))
+
+
+def _assumptions(row: Row) -> tuple[int, float, float]:
+    rank = max(effect_class(n).rank for n in row.names)
+    return len(row.fit.problem.names), rank, -row.evidence

@@ -1,0 +1,49 @@
+"""A python-control block of this package: signals keep their names, and no parameter is ignored."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import control as ct
+
+
+class Block(ct.NonlinearIOSystem):
+    """Block whose numbers are those of the object it was made from.
+
+    It is linearised with the names of its signals, and refuses `params`, which would change
+    nothing.
+    """
+
+    def linearize(
+        self,
+        x0: Any,
+        u0: Any = None,
+        t: float = 0,
+        params: Any = None,
+        eps: float = 1e-6,
+        copy_names: bool = True,
+        **kwargs: Any,
+    ) -> ct.StateSpace:
+        """Linear system at a point, with the names of this block's signals."""
+        return super().linearize(x0, u0, t, params, eps, copy_names, **kwargs)
+
+    def _update_params(self, params: Any) -> None:
+        # A system hands the parameters of all its parts to each of them.
+        whole: ct.NonlinearIOSystem = self
+        caller: Any = sys._getframe(1)
+        while isinstance(part_of := caller.f_locals.get("self"), ct.InterconnectedSystem):
+            whole, caller = part_of, caller.f_back
+        if params and not _takes_parameters(whole):
+            raise ValueError(
+                f"params = {params!r} changes nothing: {self.name!r} keeps the numbers it was made "
+                "with; change them there, as in axis.replace(mass=...), and make the block anew"
+            )
+        super()._update_params(params)
+
+
+def _takes_parameters(system: Any) -> bool:
+    """Whether a part of a system is a block of the user's own."""
+    if isinstance(system, ct.InterconnectedSystem):
+        return any(map(_takes_parameters, system.syslist))
+    return not isinstance(system, (Block, ct.StateSpace))

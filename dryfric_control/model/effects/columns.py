@@ -1,0 +1,192 @@
+"""What an effect would add to a model, as columns of a regression on the innovations."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import MISSING, fields
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.compiled.windowed_runs import accelerations
+from dryfric_control.model.units import powers
+
+FloatArray = NDArray[np.float64]
+#: A class of `Effect`, which is built upon this module.
+EffectClass = type[Any]
+
+#: Velocities over which friction may change, as parts of the usual ones.
+PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+# Largest number of shapes of an effect that has no columns of its own.
+_MOST_SHAPES = 256
+
+
+class View(Protocol):
+    """The states of a model in its records, one after the other, and typical sizes.
+
+    Attributes
+    ----------
+    axis : FrictionAxis
+        The model.
+    t, x, v, a, u : ndarray, shape (n,)
+        Time, filtered motion and drive.
+    direction : ndarray, shape (n,)
+        +1 or -1; 0 at rest.
+    level : ndarray, shape (n,)
+        Coulomb level [N].
+    carried : ndarray, shape (n,)
+        Load of the transmission: the drive less the force effects [N].
+    size : float
+        Typical Coulomb level [N].
+    middle, span : float
+        Middle and length of the travel [m].
+    fast, top : float
+        Largest usual speed [m/s] and drive [N].
+    duration : float
+        Length of the longest record [s].
+    quantum, dt : float
+        Resolution of the readings [m], sampling time [s].
+    """
+
+    axis: Any
+    t: FloatArray
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    u: FloatArray
+    direction: FloatArray
+    level: FloatArray
+    carried: FloatArray
+    size: float
+    middle: float
+    span: float
+    fast: float
+    top: float
+    duration: float
+    quantum: float
+    dt: float
+
+    def waves(self, kind: str) -> tuple[list[float], float]:
+        """Strongest frequencies of "force" or "reading" along x, or of "time"; lobes searched."""
+
+
+class Column(NamedTuple):
+    """One shape of an effect.
+
+    Attributes
+    ----------
+    values : callable
+        Parameters of the effect for coefficients of the columns.
+    force : sequence of ndarray, shape (n,)
+        Force that the effect adds for a coefficient of 1 [N].  Without force and reading, the
+        effect is simulated with the values for a coefficient of 1.
+    reading : sequence of ndarray, shape (n,)
+        Addition to the readings for a coefficient of 1 [m].
+    positive : bool
+        Whether the first coefficient must be positive.
+    most : float
+        Largest size of the first coefficient.
+    shapes : float
+        Number of shapes that were searched for this one, if more than there are columns.
+    """
+
+    values: Callable[[Sequence[float]], dict[str, float]]
+    force: Sequence[FloatArray] = ()
+    reading: Sequence[FloatArray] = ()
+    positive: bool = False
+    most: float = math.inf
+    shapes: float = 1.0
+
+
+def amount(name: str, force: FloatArray, positive: bool = False, **others: float) -> Column:
+    """Column of an effect that is proportional to one parameter; `others` are fixed."""
+    return Column(lambda c: {name: float(c[0]), **others}, (force,), positive=positive)
+
+
+def simulated(**values: float) -> Column:
+    """Shape of an effect without a force column, at these values."""
+    return Column(lambda c: dict(values))
+
+
+def sine(**others: float) -> Callable[[Sequence[float]], dict[str, float]]:
+    """Values for the coefficients of a sine and a cosine."""
+
+    def values(c: Sequence[float]) -> dict[str, float]:
+        return {"amplitude": math.hypot(c[0], c[1]), "phase": math.atan2(c[1], c[0]), **others}
+
+    return values
+
+
+def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
+    """Columns of an effect over a grid of its parameters, from its law."""
+    grid = {item.name: _parts(item, view) for item in fields(effect)}
+    middle = {name: values[len(values) // 2] for name, values in grid.items()}
+    linear = None
+    for name, value in middle.items():
+        one, two = (_added(effect, middle | {name: f * value}, view) for f in (1.0, 2.0))
+        if linear is None and np.any(one) and np.allclose(two, 2.0 * one, rtol=1e-6):
+            linear, grid[name] = name, [value]
+    low = {item.name: item.metadata["bounds"][0] for item in fields(effect)}
+    for values in itertools.islice(itertools.product(*grid.values()), _MOST_SHAPES):
+        given = dict(zip(grid, values, strict=True))
+        added = _added(effect, given, view)
+        if not np.any(added) or not np.isfinite(added).all():
+            yield simulated(**given)
+            continue
+
+        def found(c: Sequence[float], given: dict[str, float] = given) -> dict[str, float]:
+            return given if linear is None else given | {linear: float(c[0]) * given[linear]}
+
+        positive = linear is None or low[linear] >= 0.0
+        if effect.action == "reading":
+            yield Column(found, (), (added,), positive)
+        else:
+            yield Column(found, (added,), (), positive)
+
+
+def _parts(item: Any, view: View) -> list[float]:
+    """Values of one parameter to try: parts of what its kind and unit say."""
+    low, high = item.metadata["bounds"]
+    default, neutral = item.default, item.metadata["neutral"]
+    neutral = float(default if default is not MISSING else np.clip(neutral or 0.0, low, high))
+    kind = item.metadata["kind"]
+    if kind == "angle":
+        values = [neutral + turn * math.pi for turn in (-0.5, 0.5, 1.0, 0.0)]
+    elif kind == "share":
+        values = [0.35, 0.5, 0.65]
+    elif kind == "time":
+        values = [samples * view.dt for samples in (0.3, 1.5, 3.5, 8.0)]
+    else:
+        force, length, time = powers(item.metadata["unit"])
+        size = view.size**force * view.span**length * (view.span / view.fast) ** time
+        # What may have either sign is an amount, the rest may be a place or a pace.
+        parts = (0.3, -0.3) if low < neutral else (0.03, 0.1, 0.3, 1.0)
+        values = [neutral + part * size for part in parts]
+    return [float(np.clip(value, low, high)) for value in values]
+
+
+def _added(effect: EffectClass, values: dict[str, float], view: View) -> FloatArray:
+    """What an effect adds to the force on the axis or to its readings; zeros if it cannot."""
+    bounds = {item.name: item.metadata["bounds"] for item in fields(effect)}
+    none = np.zeros(view.x.size)
+    within = {name: min(max(v, bounds[name][0]), bounds[name][1]) for name, v in values.items()}
+    try:
+        one = effect(**within)
+        axis = view.axis.replace(effects=(*view.axis.effects, one))
+    except ValueError:
+        return none
+    if effect.action == "reading":
+        rows = zip(view.t, view.x, view.v, view.u, view.level, view.direction, strict=True)
+        return np.array([effect.law(*row, 0.0, one.values) for row in rows])
+    model = []
+    sign = np.sign(view.direction).astype(np.int64)
+    for each in (axis, view.axis):
+        arrays = each.arrays(1.0)
+        model.append(np.empty(view.x.size))
+        accelerations(
+            arrays.numbers, arrays.integers, view.t, view.x, view.v, view.u, sign, model[-1]
+        )
+    return np.where(sign != 0, view.axis.mass * (model[0] - model[1]), 0.0)

@@ -1,0 +1,100 @@
+"""Arguments in the wrong order, where their values show it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+#: Time over which accelerations are taken [s]: quantisation is small over it.
+_SPAN = 0.05
+#: Samples that are sufficient.
+_ENOUGH = 2000
+#: Longest step and widest increment that are mistaken for one another.
+_STEP, _INCREMENT = 1e-5, 0.1
+
+
+def check_quantum_and_dt(name: str, quantum: float, dt: float) -> None:
+    """Refuse an increment and a sampling time of each other's size.
+
+    Raises
+    ------
+    ValueError
+        If it is sampled at 100 kHz or more, with an increment that would be a sampling time.
+    """
+    if dt <= _STEP < quantum < _INCREMENT:
+        raise ValueError(
+            f"{name} = {quantum:g} and dt = {dt:g}, which is {1.0 / dt:.3g} readings a second, "
+            f"look exchanged: give both by name, {name}={dt:g}, dt={quantum:g}"
+        )
+
+
+def check_bandwidth_and_dt(bandwidth: float, dt: float) -> None:
+    """Refuse a bandwidth and a sampling time of each other's size.
+
+    Raises
+    ------
+    ValueError
+        If the bandwidth in rad/s is a smaller number than the sampling time in s.
+    """
+    if bandwidth < dt:
+        raise ValueError(
+            f"bandwidth = {bandwidth:g} rad/s and dt = {dt:g} s look exchanged: give both by "
+            f"name, bandwidth={dt:g}, dt={bandwidth:g}"
+        )
+
+
+def check_drive_and_reading(
+    axis: Any, dt: float, u: Vector, y: Vector, names: tuple[str, str] = ("u", "y")
+) -> None:
+    """Refuse drive and reading in the wrong order.
+
+    Raises
+    ------
+    ValueError
+        If the equation of motion fits them far better the other way round.
+
+    Notes
+    -----
+    In u = m a + f v + s F the terms cancel; of other signals they do not, in whatever units.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> u = 15.0 * np.sin(6e-3 * np.arange(3000))
+    >>> y = axis.simulate(u, dt=1e-3).y[0]
+    >>> check_drive_and_reading(axis, 1e-3, u, y)
+    >>> try:
+    ...     check_drive_and_reading(axis, 1e-3, y, u)
+    ... except ValueError as refused:
+    ...     print(str(refused)[:27])
+    u and y look exchanged: as
+    """
+    if any(effect.slug == "input_gain" for effect in axis.effects):
+        return  # a drive in any unit
+    given, exchanged = _misfit(axis, dt, u, y), _misfit(axis, dt, y, u)
+    if 2.0 * exchanged < given:  # not so where nothing moves: the misfit is no number
+        raise ValueError(
+            f"{names[0]} and {names[1]} look exchanged: as drive and position they contradict the "
+            f"axis' equation of motion by {given:.0%}, the other way round by {exchanged:.0%}; "
+            f"give the drive as {names[0]} and the position as {names[1]}"
+        )
+
+
+def _misfit(axis: Any, dt: float, u: Vector, y: Vector) -> float:
+    """Force that the equation of motion lacks while moving, as a part of all its terms."""
+    axis = axis.effective()
+    n = max(1, min(u.size // 10, round(_SPAN / dt)))
+    at = np.arange(n, u.size - n, 1 + u.size // _ENOUGH)
+    after, before = y[at + n], y[at - n]
+    v = (after - before) / (2.0 * n * dt)
+    inertia = axis.mass * (after - 2.0 * y[at] + before) / (n * dt) ** 2
+    terms = np.array([u[at], -inertia, -axis.viscous * v, -axis.coulomb.mean * np.sign(v)])
+    moving = np.abs(v) > 0.1 * np.abs(v).max(initial=0.0)
+    with np.errstate(invalid="ignore"):
+        return float(np.abs(terms.sum(0))[moving].sum() / np.abs(terms)[:, moving].sum())

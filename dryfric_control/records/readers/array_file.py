@@ -1,0 +1,73 @@
+"""Arrays of numpy, and records as lines of JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.records.readers.channels import too_long
+from dryfric_control.records.readers.messages import numbers
+from dryfric_control.records.readers.tables import check_room
+from dryfric_control.records.record_warning import warn
+
+
+def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
+    """Arrays of a .npz file by name, fields or numbered columns of a .npy file."""
+    try:
+        if path.suffix.lower() == ".npy":
+            # As a map it claims no more memory than there is file.
+            found = {path.stem: np.load(path, mmap_mode="r", allow_pickle=False)}
+        else:
+            check_room(path)
+            with np.load(path, allow_pickle=False) as archive:
+                found = dict(archive.items())
+    except Exception as problem:  # whatever the library raises on a damaged file
+        words = " ".join(str(problem).split())[:120]
+        raise ValueError(
+            f"{path.name} is damaged or no {path.suffix} file of numbers ({words})"
+        ) from None
+    table: dict[str, Any] = {}
+    for name, array in found.items():
+        if array.ndim and array.shape[0] > max_rows:
+            raise ValueError(too_long(path.name, max_rows))
+        if array.dtype.names:
+            table |= {field: np.array(array[field]).ravel() for field in array.dtype.names}
+        elif array.ndim == 2 and min(array.shape) > 1:
+            rows = array if array.shape[0] >= array.shape[1] else array.T
+            prefix = "" if len(found) == 1 else f"{name}."
+            table |= {f"{prefix}{k}": np.array(rows[:, k]) for k in range(rows.shape[1])}
+        else:
+            table[name] = np.array(array).ravel()
+    return table
+
+
+def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
+    """One object a line: numbers by the path that leads to each, nan where one is not there."""
+    found: dict[str, list[float]] = {}
+    rows = 0
+    lines = path.read_bytes().splitlines()
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            content = json.loads(line)
+            if not isinstance(content, dict):
+                raise ValueError("no object {...}")
+        except (ValueError, RecursionError) as problem:
+            if number == len(lines) and rows:
+                warn(f"{path.name}: line {number}, the last, is cut off, and left out")
+                break
+            raise ValueError(f"{path.name}: line {number} is no JSON object ({problem})") from None
+        for key, value in numbers("", content, 0):
+            column = found.setdefault(key, [])
+            column.extend([np.nan] * (rows - len(column)))
+            column.append(value)
+        rows += 1
+        if rows > max_rows:
+            raise ValueError(too_long(path.name, max_rows))
+    return {
+        key: np.array(column + [np.nan] * (rows - len(column))) for key, column in found.items()
+    }

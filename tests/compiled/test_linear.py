@@ -1,0 +1,66 @@
+"""The linear response of the filter: its adjoint, and a closed form."""
+
+import numpy as np
+import pytest
+
+from dryfric_control.compiled.linear import Recursion, adjoint, play, respond
+
+N = 400
+
+
+@pytest.fixture
+def recursion():
+    """An axis that slides, sticks now and then, and is corrected by uneven gains."""
+    rng = np.random.default_rng(0)
+    slide = (rng.uniform(size=N) < 0.8).astype(float)
+    gains = rng.uniform(0.0, 1.0, N), rng.uniform(0.0, 30.0, N)
+    return Recursion(slide, *gains, 9.7e-4, 0.94, 2.4e-7, 4.8e-4)
+
+
+def response(recursion, force, reading):
+    out = np.empty((N, max(force.shape[1], reading.shape[1])))
+    respond(force, reading, recursion, out)
+    return out
+
+
+def test_the_adjoint_is_the_transpose(recursion):
+    rng = np.random.default_rng(1)
+    force, reading, weights = rng.standard_normal((3, N))
+    none = np.zeros((0, 1))
+    by_force, by_reading = adjoint(weights, recursion)
+    for one, two, slopes in ((force, none, by_force), (none, reading, by_reading)):
+        columns = [a if a.size == 0 else a[:, None] for a in (one, two)]
+        change = response(recursion, *columns)[:, 0]
+        moved = force if one is force else reading
+        # The sums differ by their order alone.
+        assert weights @ change == pytest.approx(slopes @ moved, rel=1e-12)
+
+
+def test_columns_do_not_mix_and_add_up(recursion):
+    rng = np.random.default_rng(2)
+    force, reading = rng.standard_normal((2, N, 3))
+    none = np.zeros((0, 3))
+    both = response(recursion, force, reading)
+    parts = response(recursion, force, none) + response(recursion, none, reading)
+    np.testing.assert_allclose(both, parts, rtol=0, atol=1e-12 * np.abs(both).max())
+    alone = response(recursion, np.ascontiguousarray(force[:, 1:2]), np.zeros((0, 1)))
+    np.testing.assert_allclose(alone[:, 0], response(recursion, force, none)[:, 1], rtol=1e-12)
+
+
+def test_without_corrections_a_force_moves_the_axis_as_newton_says():
+    """Constant force c on a mass: the reading runs behind by c t^2/(2 m)."""
+    mass, dt, c = 2.0, 1e-3, 3.0
+    free = Recursion(np.ones(N), np.zeros(N), np.zeros(N), dt, 1.0, 0.5 * dt * dt / mass, dt / mass)
+    change = response(free, np.full((N, 1), c), np.zeros((0, 1)))[:, 0]
+    t = dt * np.arange(N)
+    np.testing.assert_allclose(change, -0.5 * c / mass * t * t, rtol=1e-9, atol=1e-15)
+
+
+def test_an_axis_at_rest_feels_no_force():
+    still = Recursion(np.zeros(N), np.full(N, 0.3), np.full(N, 5.0), 1e-3, 1.0, 2.5e-7, 5e-4)
+    assert not response(still, np.ones((N, 1)), np.zeros((0, 1))).any()
+
+
+def test_a_load_follows_within_its_play():
+    x = np.array([0.0, 0.4, 1.0, 3.0, 2.5, 2.0, 0.0])
+    assert play(x, 2.0).tolist() == [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 1.0]

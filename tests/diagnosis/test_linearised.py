@@ -1,0 +1,143 @@
+"""Columns of effects against the filter itself, run with and without them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, with_effect
+from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.estimation.likelihood import Likelihood, prepare
+
+DT = 1e-3
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
+ROTARY = AXIS.replace(units=("rad", "N m"))
+
+
+def driven(machine, seconds=3.0, noise=0.2, seed=0, units=None):
+    """A record of a machine that slides most of the time, its drive disturbed by noise."""
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(round(seconds / DT))
+    u = 25.0 * np.sin(6.0 * t) + 14.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=DT).y[0])
+    u = u + noise * rng.standard_normal(t.size)
+    return dfc.Record(t, u, x, units=units or {"u": "N", "x": "m"})
+
+
+def view_of(axis, record, force=0.5):
+    """The linearisation at an axis, its base projected out, its random force a part of the drive."""
+    problem = Problem(axis, (prepare(record),))
+    likelihood = problem.likelihood(axis)
+    here = Linearised(problem, likelihood, likelihood.start(force))
+    here.left(here.base(problem.base))
+    return here
+
+
+@pytest.fixture(scope="module")
+def here():
+    return view_of(AXIS, driven(AXIS))
+
+
+@pytest.fixture(scope="module")
+def turning():
+    machine = ROTARY.replace(effects=(dfc.effects.Gravity(2.0, 0.3),))
+    return view_of(ROTARY, driven(machine, units={"u": "N m", "x": "rad"}))
+
+
+@pytest.mark.parametrize(
+    ("slug", "coefficients", "which"),
+    [
+        ("bias_force", (0.02,), 0),
+        ("spring", (0.5, 0.0), 0),
+        ("viscous_asymmetry", (0.1,), 0),
+        ("quadratic_drag", (0.1,), 0),
+        # The broadest peak: its breakaway is no longer small beside the sliding.
+        ("stribeck", (0.003,), -1),
+        ("input_gain", (0.002,), 0),
+    ],
+)
+def test_a_column_is_the_change_that_the_filter_shows(here, slug, coefficients, which):
+    """While sliding; a breakaway that moves by a sample is no small change."""
+    column = [*effect_class(slug).columns(here)][which]
+    forces = here.of_forces([*column.force])
+    added = with_effect(AXIS, slug, dict(column.values(coefficients))).axis
+    out, states = Likelihood(added, (), here.likelihood.runs).innovations(here.z[-2:], 0)
+    moved = (out[0] - here.point.out[0][0]) * here.scale
+    expected = forces @ np.array(coefficients)
+    sliding = (here.point.states[0][2] != 0.0) & (states[2] == here.point.states[0][2])
+    # The two runs may switch at different samples, and the filter recovers within 30.
+    switched = np.flatnonzero(np.diff(here.point.states[0][2]) != 0.0)
+    for k in switched:
+        sliding[max(k - 2, 0) : k + 30] = False
+    sliding &= here.ok
+    assert sliding.sum() > 0.4 * sliding.size
+    error = np.linalg.norm((moved - expected)[sliding])
+    assert error < 0.05 * np.linalg.norm(expected[sliding])
+
+
+@pytest.mark.parametrize("name", catalogue(AXIS))
+def test_shapes_of_every_effect(here, turning, name):
+    """Columns of the length of the records, finite, and values that the effect accepts."""
+    effect = effect_class(name)
+    view = turning if name == "gravity" else here
+    shapes = [*effect.columns(view)]
+    assert shapes
+    bounds = {n: p["bounds"] for n, p in effect.parameters().items()}
+    for shape in shapes:
+        width = max(len(shape.force), len(shape.reading), 1)
+        for one in (*shape.force, *shape.reading):
+            assert one.shape == view.x.shape
+            assert np.isfinite(one).all()
+        assert not (shape.force and shape.reading)
+        size = min(0.1 * view.size, 0.5 * shape.most)
+        for sign in (1.0,) if shape.positive else (1.0, -1.0):
+            values = shape.values([sign * size] * width)
+            assert values.keys() <= bounds.keys()
+            start = with_effect(view.axis, name, dict(values))
+            assert all(free.startswith(f"{name}.") for free in start.free)
+            for own, value in values.items():
+                low, high = bounds[own]
+                assert math.isfinite(value) and low <= value <= high
+        assert shape.shapes >= 1.0 and shape.most > 0.0
+
+
+def test_a_force_at_rest_leaves_no_trace_in_the_innovations(here):
+    still = np.where(here.direction == 0.0, 1.0, 0.0)
+    still[1:] *= still[:-1] > 0.0
+    still[:-1] *= here.direction[1:] == 0.0
+    assert not here.of_forces([still]).any()
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind", "frequency"),
+    [
+        (dfc.effects.Cogging(0.8, 0.0173, 0.4), "force", 1.0 / 0.0173),
+        (dfc.effects.TimePeriodic(0.8, 4.3, 0.4), "time", 4.3),
+        (dfc.effects.EccentricEncoder(4e-5, 0.0173, 0.4), "reading", 1.0 / 0.0173),
+    ],
+    ids=["force", "time", "reading"],
+)
+def test_the_strongest_frequency_is_that_of_the_sine(effect, kind, frequency):
+    record = driven(AXIS.replace(effects=(effect,)), seconds=4.0)
+    here = view_of(AXIS, record, force=0.1)
+    found, lobes = here.waves(kind)
+    along = record.t if kind == "time" else record.x
+    # Half a main lobe, which is one period over the whole length.
+    assert found[0] == pytest.approx(frequency, abs=0.5 / np.ptp(along))
+    assert lobes > 10.0
+
+
+def test_where_nothing_repeats_no_frequency_stands_out():
+    here = view_of(AXIS, driven(AXIS))
+    for kind in ("force", "time", "reading"):
+        waves, lobes = here.waves(kind)
+        for wave in waves:
+            along = here.t if kind == "time" else here.x
+            pair = [f(2.0 * np.pi * wave * along) for f in (np.sin, np.cos)]
+            columns = (here.of_readings if kind == "reading" else here.of_forces)(pair)
+            amounts, *_ = np.linalg.lstsq(columns, here.y, rcond=None)
+            gain = 0.5 * float(here.y @ columns @ amounts)
+            # Largest of as many chi-squares of two degrees of freedom.
+            assert gain < math.log(lobes) + 12.0

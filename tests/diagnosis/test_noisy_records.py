@@ -1,0 +1,182 @@
+"""Diagnosis of records in which a random force acts beside the model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import truth
+from diagnosis_cases import among, believed, record
+
+import dryfric_control as dfc
+from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.scoring import maximise
+
+DT = 1e-3
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+# Effects that scale forces, all of them or those against the load, and some that do not.
+RIVALS = (
+    "input_gain", "load_dependence", "load_asymmetry", "stribeck", "bias_force", "spring",
+    "input_delay",
+)  # fmt: skip
+
+
+def noisy(machine, seed, seconds=6.0):
+    """A record whose input has 3 % of the Coulomb level as noise."""
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(round(seconds / DT))
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = np.round(machine.simulate(u, dt=DT).y[0] * 1e6) * 1e-6
+    return dfc.Record(t, u + 0.24 * rng.standard_normal(t.size), x)
+
+
+@pytest.fixture(scope="module")
+def biased():
+    record = noisy(AXIS.replace(effects=(dfc.effects.BiasForce(1.0),)), 1)
+    with among(*RIVALS):
+        return dfc.diagnose(AXIS, record, known=("mass",), jobs=1)
+
+
+@pytest.mark.slow
+def test_names_a_bias_in_noise(biased):
+    assert [c.effect for c in biased.causes] == ["bias_force"]
+    cause = biased.causes[0]
+    assert abs(cause.parameters["force"] - 1.0) < 4.0 * cause.standard_errors["force"] + 0.01
+    assert biased.verdict == "explained"
+    # The random force that was put in, in newtons.
+    assert biased.remaining.rms == pytest.approx(0.24, rel=0.3)
+    assert not biased.remaining.structured
+    assert min(biased.references.values()) > 100.0
+    assert biased.extended.mass == AXIS.mass
+    assert "random force left" in biased.summary()
+
+
+@pytest.mark.slow
+def test_reads_back_as_it_was(biased, tmp_path):
+    biased.save(tmp_path / "d.json")
+    again = dfc.load_diagnosis(tmp_path / "d.json")
+    assert again.remaining == biased.remaining
+    assert again.references == biased.references
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "slug"),
+    [
+        (dfc.effects.InputGain(1.15), "input_gain"),
+        (dfc.effects.LoadDependence(0.15), "load_dependence"),
+    ],
+)
+def test_one_cause_is_found_before_three_wrong_base_parameters(effect, slug):
+    with among(*RIVALS):
+        d = dfc.diagnose(AXIS, noisy(AXIS.replace(effects=(effect,)), 3), jobs=1)
+    assert [c.effect for c in d.causes] == [slug]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", ["load_dependence", "input_gain"])
+def test_the_same_on_records_of_the_bench(slug):
+    case = truth.make_case(slug, 0, "noisy")
+    with among(*RIVALS):
+        d = dfc.diagnose(believed(case), record(case), jobs=1)
+    assert [c.effect for c in d.causes] == [slug]
+
+
+@pytest.mark.slow
+def test_a_limited_drive_is_no_imposed_motion():
+    # A straight line foresees this record better than any axis without a limit does.
+    case = truth.make_case("saturation", 12, "noisy")
+    with among(*RIVALS, "saturation"):
+        d = dfc.diagnose(believed(case), record(case), jobs=1)
+    assert [c.effect for c in d.causes] == ["saturation"]
+    assert not any("imposed" in message for message in d.messages)
+
+
+@pytest.mark.slow
+def test_finds_nothing_in_noise_alone():
+    d = dfc.diagnose(AXIS, noisy(AXIS, 2), jobs=1)
+    assert (d.verdict, d.causes) == ("nothing to find", ())
+    assert d.remaining.rms == pytest.approx(0.24, rel=0.3)
+
+
+@pytest.mark.slow
+def test_two_records_show_what_has_changed():
+    records = [noisy(AXIS, 3), noisy(AXIS.replace(coulomb=9.6), 4)]
+    with among(*RIVALS):
+        d = dfc.diagnose(AXIS, records, known=("mass",), jobs=1, time_limit=600.0)
+    assert list(d.varies) == ["coulomb"]
+    first, second = d.varies["coulomb"]["values"]
+    assert second / first == pytest.approx(1.2, rel=0.02)
+    assert d.others == (records[1],)
+    # Each record is explained by a level of its own.
+    assert d.verdict == "explained"
+    assert d.causes or "explained: values that differ from record to record" in d.summary()
+
+
+@pytest.mark.slow
+def test_a_model_behind_a_straight_line_explains_nothing():
+    # The contact gives way below breakaway: the nominal axis is stuck.
+    t = DT * np.arange(4000)
+    x = 4e-5 * np.sin(4.0 * t) + 1e-8 * np.random.default_rng(1).normal(size=t.size)
+    with among("bias_force", "viscous_asymmetry"):
+        d = dfc.diagnose(AXIS, dfc.Record(t, 4.0 * np.sin(4.0 * t), x), jobs=1)
+    assert (d.verdict, d.causes) == ("unexplained", ())
+    assert d.references["straight line"] < 0.0
+    assert any("straight line" in message for message in d.messages)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("slug", "condition", "seed"),
+    [
+        # The drive crosses its dead zone where the samples on which causes are compared are not.
+        ("dead_zone", "10-bit", 2),
+    ],
+)
+def test_a_cause_that_acts_rarely_is_named(slug, condition, seed):
+    case = truth.make_case(slug, seed, condition)
+    with among(slug, "bias_force"):
+        d = dfc.diagnose(believed(case), record(case), jobs=1)
+    assert (d.verdict, [c.effect for c in d.causes]) == ("explained", [slug])
+    for name, value in case.truth[slug].items():
+        assert d.causes[0].parameters[name] == pytest.approx(value, rel=0.05)
+
+
+def test_a_muted_mass_is_out_of_reach():
+    """Whatever the record, a mass stays within a factor of 4 of the nominal one."""
+    problem = Likelihood(AXIS, ("mass",), [prepare(noisy(AXIS, 5, 1.0))])
+    z = problem.start()
+    assert problem.axis_at(z + 50.0).mass > 1e3
+    far = maximise(problem, z + 50.0, 0)
+    assert far.axis.mass == pytest.approx(4.0 * AXIS.mass)
+    assert far.at_bound == ("mass",)
+
+
+def test_three_wrong_parameters_cost_more_than_one_cause():
+    problem = Likelihood(
+        AXIS, ("mass", "viscous", "coulomb"), [prepare(noisy(AXIS, 5, 1.0))], wonder=True
+    )
+    z = problem.start()
+    assert problem.prior(z) == pytest.approx(0.0)
+    scaled = AXIS.replace(mass=2.0 / 1.15, viscous=15.0 / 1.15, coulomb=8.0 / 1.15)
+    values = (scaled.mass, scaled.viscous, 8.0 / 1.15)
+    off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
+    assert problem.prior(np.concatenate((off, z[3:]))) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"known": ("masss",)}, "known: 'masss' is no base parameter"),
+        ({"tolerance": {"viscous": -1.0}}, "tolerance"),
+        ({"known": ("mass",), "tolerance": {"mass": 0.1}}, "mass"),
+        ({"time_limit": 0.0}, "time_limit"),
+    ],
+)
+def test_bad_knowledge_is_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        dfc.diagnose(AXIS, noisy(AXIS, 5, 1.0), **settings)
+
+
+def test_no_records_are_refused():
+    with pytest.raises(ValueError, match="list of records is empty"):
+        dfc.diagnose(AXIS, [])

@@ -1,0 +1,63 @@
+"""Standard errors and intervals against closed forms, refits and distributions."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import dryfric_control as dfc
+from dryfric_control.estimation.uncertainty import jackknife, ratio_interval
+
+
+def test_standard_error_of_a_mean():
+    """That of n values is s / sqrt(n)."""
+    y = np.random.default_rng(1).standard_normal(12)
+    covariance, away = jackknife(
+        -(y - y.mean())[:, None], np.ones((12, 1, 1)), np.arange(12), np.zeros(1)
+    )
+    # A block is left out but for 1e-6 of it.
+    assert covariance[0, 0] == pytest.approx(np.var(y, ddof=1) / 12, rel=1e-5)
+    assert away.size == 0
+
+
+def test_jackknife_is_that_of_refits_without_one_block():
+    rng = np.random.default_rng(2)
+    columns, labels = rng.standard_normal((40, 2)), np.repeat(np.arange(8), 5)
+    y = columns @ [1.0, -2.0] + rng.standard_normal(8)[labels] + 0.1 * rng.standard_normal(40)
+    full = np.linalg.lstsq(columns, y, rcond=None)[0]
+    gradients = -columns * (y - columns @ full)[:, None]
+    normals = columns[:, :, None] * columns[:, None, :]
+    covariance, _ = jackknife(gradients, normals, labels, np.zeros(2))
+    refits = np.array(
+        [np.linalg.lstsq(columns[labels != b], y[labels != b], rcond=None)[0] for b in range(8)]
+    )
+    np.testing.assert_allclose(covariance, 7.0 * np.cov(refits.T, ddof=0), rtol=1e-4)
+
+
+def test_interval_of_a_ratio_of_errors():
+    """Of chi-square values, 400 a side: the ratio of their sums has an F distribution."""
+    rng = np.random.default_rng(3)
+    rows = np.repeat(rng.chisquare(1.0, (2, 400)), 3, axis=1) / 3.0
+    labels = np.repeat(np.arange(400), 3)
+    low, high = ratio_interval(9.0 * rows[0], rows[1], labels)
+    ratio = 3.0 * np.sqrt(rows[0].sum() / rows[1].sum())
+    expected = 0.5 * np.log(stats.f.ppf(0.95, 400, 400))
+    # 400 values know their spread to some 10 %, 2000 draws a quantile to some 4 %.
+    assert np.log(high / ratio) == pytest.approx(expected, rel=0.2)
+    assert np.log(ratio / low) == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.slow
+def test_standard_errors_of_a_fit_are_its_errors():
+    """Four records of white noise: errors over standard errors have an RMS near 1."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    truth = {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}
+    t = 2e-3 * np.arange(800)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = axis.simulate(u, 2e-3).y[0]
+    scores = []
+    for seed in range(4):
+        noise = 2e-5 * np.random.default_rng(seed).standard_normal(t.size)
+        found = dfc.fit(axis, dfc.Record(t, u, x + noise, quantum=0.0), tuple(truth), starts=1)
+        scores += [(found.parameters[n] - truth[n]) / found.standard_errors[n] for n in truth]
+    # Twelve values: within 0.45 and 1.8 in 99 %; a covariance over n is a factor of four.
+    assert 0.45 < np.sqrt(np.mean(np.square(scores))) < 1.8

@@ -1,0 +1,593 @@
+"""Logs as they come: headings, dialects, lost rows, bad readings, factors, records without a channel."""
+
+import datetime
+import gzip
+import json
+import math
+import warnings
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+
+import dryfric_control as dfc
+from dryfric_control.records.readers.channels import assign_columns, split_header
+
+N = 400
+DT = 0.01
+T = DT * np.arange(N)
+U = np.round(0.6 * np.sin(3.0 * T) + 0.2 * np.sin(11.0 * T), 6)
+X = np.round(1.5 * np.sin(2.0 * T) + 0.4 * np.sin(5.0 * T), 6)
+V = np.gradient(X, DT)
+
+
+def text(*columns, heading="", mark=",", decimal="."):
+    lines = [mark.join(f"{v:.9g}".replace(".", decimal) if isinstance(v, float) else str(v)
+                       for v in row) for row in zip(*columns, strict=True)]  # fmt: skip
+    return "\n".join([heading] * bool(heading) + lines) + "\n"
+
+
+def write(folder, content, name="run.csv"):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def same(record):
+    np.testing.assert_allclose(record.x - record.x[0], X - X[0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(record.u, U, rtol=0, atol=1e-8)
+    assert record.dt == pytest.approx(DT)
+
+
+# -- headings --------------------------------------------------------------------------------------
+
+#: Headings of a log, separated by ";", and those taken as t, u, x and the reference.
+HEADINGS = {
+    "Franka": ("time;q;dq;tau_J", "time tau_J q"),
+    "Franka, commanded too": ("time;q;q_d;dq;tau_J;tau_J_d", "time tau_J q q_d"),
+    "a joint by number": ("time;q3;dq3;q3_tau_J", "time q3_tau_J q3"),
+    "a joint behind a line": ("t;q_3;tau_3", "t tau_3 q_3"),
+    "a joint in brackets": ("timestamp;pos (5);effort (5)", "timestamp;effort (5);pos (5)"),
+    "a joint in square brackets": ("t;position[2];effort[2]", "t effort[2] position[2]"),
+    "words and number": ("time;joint_2_pos;joint_2_vel;joint_2_torque",
+                         "time joint_2_torque joint_2_pos"),
+    "axis in front": ("Time;Axis 1 Torque;Axis 1 Position", "Time;Axis 1 Torque;Axis 1 Position"),
+    "Universal Robots": ("timestamp;actual_q_0;target_q_0;actual_current_0;actual_qd_0",
+                         "timestamp actual_current_0 actual_q_0 target_q_0"),
+    "KUKA": ("t;q_msr;q_cmd;tau_msr", "t tau_msr q_msr q_cmd"),
+    "ROS joint state": ("time;position.elbow;velocity.elbow;effort.elbow",
+                        "time effort.elbow position.elbow"),
+    "ROS topic": ("time;/joint_states/position;/joint_states/effort",
+                  "time /joint_states/effort /joint_states/position"),
+    "Unitree": ("t;motor_state.0.q;motor_state.0.dq;motor_state.0.tau_est",
+                "t motor_state.0.tau_est motor_state.0.q"),
+    "Dynamixel": ("time;goal_position;present_position;present_velocity;present_current",
+                  "time present_current present_position goal_position"),
+    "ODrive": ("time;pos_estimate;vel_estimate;Iq_setpoint;Iq_measured",
+               "time Iq_measured pos_estimate"),
+    "ODrive, path": ("time;axis0.encoder.pos_estimate;axis0.motor.current_control.Iq_measured",
+                     "time axis0.motor.current_control.Iq_measured axis0.encoder.pos_estimate"),
+    "ODrive, asked": ("time;pos_estimate;input_pos;torque_estimate;input_torque",
+                      "time torque_estimate pos_estimate input_pos"),
+    "SimpleFOC": ("time;target;voltage.q;shaft_velocity;shaft_angle",
+                  "time voltage.q shaft_angle target"),
+    "SimpleFOC, current": ("t;current.q;velocity;angle", "t current.q angle"),
+    "CiA 402": ("t;Position actual value;Position demand value;Torque actual value;Target torque",
+                "t;Torque actual value;Position actual value;Position demand value"),
+    "TwinCAT": ("time;Axis 1.ActPos;Axis 1.SetPos;MAIN.fActTorque",
+                "time;MAIN.fActTorque;Axis 1.ActPos;Axis 1.SetPos"),
+    "TwinCAT, path": ("time;Axes.Axis 1.NcToPlc.ActPos;GVL.fbDrive.fTorque",
+                      "time;GVL.fbDrive.fTorque;Axes.Axis 1.NcToPlc.ActPos"),
+    "camel case": ("time;MotorTorque;ActualPosition;PositionCommand",
+                   "time MotorTorque ActualPosition PositionCommand"),
+    "snake case": ("t;actual_position;target_position;i_q", "t i_q actual_position target_position"),
+    "cylinder": ("t;pressure;position", "t pressure position"),
+    "effort": ("secs;effort;position", "secs effort position"),
+    "elapsed": ("elapsed_time;torque;angle", "elapsed_time torque angle"),
+    "duty": ("time;pwm;encoder", "time pwm encoder"),
+    "German": ("Zeit;Kraft;Weg", "Zeit Kraft Weg"),
+    "German, rotary": ("Zeit;Drehmoment;Drehwinkel;Drehzahl", "Zeit Drehmoment Drehwinkel"),
+    "German, in one word": ("Zeit;Istposition;Sollposition;Iststrom",
+                            "Zeit Iststrom Istposition Sollposition"),
+    "German, the other way": ("Zeitstempel;Lageistwert;Lagesollwert;Drehmomentistwert",
+                              "Zeitstempel Drehmomentistwert Lageistwert Lagesollwert"),
+    "German, with units": ("Zeit in ms;Druck in bar;Hub in mm", "Zeit in ms;Druck in bar;Hub in mm"),
+    "German, pressure": ("Zeit;Druck;Position", "Zeit Druck Position"),
+    "German, sharp s": ("Zeit;Stellgröße;Winkel", "Zeit Stellgröße Winkel"),
+    "French": ("temps;couple;angle;vitesse", "temps couple angle"),
+    "French, current": ("Temps;Courant;Position;Consigne", "Temps Courant Position Consigne"),
+    "French, pressure": ("temps;pression;position", "temps pression position"),
+    "Spanish": ("tiempo;fuerza;posición;velocidad", "tiempo fuerza posición"),
+    "Spanish, current": ("Tiempo;Corriente;Ángulo", "Tiempo Corriente Ángulo"),
+    "Italian": ("tempo;forza;posizione;velocità", "tempo forza posizione"),
+    "Portuguese": ("tempo;força;posição", "tempo força posição"),
+    "Dutch": ("tijd;kracht;positie;snelheid", "tijd kracht positie"),
+    "Chinese": ("时间;力矩;位置", "时间 力矩 位置"),
+    "Japanese": ("時間;トルク;位置", "時間 トルク 位置"),
+    "unit behind a line": ("time_ms;tau_Nm;q_rad", "time_ms tau_Nm q_rad"),
+    "unit of parts": ("time_s;torque_N_m;pos_rad;vel_rad_s", "time_s torque_N_m pos_rad"),
+    "unit behind a blank": ("Time s;Force N;Position mm", "Time s;Force N;Position mm"),
+    "unit and number": ("t [s];pos (2) [deg];current (2) [A]", "t [s];current (2) [A];pos (2) [deg]"),
+    "measured goes before asked": ("t;cmd_torque;meas_torque;x", "t meas_torque x"),
+    "plain goes before numbered": ("t;u;x;x1;u1", "t u x"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HEADINGS)
+def test_headings_of_logs_are_recognised(case):
+    line, right = HEADINGS[case]
+    headings, right = line.split(";"), right.split(";" if ";" in right else " ")
+    found = assign_columns(headings, None, "run.csv")
+    chosen = [headings[found[role]] for role in ("t", "u", "x", "reference") if role in found]
+    assert chosen == right
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("t;q1;q2;tau1;tau2", "'tau1', 'tau2' could each be u; say which.*or one joint: joint="),
+        ("t;force;torque;x", "'force', 'torque' could each be u; say which: columns=.*"),
+        ("t;u;imu.gyro.x", "no column recognised as x"),
+        ("t;tau_m;x", "no column recognised as u"),
+        ("t;load (5);x", "no column recognised as u"),
+        ("t;u;motor_position", "no column recognised as x"),
+    ],
+)
+def test_what_is_not_beyond_doubt_is_asked_for(line, message):
+    with pytest.raises(ValueError, match=message):
+        assign_columns(line.split(";"), None, "run.csv")
+
+
+def test_the_joint_of_one_channel_is_that_of_the_others():
+    source = {"t": T, "q1": 0 * X, "q2": X, "tau1": 0 * U, "tau2": U, "dq1": V, "dq2": V}
+    for how in (dict(joint=2), dict(columns={"x": "q2"}), dict(columns={"u": "tau2"})):
+        record = dfc.read_record(source, **how)
+        same(record)
+        assert list(record.channels) == ["v"]
+    named = {"t": T, "elbow_pos": X, "elbow_torque": U, "wrist_pos": 0 * X, "wrist_torque": 0 * U}
+    same(dfc.read_record(named, joint="elbow"))
+
+
+def test_numbers_in_brackets_are_no_units():
+    assert split_header("pos (5)") == ("pos (5)", "")
+    record = dfc.read_record({"t": T, "pos (5)": X, "effort (5)": U})
+    assert "x" not in record.units
+    same(record)
+
+
+# -- dialects --------------------------------------------------------------------------------------
+
+START = datetime.datetime(2026, 3, 29, 0, 59, 58, tzinfo=datetime.UTC)
+DATES = [START + datetime.timedelta(seconds=float(t)) for t in T]
+BERLIN = [datetime.timezone(datetime.timedelta(hours=1 if t < 2.0 else 2)) for t in T]
+
+
+def scope(pairs, times=T):
+    """An export of TwinCAT Scope, with a column of time for each channel or for all."""
+    keys = {"Name": ["MAIN.fActTorque", "Axis 1.ActPos"], "SymbolComment": ["", ""],
+            "Data-Type": ["REAL64", "REAL64"], "SampleTime[ms]": ["10", "10"],
+            "Port": ["851", "501"], "Unit": ["Nm", "rad"]}  # fmt: skip
+    head = "Name\tScope Project\nFile\tC:\\a.tcscopex\nStarttime of export\t132\n\n"
+    lines = []
+    for key, values in keys.items():
+        lines.append("\t".join([key, values[0], key, values[1]] if pairs else [key, *values]))
+    clock = (1e3 * T, U, 1e3 * times, X) if pairs else (1e3 * T, U, X)
+    return head + "\n".join(lines) + "\n\n" + text(*clock, mark="\t", decimal=",") + "EOF\n"
+
+
+MINUS = "\N{MINUS SIGN}"
+DIALECTS = {
+    "UTF-16 of Excel": text(T, U, X, heading="t\tu\tx", mark="\t").encode("utf-16"),
+    "UTF-16 without a mark": text(T, U, X, heading="t,u,x").encode("utf-16-le"),
+    "minus of Unicode": text(T, U, X, heading="t,u,x").replace("-", MINUS),
+    "exponents of Fortran": text(
+        *([f"{v:.9E}".replace("E", "D") for v in c] for c in (T, U, X)), heading="t u x", mark="  "
+    ),
+    "exponents without a letter": text(
+        T, [f"{v:.9e}".replace("e", "D").replace("D-01", "-001") for v in U], X, heading="t u x",
+        mark=" ",
+    ),
+    "ISO 8601": text([d.isoformat() for d in DATES], U, X, heading="t,u,x"),
+    "ISO 8601 in UTC": text(
+        [d.strftime("%Y-%m-%dT%H:%M:%S.%f") + "000Z" for d in DATES], U, X, heading="time,u,x"
+    ),
+    "ISO 8601 with a blank": text(
+        [d.strftime("%Y-%m-%d %H:%M:%S.%f") for d in DATES], U, X, heading="t [ms];u;x", mark=";"
+    ),
+    "ISO 8601 over the change to summer time": text(
+        [d.astimezone(zone).isoformat() for d, zone in zip(DATES, BERLIN, strict=True)], U, X,
+        heading="t,u,x",
+    ),
+    "German dates": text(
+        [d.strftime("%d.%m.%Y %H:%M:%S,%f") for d in DATES], U, X, heading="Zeit;Kraft;Weg",
+        mark=";", decimal=",",
+    ),
+    "times of day over midnight": text(
+        [(d - datetime.timedelta(minutes=59)).strftime("%H:%M:%S.%f") for d in DATES], U, X,
+        heading="t,u,x",
+    ),
+    "serial monitor of Arduino": "".join(
+        f"{d.strftime('%H:%M:%S.%f')[:-3]} -> {u}\t{x}\n" for d, u, x in zip(DATES, U, X, strict=True)
+    ),
+    "Scope, a time for each": scope(True),
+    "Scope, a time for all": scope(False),
+    "SimpleFOC, no heading": text(T, X, U, V, X, mark="\t"),
+}  # fmt: skip
+HOW = {"SimpleFOC, no heading": {"columns": {"t": "0", "u": 2, "x": "1"}}}
+
+
+@pytest.mark.parametrize("case", DIALECTS)
+def test_dialects_are_read(tmp_path, case):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        same(dfc.read_record(write(tmp_path, DIALECTS[case]), **HOW.get(case, {})))
+
+
+def test_scope_of_two_times_is_refused(tmp_path):
+    assert dict(dfc.read_record(write(tmp_path, scope(True))).units)["u"] == "N m"
+    with pytest.raises(ValueError, match="times of their own"):
+        dfc.read_record(write(tmp_path, scope(True, T + 1e-3)))
+
+
+def test_a_date_that_is_ambiguous_is_refused(tmp_path):
+    content = text([d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in DATES], U, X, heading="t,u,x")
+    with pytest.raises(ValueError, match=r"row 2, column 't' .*ISO 8601.*parse_dates"):
+        dfc.read_record(write(tmp_path, content))
+
+
+# -- arrays and lines of JSON ----------------------------------------------------------------------
+
+
+def test_arrays_of_numpy(tmp_path):
+    np.savez_compressed(tmp_path / "run.npz", t=T, u=U, x=X, other=np.eye(3))
+    same(dfc.read_record(tmp_path / "run.npz"))
+    for array in (np.c_[T, U, X], np.c_[T, U, X].T):
+        np.save(tmp_path / "run.npy", array)
+        same(dfc.read_record(tmp_path / "run.npy"))
+    np.save(tmp_path / "run.npy", np.c_[X, T, U, X, T])
+    same(dfc.read_record(tmp_path / "run.npy", columns={"t": 1, "u": 2, "x": 0}))
+    fields = np.zeros(N, [("t", float), ("effort", float), ("position", float)])
+    fields["t"], fields["effort"], fields["position"] = T, U, X
+    np.save(tmp_path / "run.npy", fields)
+    same(dfc.read_record(tmp_path / "run.npy"))
+    np.save(tmp_path / "run.npy", np.array([None]), allow_pickle=True)
+    with pytest.raises(ValueError, match="damaged or no .npy file of numbers"):
+        dfc.read_record(tmp_path / "run.npy")
+    with pytest.raises(ValueError, match="more than 100 rows"):
+        dfc.read_record(tmp_path / "run.npz", max_rows=100)
+
+
+def test_an_array_that_claims_more_than_there_is_takes_no_memory(tmp_path):
+    np.save(tmp_path / "run.npy", np.c_[T, U, X])
+    data = (tmp_path / "run.npy").read_bytes()
+    (tmp_path / "run.npy").write_bytes(data.replace(b"(400, 3), }", b"(9**9,3), }"))
+    with pytest.raises(ValueError, match="damaged"):
+        dfc.read_record(tmp_path / "run.npy")
+    (tmp_path / "run.npy").write_bytes(
+        data.replace(b"(400, 3), }         ", b"(40000000000, 3), } ")
+    )
+    with pytest.raises(ValueError, match="damaged"):
+        dfc.read_record(tmp_path / "run.npy")
+
+
+def test_lines_of_json(tmp_path):
+    lines = [json.dumps({"time": t, "joints": {"name": ["hip", "knee"], "position": [0.0, x],
+                                               "effort": [0.1, u]}, "mode": "on"})
+             for t, u, x in zip(T, U, X, strict=True)]  # fmt: skip
+    path = write(tmp_path, "\n".join(lines), "run.jsonl")
+    same(dfc.read_record(path, joint="knee"))
+    with pytest.warns(dfc.RecordWarning, match="line 400, the last, is cut off"):
+        record = dfc.read_record(write(tmp_path, "\n".join(lines)[:-9], "run.ndjson"), joint="knee")
+    assert len(record) == N - 1
+    with pytest.raises(ValueError, match="line 3 is no JSON object"):
+        dfc.read_record(write(tmp_path, "\n".join([*lines[:2], "[1]", *lines[3:]]), "run.jsonl"))
+    del lines[100]
+    lines[200] = json.dumps({"time": float(T[201]), "mode": "off"})
+    with pytest.warns(dfc.RecordWarning, match="1 row without a number.*2 filled and masked"):
+        record = dfc.read_record(write(tmp_path, "\n".join(lines), "a.jsonl"), joint="knee", dt=DT)
+    assert np.flatnonzero(~record.good).tolist() == [100, 201]
+
+
+# -- rows that are lost, repeated or without a number -----------------------------------------------
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("cell", ["nan", "", "NULL", "n/a", "-"])
+@pytest.mark.parametrize("column", [1, 2])
+def test_a_number_that_is_missing_is_bridged_and_masked(tmp_path, cell, column, timed):
+    table = [[f"{v:.9g}" for v in c] for c in (T, U, X)]
+    table[column][170] = cell
+    heading, how = ("t,u,x", dict(dt=DT)) if timed else ("u,x", dict(rate=1 / DT))
+    path = write(tmp_path, text(*table[not timed :], heading=heading))
+    with pytest.warns(
+        dfc.RecordWarning, match="^1 row without a number in the source; of 400 .* 1 f"
+    ):
+        record = dfc.read_record(path, **how)
+    assert np.flatnonzero(~record.good).tolist() == [170] and record.bad["filled"] == 1
+    assert record.x[170] == pytest.approx(X[170], abs=1e-3)  # 0.01 s of a smooth path
+    assert "1 row without a number" in record.notes
+    if cell == "" and timed:
+        with pytest.raises(
+            ValueError, match=r"row 172, column '[ux]' .*the cell is empty; give dt="
+        ):
+            dfc.read_record(path)
+
+
+def test_a_repeated_stamp_is_bridged_and_masked():
+    stamps = T.copy()
+    stamps[170] = stamps[169]
+    with pytest.warns(dfc.RecordWarning, match="1 row with the stamp of the row before"):
+        record = dfc.read_record({"t": stamps, "u": U, "x": X}, dt=DT)
+    assert len(record) == N and np.flatnonzero(~record.good).tolist() == [170]
+    u = U.copy()
+    u[169] = np.nan  # a row without a number does not make that with its stamp the right one
+    with pytest.warns(dfc.RecordWarning, match="1 row without a number and 1 row with the stamp"):
+        record = dfc.read_record({"t": stamps, "u": u, "x": X}, dt=DT)
+    assert np.flatnonzero(~record.good).tolist() == [169, 170]
+    with pytest.raises(ValueError, match="an even clock in coarse stamps, give rate="):
+        dfc.read_record({"t": np.repeat(T[::2], 2), "u": U, "x": X}, dt=DT)
+
+
+def test_much_that_is_missing_is_refused():
+    x = np.where(T < 1.0, np.nan, X)
+    with pytest.raises(ValueError, match="100 of 400 rows have no number.*row 0: too many"):
+        dfc.read_record({"t": T, "u": U, "x": x}, dt=DT)
+    x = np.where((T > 1.0) & (T < 1.2), np.nan, X)
+    with pytest.raises(ValueError, match="max_gap="):
+        dfc.read_record({"t": T, "u": U, "x": x}, dt=DT)
+
+
+def test_a_row_that_was_cut_off_is_left_out(tmp_path):
+    whole = text(T, U, [f"{v:.6f}" for v in X], heading="t,u,x")
+    for cut in (3, 9, 12):
+        with pytest.warns(dfc.RecordWarning, match=r"row 401, the last, .*cut off, and left out"):
+            record = dfc.read_record(write(tmp_path, whole[:-cut]))
+        assert len(record) == N - 1 and record.x[-1] == X[-2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        same(dfc.read_record(write(tmp_path, whole[:-1])))  # only the end of the line
+
+
+# -- readings that are none ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [1e9, -1e12, 65535.0])
+@pytest.mark.parametrize("run", [1, 3])
+def test_an_absurd_reading_is_no_quantum(value, run):
+    x = X.copy()
+    x[170 : 170 + run] = value
+    with pytest.warns(dfc.RecordWarning, match=f"{run} jump"):
+        record = dfc.Record(T, U, x)
+    assert record.quantum == pytest.approx(1e-6) and record.range == pytest.approx(np.ptp(X))
+    assert np.flatnonzero(~record.good).tolist() == list(range(170, 170 + run))
+
+
+def test_an_encoder_that_flickers_at_rest_is_not_absurd():
+    x = np.where(np.arange(N) % 31 == 7, 1.0, 0.0) + 400.0 * np.clip(T - 3.9, 0.0, None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert "jump" not in dfc.Record(T, U, x).masked.reasons
+
+
+def test_a_counter_set_to_zero_is_told():
+    path = 100.0 * np.sin(0.8 * T) + 3.0
+    for offset in (0.0, 0.03):
+        x = np.where(np.arange(N) < 300, path, path - path[300] + offset)
+        with pytest.warns(
+            dfc.RecordWarning, match=r"x\[300\] = .*was the counter set to zero.*record\[:300\]"
+        ):
+            dfc.Record(T, U, x)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dfc.Record(T, U, path - path[300])
+    # From one end of the range to the other it could as well be an encoder that wraps.
+    ramp = np.where(np.arange(N) < 300, T, T - T[300])
+    with pytest.raises(ValueError, match="wraps around.*or the counter was set to zero, split"):
+        dfc.Record(T, U, ramp)
+
+
+def test_stamps_of_today_keep_every_sample():
+    """Near 1.7e9 s a stamp is rounded to 2.4e-7 s, and the last sample was lost."""
+    stamps = 1.7e9 + np.arange(N) / 60.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert len(dfc.read_record({"t": stamps, "u": U, "x": X}, dt=1 / 60)) == N
+
+
+# -- encoders that wrap ----------------------------------------------------------------------------
+
+FINE = 1e-3 * np.arange(6000)
+PUSH = 15.0 * np.sin(6.0 * FINE) + 5.0 * np.sin(17.0 * FINE + 1.0)
+PATH = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0).simulate(PUSH, dt=1e-3).y[0]
+
+
+@pytest.mark.parametrize(
+    ("factor", "size"),
+    [(1e-6 / 3, 65536), (1e-6, 2**16), (2e-6, 20_000), (7.3e-6, 4096), (1e-6, 12_345)],
+)
+def test_the_period_that_is_suggested_is_the_right_one(factor, size):
+    counts = np.rint(PATH / factor).astype(int) % size
+    source, how = (
+        {"t": FINE, "u": PUSH, "x [counts]": counts},
+        dict(gain={"x": factor}, units={"x": "m"}),
+    )
+    with pytest.raises(ValueError, match="the encoder wraps around") as refused:
+        dfc.read_record(source, **how)
+    period = float(str(refused.value).split("unwrap=")[1].split()[0])
+    # Of a size that no encoder usually has, a count may be missing.
+    assert period == pytest.approx(size * factor, abs=1e-9 if size != 12_345 else 3 * factor)
+    right = dfc.read_record(source, unwrap=size * factor, **how)
+    np.testing.assert_allclose(right.x - right.x[0], PATH - PATH[0], atol=factor)
+    with pytest.raises(
+        ValueError, match=f"leaves a jump.*is the period unwrap={size * factor:.4g}"[:-1]
+    ):
+        dfc.read_record(source, unwrap=0.995 * size * factor, **how)
+
+
+def test_angles_and_turns_wrap_at_their_own_period():
+    path = 40.0 * np.sin(2.0 * FINE)
+    for period in (2 * math.pi, 360.0 / 57.0, 1.0):
+        x = np.mod(path, period)
+        with pytest.raises(ValueError, match="wraps around") as refused:
+            dfc.Record(FINE, PUSH, x)
+        found = float(str(refused.value).split("unwrap=")[1].split()[0])
+        assert found == pytest.approx(period, rel=1e-9 if period != 360.0 / 57.0 else 1e-3)
+
+
+# -- one rule for a gain beside a unit --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("heading", ["Druck_bar", "Druck [bar]", "u [bar]", "Druck in bar"])
+def test_a_gain_converts_the_number_in_the_file(heading):
+    source = {"t": T, heading: U, "x [m]": X}
+    record = dfc.read_record(source, columns={"u": heading}, gain=120.0, units={"u": "N"})
+    np.testing.assert_allclose(record.u, 120.0 * U, rtol=1e-15)
+    assert record.raw["u"] == ("bar", 120.0) and record.units["u"] == "N"
+    assert "u multiplied by gain 120 per bar" in record.notes
+    assert "factors   u 120 per bar" in str(record.check())
+    with pytest.raises(
+        ValueError, match=r"120 N per bar, .*units=\{\"u\": \"N\"\}, or 120 times as"
+    ):
+        dfc.read_record(source, columns={"u": heading}, gain=120.0, units={"u": "bar"})
+
+
+def test_a_gain_beside_a_length_asks_for_the_unit_of_the_product():
+    source = {"t": T, "u": U, "x [mm]": X}
+    with pytest.warns(dfc.RecordWarning, match="gain 2 alone, not by the 0.001 m per mm as well"):
+        assert dfc.read_record(source, gain={"x": 2.0}).x[7] == 2.0 * X[7]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for gain, unit, factor in ((1e-3, "m", 1e-3), (2.0, "um", 2e-6)):
+            record = dfc.read_record(source, gain={"x": gain}, units={"x": unit})
+            np.testing.assert_allclose(record.x, factor * X)
+            assert record.raw["x"] == ("mm", pytest.approx(factor)) and record.units["x"] == "m"
+
+
+def test_a_sign_that_is_turned_keeps_the_unit():
+    record = dfc.read_record({"t": T, "u [kN]": U, "x [mm]": X}, gain={"u": -1.0, "x": -1.0})
+    np.testing.assert_allclose(record.x, -1e-3 * X)
+    np.testing.assert_allclose(record.u, -1e3 * U)
+    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
+    assert record.raw["x"] == ("mm", -1e-3)
+
+
+def test_pressure_and_pinion_are_numbers_of_the_machine():
+    cylinder = dfc.Scaling(piston_area=1.2e-3)
+    record = dfc.read_record({"t": T, "Druck [bar]": U, "x [mm]": X}, gain=cylinder)
+    np.testing.assert_allclose(record.u, 120.0 * U, rtol=1e-12)  # 1e5 Pa times 1.2e-3 m^2
+    assert record.units["u"] == "N" and record.raw["u"] == ("bar", pytest.approx(120.0))
+    with pytest.raises(ValueError, match="piston_area is given and u has no unit.*units="):
+        dfc.read_record({"t": T, "Druck": U, "x [mm]": X}, gain=cylinder)
+    rack = dfc.Scaling(
+        pinion_radius=0.02, gear_ratio=5.0, torque_constant=0.1, counts_per_turn=1000
+    )
+    record = dfc.read_record({"t": T, "u [A]": U, "x [counts]": 1e3 * X}, gain=rack)
+    np.testing.assert_allclose(record.x, X / 5.0 * 2 * math.pi * 0.02)
+    np.testing.assert_allclose(record.u, 0.1 * U * 5.0 / 0.02)  # torque over radius
+    assert record.units["u"] == "N" and dfc.Scaling.from_dict(rack.to_dict()) == rack
+    with pytest.warns(dfc.RecordWarning, match=r"pinion of 20 mm has pinion_radius=0\.02"):
+        dfc.Scaling(pinion_radius=20)
+
+
+# -- saved and read back ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def masked():
+    keep = np.ones(N, bool)
+    keep[[70, 150, 151, 250]] = False
+    x = X.copy()
+    x[320] = 0.3
+    source = {"t": T[keep], "u [A]": U[keep], "x [counts]": 1e6 * x[keep], "v": V[keep]}
+    how = dict(gain={"u": 2.0, "x": 1e-6}, units={"u": "N m", "x": "rad"}, dt=DT, name="a run")
+    with pytest.warns(dfc.RecordWarning):
+        return dfc.read_record(source, **how)
+
+
+def test_a_record_comes_back_with_its_mask(masked, tmp_path):
+    assert np.flatnonzero(~masked.good).tolist() == [70, 150, 151, 250, 320]
+    masked.save(tmp_path / "run.json")
+    masked.to_csv(tmp_path / "run.csv")
+    frame = masked.to_pandas()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for again in (dfc.load_record(tmp_path / "run.json"), dfc.read_record(tmp_path / "run.csv"),
+                      dfc.Record.from_frame(frame)):  # fmt: skip
+            assert again == masked and again.masked.reasons == masked.masked.reasons
+            np.testing.assert_array_equal(again.masked.readings, masked.masked.readings)
+            assert again.units == masked.units and again.raw == masked.raw
+            assert again.quantum == masked.quantum and again.notes == masked.notes
+            assert again.name == "a run" and list(again.channels) == ["v"]
+    assert not dfc.Record(masked.t, masked.u, masked.x, units=masked.units) == masked
+
+
+def test_a_reading_that_was_kept_is_kept_when_read_back(tmp_path):
+    x = X.copy()
+    x[100] = 0.0
+    record = dfc.Record(T, U, x, good=np.ones(N, bool))
+    record.to_csv(tmp_path / "run.csv")
+    assert dfc.read_record(tmp_path / "run.csv") == record
+
+
+def test_a_column_good_masks(tmp_path):
+    flag = (np.arange(N) % 50 != 7).astype(int)
+    record = dfc.read_record(write(tmp_path, text(T, U, X, flag, heading="t,u,x,good")))
+    assert np.flatnonzero(~record.good).tolist() == list(range(7, N, 50))
+    assert set(record.masked.reasons) == {"given"}
+    # Once more at another step: readings that were not used are not used now.
+    record.to_csv(tmp_path / "saved.csv")
+    with pytest.warns(dfc.RecordWarning, match="8 filled and masked"):
+        again = dfc.read_record(tmp_path / "saved.csv", dt=DT)
+    assert np.array_equal(again.good, record.good)
+
+
+# -- records without what is usual --------------------------------------------------------------------
+
+
+def test_a_free_motion_needs_no_drive(tmp_path):
+    """Decay of an oscillator by dry friction: the amplitude falls by 4 F/k each period."""
+    stiffness, mass, level = 40.0, 0.5, 0.8
+    omega = math.sqrt(stiffness / mass)
+    t = 1e-3 * np.arange(3000)
+    half = np.floor(t * omega / math.pi)
+    centre = level / stiffness * (-1.0) ** half  # moves down first: friction pushes up
+    x = (0.3 - (2 * half + 1) * level / stiffness) * np.cos(omega * t) + centre
+    record = dfc.Record(t, None, x, units={"x": "m", "u": "N"})
+    assert not record.u.any() and "no drive: u = 0" in record.notes
+    assert dfc.Record(t, np.zeros(t.size), x).x.tolist() == record.x.tolist()
+    assert any("only ratios to" in message for message in record.check().messages)
+    path = write(tmp_path, text(t, x, heading="t,x"))
+    assert not dfc.read_record(path, columns={"u": None}).u.any()
+    with pytest.raises(ValueError, match=r"no column recognised as u.*\{\"u\": None\} for a free"):
+        dfc.read_record(write(tmp_path, text(t, x, 0 * x, heading="t,x,abc")))
+    axis = dfc.FrictionAxis(mass=mass, viscous=1e-6, coulomb=level, stick_speed=1e-5,
+                            effects=(dfc.effects.Spring(stiffness),))  # fmt: skip
+    simulated = axis.simulate(record.u, dt=1e-3, x0=0.3).y[0]
+    moving = t < 6 * math.pi / omega  # until the spring no longer overcomes friction
+    np.testing.assert_allclose(simulated[moving], x[moving], atol=2e-3)
+
+
+def test_a_velocity_alone_gives_the_position(tmp_path):
+    v = 2.0 * np.cos(2.0 * T)
+    heading = "t;torque [Nm];speed [rpm]"
+    path = write(tmp_path, text(T, U, v * 30.0 / math.pi, heading=heading, mark=";"))
+    with pytest.warns(dfc.RecordWarning, match="no position: it is the integral of the velocity"):
+        record = dfc.read_record(path)
+    np.testing.assert_allclose(record.x, cumulative_trapezoid(v, T, initial=0.0), atol=1e-6)
+    np.testing.assert_allclose(record.x, np.sin(2.0 * T), atol=1e-4)  # h^2/12 of the trapezoids
+    assert dict(record.units) == {"t": "s", "u": "N m", "x": "rad", "v": "rad/s"}
+    assert record.quantum is None and any("offset is free" in note for note in record.notes)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dfc.read_record(path, columns={"x": None})
+    keep = np.arange(N) != 200
+    with pytest.warns(dfc.RecordWarning, match="1 filled and masked"):
+        again = dfc.Record.from_irregular(T[keep], U[keep], None, dt=DT, channels={"v": v[keep]})
+    np.testing.assert_allclose(again.x, record.x, atol=1e-4)
+
+
+def test_packed_text_is_cut_off_like_any_other(tmp_path):
+    whole = text(T, U, X, heading="t,u,x")
+    with pytest.warns(dfc.RecordWarning, match="cut off"):
+        record = dfc.read_record(write(tmp_path, gzip.compress(whole[:-14].encode()), "run.csv.gz"))
+    assert len(record) == N - 1

@@ -1,0 +1,86 @@
+"""Arguments in the wrong order are refused where their values show it, and only there."""
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+DT = 1e-3
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+SMALL = dfc.FrictionAxis(
+    mass=1e-5, viscous=1e-5, coulomb=5e-3, stick_speed=1e-3, units=("rad", "N m")
+)
+
+
+def driven(axis, size, quantum):
+    """Drive and reading of two seconds."""
+    t = DT * np.arange(2000)
+    u = size * np.sin(6.0 * t)
+    return u, quantum * np.round(axis.simulate(u, DT).y[0] / quantum)
+
+
+@pytest.mark.parametrize(
+    ("axis", "size", "quantum"), [(AXIS, 15.0, 1e-6), (AXIS, 9.0, 1e-4), (SMALL, 0.01, 1e-3)]
+)
+def test_drive_and_reading(axis, size, quantum):
+    u, y = driven(axis, size, quantum)
+    design = dfc.design_pi_observer(axis, DT, encoder_quantum=quantum)
+    hybrid = dfc.hybrid_filter(axis, DT, quantum)
+    for run in (lambda a, b: dfc.observe(design, a, b), hybrid.run):
+        run(u, y)
+        with pytest.raises(ValueError, match="u and y look exchanged: .* the other way round by"):
+            run(y, u)
+    t, length = DT * np.arange(u.size), {"x": axis.units[0], "u": axis.units[1]}
+    swapped = dfc.Record(t, y, u, units=length)
+    for call in (
+        lambda: dfc.observe(design, swapped),
+        lambda: dfc.fit(axis, swapped),
+        lambda: dfc.diagnose(axis, swapped),
+        lambda: dfc.replay(axis, swapped),
+        lambda: dfc.identify_coulomb(swapped, axis=axis),
+    ):
+        with pytest.raises(ValueError, match=r"record.*\.u and .*\.x look exchanged"):
+            call()
+
+
+def test_a_nominal_axis_that_is_far_off_is_no_exchange():
+    """Base parameters off by 2.5, a weight of twice the level nobody knows, a drive of noise."""
+    rng = np.random.default_rng(5)
+    t = DT * np.arange(3000)
+    for force, length in ((1.0, 1.0), (1e-4, 1e2), (1e4, 1e-3)):
+        axis = dfc.FrictionAxis(
+            mass=2.0 * force / length, viscous=15.0 * force / length, coulomb=8.0 * force,
+            stick_speed=1e-4 * length, effects=dfc.effects.BiasForce(force=-16.0 * force),
+        )  # fmt: skip
+        for noise in (0.0, 5.0):
+            u = force * (16.0 + 12.0 * np.sin(5.0 * t) + noise * rng.standard_normal(t.size))
+            y = axis.simulate(u, DT).y[0]
+            for factor in (0.4, 2.5):
+                nominal = axis.replace(
+                    mass=factor * axis.mass, viscous=axis.viscous / factor, effects=()
+                )
+                dfc.replay(nominal, dfc.Record(t, u, y))
+                dfc.replay(nominal, dfc.Record(t, u, y + 20.0 * length))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dfc.encoder(DT, 1e-6), "quantum = 0.001 and dt = 1e-06, .* give both by name"),
+        (lambda: dfc.hybrid_filter(AXIS, 1e-6, DT), "encoder_quantum=1e-06, dt=0.001"),
+        (lambda: dfc.design_compensation(AXIS, 1e-6, DT), "encoder_quantum=1e-06, dt=0.001"),
+        (lambda: dfc.reference_filter(DT, 20.0), "bandwidth=20, dt=0.001"),
+        (lambda: dfc.position_controller(AXIS, DT, 5.0), "bandwidth=5, dt=0.001"),
+        (lambda: dfc.PositionController.from_bandwidth(AXIS, DT, 5.0), "bandwidth=5, dt=0.001"),
+    ],
+)
+def test_a_sampling_time_in_the_place_of_another_number(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_fast_coarse_and_slow_are_not_exchanged():
+    dfc.encoder(1e-3, 2e-5)  # 50 kHz, 1 mrad
+    dfc.encoder(1.0, 1e-6)  # counts, at 1 MHz
+    dfc.encoder(0.0, 1e-6)
+    dfc.reference_filter(0.01, DT)

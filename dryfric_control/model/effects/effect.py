@@ -432,7 +432,7 @@ class Effect:
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        """What it would add to a model, for a regression: one column for each of its shapes.
+        """What it adds to a model: a column for each of its shapes.
 
         By default its law at parts of the typical size of each unit, in every combination.
 

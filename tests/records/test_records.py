@@ -908,7 +908,8 @@ def test_irregular_files_are_resampled_on_request(tmp_path):
 
 # --------------------------------------------------------------- round trips
 
-values = st.floats(-1e90, 1e90, allow_nan=False, allow_infinity=False)
+# Whole numbers beyond 2^53 are refused: counts that float64 cannot tell apart.
+values = st.floats(-9e15, 9e15, allow_nan=False, allow_infinity=False)
 WORDS = st.text(st.characters(codec="utf-8"), max_size=12)
 
 

@@ -262,9 +262,10 @@ def _margin(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, step):
     held = held_force(_transmitted(side, drive, tau, x, v, y, p))
     if mode == 0:
         excess = hold_excess(side, held, t, 0.0, y, p, rest)[0]
-        # A load that equals the level holds.
-        return -excess if excess != 0.0 else 1e-300
-    return band_excess(side, held, t, 0.0, y, p, s)
+        # A load that equals the level holds; how far it is from its end, no number says.
+        return -excess if excess != 0.0 else math.inf
+    # As a velocity, like the margin beyond the reversal: a search sees both.
+    return step * side.numbers[INVERSE_MASS] * band_excess(side, held, t, 0.0, y, p, s)
 
 
 @internal

@@ -81,6 +81,8 @@ class Proposal:
         Gain of log-likelihood that the normal equations predict.
     held : FrictionAxis, optional
         The same with the base parameters of the model.
+    remembers : bool
+        Whether its shape was simulated.
     """
 
     names: tuple[str, ...]
@@ -89,6 +91,7 @@ class Proposal:
     cost: float
     predicted: float
     held: FrictionAxis | None = None
+    remembers: bool = False
 
 
 def raised(problem: Problem, fit: Solution) -> FloatArray:
@@ -411,10 +414,11 @@ class Gram:
                     )
                 except ValueError:
                     continue
-                cost = self._cost(likelihood, any(self.items[g].gain > -math.inf for g in option))
+                memory = any(self.items[g].gain > -math.inf for g in option)
+                cost = self._cost(likelihood, memory)
                 if math.isfinite(cost) and (best is None or cost < best.cost):
                     names = tuple(self.items[g].name for g in option)
-                    best = Proposal(names, axis, free, cost, predicted, held)
+                    best = Proposal(names, axis, free, cost, predicted, held, memory)
         return best
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:

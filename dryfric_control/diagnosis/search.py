@@ -15,7 +15,7 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     holds,
 )
-from dryfric_control.diagnosis.gram import Gram, Proposal
+from dryfric_control.diagnosis.gram import Gram, Proposal, raised
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -26,6 +26,7 @@ from dryfric_control.diagnosis.thresholds import (
     LARGEST,
     LEAST,
     LONGEST,
+    LOWERED,
     MOST,
     MOVED,
     NOTED,
@@ -94,13 +95,27 @@ def begun(
 ) -> Solution:  # fmt: skip
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
-    From far away a small random force leads to a local minimum, thousands of units too high.
+    From far away a small random force leads to a local minimum, thousands of units too high: with
+    a large one the filter follows the readings, and the cost is smooth.
     """
     likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
     z = likelihood.start(noises=noises_of(now))
     if likelihood.tried(z).cost > now.cost + SLACK:
         z = likelihood.start(1.0)
     return maximise(likelihood, z, turns, problem.until)
+
+
+def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
+    """Fit of a proposal, the random force held at a large size and lowered by continuation."""
+    likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
+    z, noises = likelihood.start(noises=raised(problem, now)), slice(len(likelihood.names), None)
+    held = likelihood.on(likelihood.runs)
+    for part in LOWERED:
+        z[noises][::2] += 2.0 * math.log(part)
+        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
+        held.low[noises] = held.high[noises] = z[noises]
+        z = maximise(held, z, FEW, problem.until).z.copy()
+    return maximise(likelihood, z, FEW, problem.until)
 
 
 def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
@@ -317,6 +332,8 @@ class Search:
 
         def first(one: Proposal) -> Solution | None:
             try:
+                if one.remembers:
+                    return lowered(problem, one, free, now)
                 return begun(problem, one.axis, (*free, *one.free), now)
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
                 self._fail("+".join(one.names), str(wrong))

@@ -26,7 +26,7 @@ from dryfric_control.diagnosis.thresholds import (
 )  # fmt: skip
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import ratio_interval
-from dryfric_control.estimation.windows import Evaluation, Windows
+from dryfric_control.estimation.windows import Evaluation, Windows, linked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -92,6 +92,8 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     for i, w in enumerate(windows):
         active = np.zeros(len(w), bool)
         moving = np.flatnonzero(w.moving)
+        if linked(final.axis):
+            moving = moving[moving > 0]  # an inner state is unknown where the record starts
         if not moving.size:
             continue
         if moving.size > REPLAYED:

@@ -217,7 +217,11 @@ class Likelihood:
         self.runs, self.shift, self.each = tuple(runs), shift, dict(each or {})
         records = [r.record for r in self.runs]
         found: tuple[Parameter, ...] = ()
-        axis = axis.effective()
+        # Effects on the base become part of it, unless they are free.
+        owners = {name.partition(".")[0] for name in free}
+        kept = [e for n, e in named(axis).items() if n in owners and e.action == "axis"]
+        rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
+        axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         if free:
             axis, found = choose(axis, free, scales or typical(records))
         self.axis = axis

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,15 @@ from scipy.ndimage import uniform_filter1d
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.linear import Recursion, adjoint, respond
+from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.thresholds import SAME_FORCE
 from dryfric_control.estimation.force_residual import forces
 from dryfric_control.estimation.likelihood import Likelihood, Point, recursion
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.columns import View, added
+from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
@@ -126,15 +131,44 @@ class Linearised:
         bound = most * self.root
         return np.clip(change, -bound, bound)
 
-    def base(self, names: Sequence[str]) -> FloatArray:
-        """Columns of base parameters, each for a relative change of 1."""
+    def base_forces(self, names: Sequence[str]) -> list[FloatArray]:
+        """Forces of base parameters, each for a relative change of 1."""
         nominal = dict(zip(names, values_of(self.axis, names), strict=True))
         known = {
             "mass": -self.axis.mass * self.a,
             "viscous": -self.v * (nominal.get("viscous") or self.size / self.fast),
             "coulomb": -self.direction * self.level,
         }
-        return self.of_forces([known[n] for n in names])
+        return [known[n] for n in names]
+
+    def base(self, names: Sequence[str]) -> FloatArray:
+        """Columns of base parameters, each for a relative change of 1."""
+        return self.of_forces(self.base_forces(names))
+
+    def same_force(
+        self, effect: Effect, name: str, names: Sequence[str]
+    ) -> tuple[dict[str, float], FloatArray] | None:
+        """Values with which another effect acts as one does while the axis slides.
+
+        Also the relative changes of base parameters of these `names` that go with them; None if
+        it acts otherwise at all its shapes.
+        """
+        force = added(
+            type(effect), dict(zip(effect.parameters(), effect.values, strict=True)), self
+        )
+        best, found = SAME_FORCE, None
+        for one in effect_class(name).columns(cast(View, self)):
+            columns = [*one.force, *self.base_forces(names)]
+            if not one.force or not np.any(force):
+                continue
+            m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
+            size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
+            c = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
+            left = float(np.linalg.norm(force - m @ c) / np.linalg.norm(force))
+            if left < best and not (one.positive and c[0] <= 0.0):
+                width = len(one.force)
+                best, found = left, (one.values(c[:width].tolist()), c[width:])
+        return found
 
     def steps(self, names: Sequence[str]) -> FloatArray:
         """Columns of the slopes with free parameters of the model, by differences."""

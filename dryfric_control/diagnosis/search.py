@@ -14,9 +14,11 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     holds,
+    with_effect,
 )
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
+from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
@@ -36,11 +38,11 @@ from dryfric_control.diagnosis.thresholds import (
     SLACK,
     STRONG,
 )  # fmt: skip
-from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import renumbered
+from dryfric_control.model.effects.naming import named, renumbered
 
 FloatArray = NDArray[np.float64]
 
@@ -206,6 +208,7 @@ class Search:
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
     _less: dict[str, Model] = field(default_factory=dict)
+    _view: Linearised | None = None
 
     def alone(self) -> Solution:
         """The nominal structure with its base fitted, from two starts."""
@@ -254,7 +257,7 @@ class Search:
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + 1.0:
             return self._rounds[key][1]
-        rows = self._fitted(now.fit, self._proposals(now))
+        rows = self._translated(now.fit, self._fitted(now.fit, self._proposals(now)))
         if not now.causes:
             gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
             self.first = self.first | gains
@@ -272,7 +275,7 @@ class Search:
             gram = Gram(self.problem, fit, names, self._fail)
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
-            self.early = gram.early()
+            self.early, self._view = gram.early(), gram.here
             proposals = gram.proposals()
             if not now.causes and fit is now.fit:
                 self.first = gram.singles | self.first
@@ -380,6 +383,37 @@ class Search:
                 return row
             worth = evidence(now, fit, [self.odds[n] for n in row.names])
             return replace(row, fit=fit, evidence=worth)
+
+        return problem.parallel(one, rows)
+
+    def _translated(self, now: Solution, rows: list[Row]) -> list[Row]:
+        """The rows, those that act as the best one does fitted again from where that one ended.
+
+        A rough cost would choose between equals by chance.
+        """
+        good = [r for r in rows if len(r.names) == 1 and not r.reason]
+        if self._view is None or len(good) < 2:
+            return rows
+        top, view, problem = max(good, key=lambda r: r.evidence), self._view, self.problem
+        effect, base = named(top.fit.axis)[top.names[0]], problem.base
+
+        def one(row: Row) -> Row:
+            name = row.names[0]
+            if row is top or len(row.names) > 1 or row.fit.cost <= top.fit.cost:
+                return row
+            same = view.same_force(effect, name, base)
+            if same is None:
+                return row
+            axis = problem.less(top.fit.axis, top.names[0])
+            moved = values_of(axis, base) * (1.0 - same[1])
+            axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
+            free = (*problem.free_of(now), *row.free)
+            fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+            if fit.cost >= row.fit.cost:
+                return row
+            worth = evidence(now, fit, [self.odds[n] for n in row.names])
+            reason = unsound(problem, fit, name, _own(row.free, name))
+            return replace(row, fit=fit, evidence=worth, reason=reason)
 
         return problem.parallel(one, rows)
 

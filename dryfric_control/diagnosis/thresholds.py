@@ -12,6 +12,8 @@ QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
 CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0
 # Part of a column outside the span of others up to which it does the same.
 SAME = 0.3
+# Part of the force of an effect that another must leave, with base parameters, to act alike.
+SAME_FORCE = 1e-3
 # Factors of the random force, one after the other, at which a shape that was simulated is fitted.
 LOWERED = (1.0, 0.3, 0.3)
 # Full fits: fraction of the largest fall, and slack, within which a proposal is fitted on, and

@@ -153,11 +153,10 @@ class Linearised:
         Also the relative changes of base parameters of these `names` that go with them; None if
         it acts otherwise at all its shapes.
         """
-        force = added(
-            type(effect), dict(zip(effect.parameters(), effect.values, strict=True)), self
-        )
-        best, found = SAME_FORCE, None
-        for one in effect_class(name).columns(cast(View, self)):
+        view, best, found = cast(View, self), SAME_FORCE, None
+        values = dict(zip(effect.parameters(), effect.values, strict=True))
+        force = added(type(effect), values, view)
+        for one in effect_class(name).columns(view):
             columns = [*one.force, *self.base_forces(names)]
             if not one.force or not np.any(force):
                 continue

@@ -210,7 +210,10 @@ def test_a_diagnosis_is_the_same(name, how):
     assert [c.effect for c in one.causes] == [c.effect for c in two.causes]
     for first, second in zip(one.causes, two.causes, strict=True):
         assert first.alternatives == second.alternatives
-        assert second.parameters == pytest.approx(first.parameters, rel=1e-6)
+        for parameter, error in first.standard_errors.items():
+            # A search ends where no step promises more than a twentieth of a unit.
+            there = (second.parameters[parameter] - first.parameters[parameter]) / error
+            assert abs(there) < 0.5
 
 
 @pytest.mark.parametrize("how", ["noise", "thirds"])

@@ -509,18 +509,22 @@ def test_diagnosis(slug, units):
     assert (slug in [cause.effect for cause in new.causes]) == (slug != "nothing")
     assert [cause.effect for cause in new.causes] == [cause.effect for cause in old.causes]
     # Deviations in standard errors: the search runs through the same numbers, rounded
-    # otherwise; in other seconds 0.05 s move the starts of windows at rest.
-    atol, rtol = (1e-3, 1e-6) if units.time == 1.0 else (1.0, 1e-2)
+    # otherwise; in other seconds the longest rest that is looked for, 0.05 s, is another one, and
+    # free runs start elsewhere.
+    same_clock = units.time == 1.0
+    atol = 1e-3 if same_clock else 1.0
     for mine, theirs in zip(new.causes, old.causes, strict=True):
         # A sine of x knows the unit of x, an angle: over nanometres called radians it
         # is the spring itself.
         assert set(mine.alternatives) - {"gravity"} == set(theirs.alternatives) - {"gravity"}
-        assert mine.held_out_gain == pytest.approx(theirs.held_out_gain, rel=rtol)
+        if same_clock:
+            assert mine.held_out_gain == pytest.approx(theirs.held_out_gain, rel=1e-6)
         for name, value in theirs.parameters.items():
             size = units.of(BASE[name] if name in BASE else powers(theirs.units[name]))
             there = mine.parameters[name] / size
             assert (there - value) / theirs.standard_errors[name] == pytest.approx(0.0, abs=atol)
-    assert new.gain.ratio == pytest.approx(old.gain.ratio, rel=rtol)
-    for name in ("before", "after", "floor"):
-        there = getattr(new.gain, name) / units.length
-        assert there == pytest.approx(getattr(old.gain, name), rel=rtol)
+    if same_clock:
+        assert new.gain.ratio == pytest.approx(old.gain.ratio, rel=1e-6)
+        for name in ("before", "after", "floor"):
+            there = getattr(new.gain, name) / units.length
+            assert there == pytest.approx(getattr(old.gain, name), rel=1e-6)

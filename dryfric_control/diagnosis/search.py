@@ -34,9 +34,9 @@ from dryfric_control.diagnosis.thresholds import (
     NOTED,
     OUTSTANDING,
     PROPOSALS,
-    SHARE,
     SLACK,
     STRONG,
+    TOGETHER,
 )  # fmt: skip
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
@@ -93,7 +93,7 @@ def long_run(fit: Solution) -> float:
 
 def begun(
     problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = FEW,
-    **settings: Any,
+    quick: bool = False, **settings: Any,
 ) -> Solution:  # fmt: skip
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
@@ -104,7 +104,7 @@ def begun(
     z = likelihood.start(noises=noises_of(now))
     if likelihood.tried(z).cost > now.cost + SLACK:
         z = likelihood.start(1.0)
-    return maximise(likelihood, z, turns, problem.until)
+    return maximise(likelihood, z, turns, problem.until, quick)
 
 
 def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
@@ -116,8 +116,8 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
         z[noises][::2] += 2.0 * math.log(part)
         held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
         held.low[noises] = held.high[noises] = z[noises]
-        z = maximise(held, z, FEW, problem.until).z.copy()
-    return maximise(likelihood, z, FEW, problem.until)
+        z = maximise(held, z, FEW, problem.until, True).z.copy()
+    return maximise(likelihood, z, FEW, problem.until, True)
 
 
 def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
@@ -337,7 +337,7 @@ class Search:
             try:
                 if one.remembers:
                     return lowered(problem, one, free, now)
-                return begun(problem, one.axis, (*free, *one.free), now)
+                return begun(problem, one.axis, (*free, *one.free), now, quick=True)
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
                 self._fail("+".join(one.names), str(wrong))
                 return None
@@ -358,14 +358,16 @@ class Search:
             return Row(one.names, one.free, fit, worth, one.predicted, reason)
 
         rows: list[Row] = []
-        # What turns out to be no cause must not have kept others from a full fit.
-        while fits and not any(not r.reason and r.evidence > 0.0 for r in rows):
-            fall = max(now.cost - f.cost for _, f in fits)
-            near = min(SHARE * fall, fall) - SLACK
-            ahead = [(p, f) for p, f in fits if now.cost - f.cost >= near]
-            fits = [(p, f) for p, f in fits if now.cost - f.cost < near]
-            new = problem.parallel(last, [p for p, _ in ahead], [f for _, f in ahead])
-            rows += self._restored(now, new, {p.names: p.held for p, _ in ahead})
+        top, held = -math.inf, {p.names: p.held for p, _ in fits}
+        fits = sorted(fits, key=lambda one: cost_of(one[1]))
+        # The lowest go first; one that cannot outdo them any more is not fitted to the end.
+        while fits and now.cost - fits[0][1].cost + AHEAD * fits[0][1].promised > top - SLACK:
+            some, fits = fits[:TOGETHER], fits[TOGETHER:]
+            new = problem.parallel(last, *zip(*some, strict=True))
+            rows += self._restored(now, new, held)
+            falls = [now.cost - r.fit.cost for r in rows if not r.reason and r.evidence > 0.0]
+            top = max(falls, default=-math.inf)
+            fits = sorted(fits, key=lambda one: one[1].cost - AHEAD * one[1].promised)
         return rows
 
     def _restored(

@@ -147,11 +147,16 @@ def _polled(
 
 
 def maximise(
-    problem: Likelihood, z: FloatArray, iterations: int = _ITERATIONS, until: float = math.inf
+    problem: Likelihood,
+    z: FloatArray,
+    iterations: int = _ITERATIONS,
+    until: float = math.inf,
+    quick: bool = False,
 ) -> Solution:
     """Most likely parameters from one starting point, by damped Fisher scoring.
 
-    `until`: reading of `time.monotonic` at which the search stops.
+    `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
+    slopes of forces from a linear recursion lead.
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.at(z)
@@ -161,7 +166,9 @@ def maximise(
     quiet, settled, linear = False, False, True
     gradients = information = np.zeros(0)
     for turn in range(iterations):  # noqa: B007
-        sides = 0 if promised > _CLOSE and linear else 1 if promised > _NEAR else 2
+        if quick and not linear:
+            break
+        sides = 0 if (quick or promised > _CLOSE) and linear else 1 if promised > _NEAR else 2
         gradients, information = problem.terms(z, point, sides)
         g, h = gradients.sum(axis=0), information.sum(axis=0)
         problem.refine(h, wider)

@@ -53,10 +53,12 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     Blocks are predicted with parameters fitted without their half.  Each cause costs LEAST
     and the logarithm of the number of shapes that were searched, of which held-out data know
     nothing; wrong base parameters cost by their prior.  Coloured innovations count as fewer.
+    No cause gains more on data that its parameters have not seen than on those that they have.
     """
-    fall = less.held_out() - more.held_out()
     prior = less.problem.prior(less.z) - more.problem.prior(more.z)
-    gain = float(fall[np.isfinite(fall)].sum())
+    seen = less.cost - more.cost - prior
+    fall = less.held_out() - more.held_out()
+    gain = min(float(fall[np.isfinite(fall)].sum()), seen)
     return gain / long_run(more) + prior - sum(LEAST + one for one in odds)
 
 

@@ -211,9 +211,9 @@ def test_a_diagnosis_is_the_same(name, how):
     for first, second in zip(one.causes, two.causes, strict=True):
         assert first.alternatives == second.alternatives
         for parameter, error in first.standard_errors.items():
-            # A search ends where no step promises more than a twentieth of a unit.
+            # Where the cost is rough, a search ends within a standard error of the minimum.
             there = (second.parameters[parameter] - first.parameters[parameter]) / error
-            assert abs(there) < 0.5
+            assert abs(there) < 1.0
 
 
 @pytest.mark.parametrize("how", ["noise", "thirds"])

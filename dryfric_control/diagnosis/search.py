@@ -22,6 +22,7 @@ from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
+    ENOUGH,
     EQUAL,
     EXCHANGED,
     FREE,
@@ -57,9 +58,12 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     """
     prior = less.problem.prior(less.z) - more.problem.prior(more.z)
     seen = less.cost - more.cost - prior
+    costs = sum(LEAST + one for one in odds)
+    if seen + prior <= costs:
+        return seen + prior - costs
     fall = less.held_out() - more.held_out()
     gain = min(float(fall[np.isfinite(fall)].sum()), seen)
-    return gain / long_run(more) + prior - sum(LEAST + one for one in odds)
+    return gain / long_run(more) + prior - costs
 
 
 def long_run(fit: Solution) -> float:
@@ -347,29 +351,42 @@ class Search:
         some = problem.parallel(first, proposals)
         # What no machine can have must not outdo what it may.
         fits = [
-            (p, f) for p, f in zip(proposals, some, strict=True)
-            if f is not None and self._hopeful(now, p, f)
+            (p, f, 0) for p, f in zip(proposals, some, strict=True)
+            if f is not None
             and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
         ]  # fmt: skip
 
-        def last(one: Proposal, fit: Solution) -> Row:
-            fit = problem.fit(fit.axis, (*free, *one.free), noises_of(fit), SOME, each=each_of(fit))
+        def further(one: Proposal, fit: Solution, turns: int) -> Solution:
+            if turns:
+                return maximise(fit.problem, fit.z, FEW, problem.until, again=True)
+            return problem.fit(fit.axis, (*free, *one.free), noises_of(fit), FEW, each=each_of(fit))
+
+        def row(one: Proposal, fit: Solution) -> Row:
             worth = evidence(now, fit, [self.odds[n] for n in one.names])
             reasons = [unsound(problem, fit, n, _own(one.free, n)) for n in one.names]
             reason = next(filter(None, reasons), "")
             return Row(one.names, one.free, fit, worth, one.predicted, reason)
 
-        rows: list[Row] = []
-        top, held = -math.inf, {p.names: p.held for p, _ in fits}
-        fits = sorted(fits, key=lambda one: cost_of(one[1]))
-        # The lowest go first; one that cannot outdo them any more is not fitted to the end.
-        while fits and now.cost - fits[0][1].cost + AHEAD * fits[0][1].promised > top - SLACK:
+        rows, top, held = list[Row](), -math.inf, {p.names: p.held for p, _, _ in fits}
+        while fits:
+            # The most promising go on; what can neither pay nor outdo the best is left.
+            fits = sorted(
+                (one for one in fits if self._hopeful(now, *one[:2], top)),
+                key=lambda one: one[1].cost - AHEAD * one[1].promised,
+            )
             some, fits = fits[:TOGETHER], fits[TOGETHER:]
-            new = problem.parallel(last, *zip(*some, strict=True))
-            rows += self._restored(now, new, held)
-            falls = [now.cost - r.fit.cost for r in rows if not r.reason and r.evidence > 0.0]
-            top = max(falls, default=-math.inf)
-            fits = sorted(fits, key=lambda one: one[1].cost - AHEAD * one[1].promised)
+            new = problem.parallel(further, *zip(*some, strict=True)) if some else []
+            ended = list[tuple[Proposal, Solution]]()
+            for (p, _, turns), fit in zip(some, new, strict=True):
+                if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns + FEW >= SOME:
+                    ended.append((p, fit))
+                else:
+                    fits.append((p, fit, turns + FEW))
+            if ended:
+                found = problem.parallel(row, *zip(*ended, strict=True))
+                rows += self._restored(now, found, held)
+                falls = [now.cost - r.fit.cost for r in rows if not r.reason and r.evidence > 0.0]
+                top = max(falls, default=-math.inf)
         return rows
 
     def _restored(
@@ -421,11 +438,12 @@ class Search:
 
         return problem.parallel(one, rows)
 
-    def _hopeful(self, now: Solution, one: Proposal, fit: Solution) -> bool:
-        """Whether a fit may still gain what its causes cost."""
+    def _hopeful(self, now: Solution, one: Proposal, fit: Solution, top: float) -> bool:
+        """Whether a fit may still gain what its causes cost, and as much as the best one."""
         needed = sum(LEAST + self.odds[n] for n in one.names)
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
-        return now.cost - fit.cost + AHEAD * fit.promised + max(prior, 0.0) > 0.5 * needed
+        gain = now.cost - fit.cost + AHEAD * fit.promised
+        return gain + max(prior, 0.0) > 0.5 * needed and gain > top - SLACK
 
     def without(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""

@@ -17,8 +17,9 @@ SAME_FORCE = 1e-3
 # Factors of the random force, one after the other, at which a shape that was simulated is fitted.
 LOWERED = (1.0, 0.3, 0.3)
 # Full fits: slack within which a proposal is fitted on, the ratio of what it may still gain to
-# what its last step promised, and how many are fitted before the others are compared with them.
-SLACK, AHEAD, TOGETHER = 8.0, 5.0, 2
+# what its last step promised, how many are fitted before the others are compared with them, and
+# the promise that ends a fit.
+SLACK, AHEAD, TOGETHER, ENOUGH = 8.0, 5.0, 2, 0.05
 # Evidence: log-likelihood that a cause must bring, and difference below which two are equal.
 LEAST, EQUAL = 6.0, 4.0
 # Largest number of causes, and of those with least evidence that may be exchanged.

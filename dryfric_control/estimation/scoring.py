@@ -152,15 +152,16 @@ def maximise(
     iterations: int = _ITERATIONS,
     until: float = math.inf,
     quick: bool = False,
+    again: bool = False,
 ) -> Solution:
     """Most likely parameters from one starting point, by damped Fisher scoring.
 
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
-    slopes of forces from a linear recursion lead.
+    slopes of forces from a linear recursion lead.  `again`: from where another search ended.
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.at(z)
-    if iterations:
+    if iterations and not again:
         z, point = _noises(problem, z, point)
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
     quiet, settled, linear = False, False, True

@@ -16,7 +16,7 @@ from dryfric_control.diagnosis.candidates import (
     holds,
     with_effect,
 )
-from dryfric_control.diagnosis.gram import Gram, Proposal, raised
+from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
@@ -38,6 +38,7 @@ from dryfric_control.diagnosis.thresholds import (
     SLACK,
     STRONG,
     TOGETHER,
+    WALKED,
 )  # fmt: skip
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
@@ -114,12 +115,27 @@ def begun(
 
 
 def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
-    """Fit of a proposal, the random force held at a large size and lowered by continuation."""
+    """Fit of a proposal from a large random force, lowered by continuation.
+
+    With a large random force the filter follows the readings and the cost is smooth, but for
+    ridges that slopes do not cross: its own parameters are walked along first.
+    """
     likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-    z, noises = likelihood.start(noises=raised(problem, now)), slice(len(likelihood.names), None)
+    z, noises = likelihood.start(noises=noises_of(now)), slice(len(likelihood.names), None)
+    z[noises][::2] = [2.0 * math.log(LOWERED[0] * run.drive) for run in problem.runs]
+    for factors in WALKED:
+        for j, p in enumerate(likelihood.parameters):
+            if p.name not in one.free or p.value(z[j]) == 0.0:
+                continue
+            tried = [z.copy() for _ in factors]
+            for new, factor in zip(tried, factors, strict=True):
+                new[j] = np.clip(
+                    p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
+                )
+            z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     held = likelihood.on(likelihood.runs)
-    for part in LOWERED:
-        z[noises][::2] += 2.0 * math.log(part)
+    for part in LOWERED[1:]:
+        z[noises][::2] = [2.0 * math.log(part * run.drive) for run in problem.runs]
         held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
         held.low[noises] = held.high[noises] = z[noises]
         z = maximise(held, z, FEW, problem.until, True).z.copy()

@@ -1122,21 +1122,24 @@ def repaired(
 ) -> tuple[FloatArray, Masked, float]:
     """Positions bridged over what is bad, found or given, and their quantum, 0 for none.
 
-    Without one, it is estimated from what may be a reading at all.
+    Without one, it is estimated from what is not bad.
     """
-    if quantum is None:
-        sound = without(x.size, np.array(absurd(x), np.int64)) if good is None else good
-        quantum = estimated_quantum(x[sound], factor) or 0.0
+
+    def grid(sound: npt.NDArray[np.bool_]) -> float:
+        return quantum if quantum is not None else estimated_quantum(x[sound], factor) or 0.0
+
+    step = grid(without(x.size, np.array(absurd(x), np.int64)) if good is None else good)
     if good is None:
-        found = find(x, spread_of(x, quantum), quantum)
+        found = find(x, spread_of(x, step), step)
         index = np.fromiter(found, np.int64, len(found))
         reasons = tuple(found.values())
     else:
         index = np.flatnonzero(~good)
         reasons = (GIVEN,) * index.size
     if not index.size:
-        return x, NONE, quantum
-    return bridged(x, without(x.size, index)), Masked(index, reasons, x[index]), quantum
+        return x, NONE, step
+    sound = without(x.size, index)
+    return bridged(x, sound), Masked(index, reasons, x[index]), grid(sound)
 
 
 def told(counts: Mapping[str, int]) -> str:

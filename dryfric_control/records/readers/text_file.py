@@ -218,10 +218,13 @@ def read_column(path: Path, max_rows: int) -> tuple[str, list[npt.NDArray[Any]]]
 
 
 def _column(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Numbers of one column, whole ones beyond 2^53 as integers."""
+    """Numbers of one column, whole ones beyond 2^53 as integers.
+
+    Beyond 2^53, what is written with a point or an exponent is no count, but a float64.
+    """
     if values.dtype != object:
         return values
-    if all(float(v).is_integer() for v in values):
+    if all(isinstance(v, int) or (v.is_integer() and abs(v) <= _EXACT) for v in values):
         try:
             return np.array([int(v) for v in values], dtype=np.int64)
         except OverflowError:

@@ -160,7 +160,8 @@ def _without(share, mean, variance, mass, middle, within):
 
     `mass`, `middle`, `within`: those of the part that is no tail.
     """
-    total = 1.0 - share * (1.0 - mass)
+    # Of a density that is all tail nothing is left, and no mean is asked for.
+    total = max(1.0 - share + share * mass, 1e-30)
     part, rest = share * mass / total, (1.0 - share) / total
     return (
         total,

@@ -102,6 +102,11 @@ def test_a_tail_is_cut_in_part(share):
     assert variance == pytest.approx(np.trapezoid((x - middle) ** 2 * density, x) / mass, abs=1e-3)
 
 
+def test_of_a_density_that_is_nearly_all_tail_the_rest_is_left():
+    assert kernel._without(1.0, 0.4, 1.7, 1e-20, 0.1, 0.2) == pytest.approx((1e-20, 0.1, 0.2))
+    assert np.all(np.isfinite(kernel._without(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
+
+
 def test_what_was_cut_before_is_not_cut_again():
     # Nothing has moved: only the part that time allows.  All new: all of it.
     assert kernel._share(0.8, 0.8, 0.02) == pytest.approx(0.02)

@@ -10,8 +10,10 @@ What is left to tolerate is named where it is tolerated.
 """
 
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from unittest import mock
 
 import control as ct
 import numpy as np
@@ -22,8 +24,10 @@ from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control import effects as module
+from dryfric_control.estimation import likelihood, windows
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.records import motion
 
 DT = 1.25e-3  # times 2^-7 to 2^4: 10 us to 20 ms
 
@@ -483,6 +487,18 @@ def test_coulomb_levels(units, known):
 # --- diagnosis -----------------------------------------------------------------------------
 
 
+@contextmanager
+def counted_in(units):
+    """Times that a diagnosis fixes in seconds, in those of the record: of a motion, of a block."""
+    rest, block = motion.LONGEST * units.time, likelihood._BLOCK * units.time
+    with (
+        mock.patch.object(motion, "LONGEST", rest),
+        mock.patch.object(windows, "LONGEST", rest),
+        mock.patch.object(likelihood.prepare, "__defaults__", (None, block)),
+    ):
+        yield
+
+
 @cache
 def diagnosed(slug, units=Units()):
     hidden = {
@@ -490,7 +506,8 @@ def diagnosed(slug, units=Units()):
         "nothing": (),
     }  # fmt: skip
     record = shaken_record(BELIEVED.replace(effects=hidden[slug]), units, 4000)
-    with among("spring", "gravity", "position_dependence", "bias_force", "cogging", "drift"):
+    names = "spring", "gravity", "position_dependence", "bias_force", "cogging", "drift"
+    with among(*names), counted_in(units):
         return dfc.diagnose(units.axis(BELIEVED), record, window=0.25 * units.time, jobs=1)
 
 
@@ -508,23 +525,18 @@ def test_diagnosis(slug, units):
     assert new.verdict == old.verdict == ("explained" if old.causes else "nothing to find")
     assert (slug in [cause.effect for cause in new.causes]) == (slug != "nothing")
     assert [cause.effect for cause in new.causes] == [cause.effect for cause in old.causes]
-    # Deviations in standard errors: the search runs through the same numbers, rounded
-    # otherwise; in other seconds the longest rest that is looked for, 0.05 s, is another one, and
-    # free runs start elsewhere.
-    same_clock = units.time == 1.0
-    atol = 1e-3 if same_clock else 1.0
+    # Deviations in standard errors: the search runs through the same numbers, rounded otherwise.
+    atol, rtol = 1e-3, 1e-6
     for mine, theirs in zip(new.causes, old.causes, strict=True):
         # A sine of x knows the unit of x, an angle: over nanometres called radians it
         # is the spring itself.
         assert set(mine.alternatives) - {"gravity"} == set(theirs.alternatives) - {"gravity"}
-        if same_clock:
-            assert mine.held_out_gain == pytest.approx(theirs.held_out_gain, rel=1e-6)
+        assert mine.held_out_gain == pytest.approx(theirs.held_out_gain, rel=rtol)
         for name, value in theirs.parameters.items():
             size = units.of(BASE[name] if name in BASE else powers(theirs.units[name]))
             there = mine.parameters[name] / size
             assert (there - value) / theirs.standard_errors[name] == pytest.approx(0.0, abs=atol)
-    if same_clock:
-        assert new.gain.ratio == pytest.approx(old.gain.ratio, rel=1e-6)
-        for name in ("before", "after", "floor"):
-            there = getattr(new.gain, name) / units.length
-            assert there == pytest.approx(getattr(old.gain, name), rel=1e-6)
+    assert new.gain.ratio == pytest.approx(old.gain.ratio, rel=rtol)
+    for name in ("before", "after", "floor"):
+        there = getattr(new.gain, name) / units.length
+        assert there == pytest.approx(getattr(old.gain, name), rel=rtol)

@@ -548,6 +548,9 @@ def design_compensation(
     mismatch = positive("mismatch", mismatch, zero=True)
     if mismatch >= 1.0:
         raise ValueError(f"mismatch must be below 1 (a part of each parameter), got {mismatch:g}")
+    noise = positive("noise", noise)
+    if correction is not None:
+        correction = positive("correction", correction, zero=True)
     check_pace(axis, dt)
     acting, tuning = tuned.rigid(axis), tuned.tuning_of(law, axis)
     numbers = acting.arrays(dt).numbers
@@ -555,7 +558,7 @@ def design_compensation(
     level = tuned.largest_level(acting)
     filter_time = tuned.FILTER * dt
     if gains is None:
-        most_step = positive("noise", noise) * level / quantum if quantum and level else math.inf
+        most_step = noise * level / quantum if quantum and level else math.inf
         filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
     highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt + filter_time)
     w = min(highest, tuned.FASTEST / dt)
@@ -619,11 +622,7 @@ def design_compensation(
             else positive("disturbance_bandwidth", disturbance_bandwidth, unit="rad/s")
         ),
         mismatch=mismatch,
-        correction=(
-            mismatch * (1.0 + excess)
-            if correction is None
-            else positive("correction", correction, zero=True)
-        ),
+        correction=mismatch * (1.0 + excess) if correction is None else correction,
         observer=observer,
     )
     return certified(made)

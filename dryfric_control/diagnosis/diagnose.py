@@ -159,6 +159,10 @@ def diagnose(
     begun = time.monotonic()
     instance("axis", axis, FrictionAxis)
     whole("jobs", jobs)
+    if on_update is not None and not callable(on_update):
+        raise ValueError(
+            f"on_update must be a function of a step and the causes, or None, got {on_update!r}"
+        )
     if window is not None:
         window = positive("window", window, unit="s")
     limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")

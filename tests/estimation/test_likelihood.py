@@ -530,8 +530,13 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
         problem.at(problem.start())
 
 
-def test_a_rough_cost_ends_where_no_point_around_is_lower():
-    """Contacts stick and slide at other samples with every step: slopes are no guide."""
+@pytest.mark.parametrize("start", [4.73e-5, 7.88e-5, 8e-5])
+def test_a_rough_cost_ends_where_no_point_around_is_lower(start):
+    """Contacts stick and slide at other samples with every step: slopes are no guide.
+
+    By slopes alone the search ends 25 to 840 units higher.  From other starts it ends in another
+    minimum, with half the random force and 50 standard errors off: too far to look for.
+    """
     case = truth.make_case("presliding", 12, "decimated")
     ((_, values),) = case.truth.items()
     machine = dfc.effects.Presliding(**values)
@@ -540,7 +545,7 @@ def test_a_rough_cost_ends_where_no_point_around_is_lower():
     axis = believed(case).replace(effects=(machine,))
     actual = axis.replace(**{n: case.actual[n] for n in ("mass", "viscous", "coulomb")})
     known = Likelihood(actual, (), runs)
-    problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(8e-5),)), names, runs)
+    problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(start),)), names, runs)
     found = maximise(problem, problem.start(1.0))
     assert found.converged
     assert found.cost < maximise(known, known.start(1.0)).cost - 50.0

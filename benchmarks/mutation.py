@@ -44,15 +44,12 @@ class Target:
 
 
 _DIAGNOSIS = (
-    "tests/diagnosis/test_selection.py",
+    "tests/diagnosis/test_linearised.py",
     "tests/diagnosis/test_noise_floor.py",
-    "tests/diagnosis/test_diagnosis.py",
-    "tests/diagnosis/test_unexplained.py",
+    "tests/estimation/test_held_out.py",
+    "tests/diagnosis/test_candidates.py",
     "tests/diagnosis/test_several_causes.py",
     "tests/diagnosis/test_own_effects.py",
-    "-k",
-    "test_selection or test_noise_floor or clean or hidden and spring or learns_by_heart or "
-    "outside or explains or held or pair",
 )
 TARGETS = {
     "kernels": Target(
@@ -72,7 +69,12 @@ TARGETS = {
         "dryfric_control/observer/certificate.py",
         ("tests/observer/test_observer_certificate.py", "tests/observer/test_observer_synthesis.py"),
     ),
-    "selection": Target("dryfric_control/diagnosis/selection.py", _DIAGNOSIS),
+    "tube": Target(
+        "dryfric_control/compensation/certificate.py",
+        ("tests/compensation/test_compensation.py", "tests/compensation/test_tube.py"),
+    ),
+    "columns": Target("dryfric_control/diagnosis/gram.py", _DIAGNOSIS),
+    "search": Target("dryfric_control/diagnosis/search.py", _DIAGNOSIS),
     "floor": Target("dryfric_control/diagnosis/noise_floor.py", _DIAGNOSIS),
 }  # fmt: skip
 

@@ -169,6 +169,18 @@ def test_readme_has_the_two_commands_that_ci_runs():
     assert len(re.findall(r"^```bash$", (ROOT / "README.md").read_text(), re.MULTILINE)) == 2
 
 
+def test_files_that_a_benchmark_names_exist():
+    named = {
+        (script.name, path)
+        for script in (ROOT / "benchmarks").glob("*.py")
+        for path in re.findall(
+            r"\b(?:tests|benchmarks|dryfric_control)/[\w/]+\.py", script.read_text()
+        )
+    }
+    assert len(named) > 20
+    assert not [(script, path) for script, path in named if not (ROOT / path).is_file()]
+
+
 def test_badges_state_what_the_project_file_states():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     readme = (ROOT / "README.md").read_text("utf-8")

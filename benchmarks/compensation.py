@@ -1,19 +1,22 @@
 """How well the compensated loop follows axes that differ from the nominal one.
 
 Run ``python benchmarks/compensation.py``; name tables to print only those: nominal coarse
-wide presliding diagnosis.  Each table draws plants at random (fixed seed), runs every law on
-the same reference and after one move for 20 s at rest, and prints how many times smaller
-than with a PID controller the errors are (last reversal of the sine; RMS over it, median and
-least), plants that slip and that move by over 2 um after 10 s of rest, and the tracking tube,
-also over the largest error seen in any run.  The nominal axis, the gains and the reference
-are the same for all plants.  ``--tune`` searches the gains of the PID controller and of the
-other baselines on five plants that are not those of the tables.
+wide presliding diagnosis, or corners, which is not among them.  Each table draws plants at
+random (fixed seed), or takes those at all corners of the mismatch, runs every law on the same
+reference and after one move for 20 s at rest, and prints how many times smaller than with a PID
+controller the errors are (last reversal of the sine; RMS over it, median and least), plants that
+slip and that move by over 2 um after 10 s of rest, and the tracking tube, also over the largest
+error seen in any run.  The nominal axis, the gains and the reference are the same for all plants.
+``--tune`` searches the gains of the PID controller and of the other baselines on five plants that
+are not those of the tables.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,34 +132,46 @@ def run(comp: dfc.Compensation, plant: dfc.FrictionAxis, ref: Reference, quantum
 
 
 FAMILIES = ("nominal", "coarse", "wide", "presliding", "training")
+#: Tables by default, but for the plants at all corners of the mismatch.
+TABLES = ("nominal", "coarse", "wide", "presliding", "diagnosis")
 #: Not the plants on which the gains were found.
 SEED = 2718
 
 
 def plants(family: str, count: int) -> list[dfc.FrictionAxis]:
     """Plants of a table, everything off by up to a fifth."""
+    if family == "corners":
+        sides = itertools.product(*[(0.8, 1.2)] * 6, (0.0, 0.5, 1.0))
+        return [
+            plant(corner[:4], 0.3 * corner[4], 0.01 * corner[5], DELAY * corner[6])
+            for corner in sides
+        ]
     rng = np.random.default_rng([SEED, FAMILIES.index(family)])
     made = []
     for _ in range(count):
-        plus, minus, mass, viscous = rng.uniform(0.8, 1.2, 4)
+        shares = rng.uniform(0.8, 1.2, 4)
         excess, speed = 0.3 * rng.uniform(0.8, 1.2), 0.01 * rng.uniform(0.8, 1.2)
         if family == "wide":
             excess, speed = rng.uniform(0.02, 0.6), 0.01 * 2.0 ** rng.uniform(-1.0, 1.0)
-        delay = rng.uniform(0.0, DELAY)
-        effects: tuple[dfc.effects.Effect, ...] = (dfc.effects.InputDelay(delay=delay),)
+        one = plant(shares, excess, speed, rng.uniform(0.0, DELAY))
         if family == "presliding":
-            effects += (dfc.effects.Presliding(distance=rng.uniform(5e-6, 2e-5)),)
-        made.append(
-            dfc.FrictionAxis(
-                mass=2.0 * mass,
-                viscous=15.0 * viscous,
-                coulomb=(8.0 * plus, 8.0 * minus),
-                stribeck=dfc.Stribeck(excess, speed),
-                stick_speed=2e-3,
-                effects=effects,
-            )
-        )
+            contact = dfc.effects.Presliding(distance=rng.uniform(5e-6, 2e-5))
+            one = one.replace(effects=(*one.effects, contact))
+        made.append(one)
     return made
+
+
+def plant(shares: Sequence[float], excess: float, speed: float, delay: float) -> dfc.FrictionAxis:
+    """One plant: shares of the nominal levels, mass and viscous coefficient, peak and delay."""
+    plus, minus, mass, viscous = shares
+    return dfc.FrictionAxis(
+        mass=2.0 * mass,
+        viscous=15.0 * viscous,
+        coulomb=(8.0 * plus, 8.0 * minus),
+        stribeck=dfc.Stribeck(excess, speed),
+        stick_speed=2e-3,
+        effects=(dfc.effects.InputDelay(delay=delay),),
+    )
 
 
 def design(law: str, quantum: float, family: str = "nominal") -> dfc.Compensation:
@@ -183,7 +198,7 @@ def table(family: str, count: int, laws: tuple[str, ...]) -> None:
     """Print one table."""
     quantum = 2e-5 if family == "coarse" else 1e-6
     axes, ref = plants(family, count), reference()
-    print(f"\n{family}: {count} plants, encoder {1e6 * quantum:g} um, delay 0 to 3 ms")
+    print(f"\n{family}: {len(axes)} plants, encoder {1e6 * quantum:g} um, delay 0 to 3 ms")
     print(
         f"{'law':22s}{'peak um':>9s}{'largest':>9s}   {'times below PID at the last reversal':38s}"
         f"{'RMS':>11s}{'crawl':>7s}{'slip':>6s}{'move':>6s}"
@@ -295,7 +310,7 @@ def tune(law: str, quantum: float, budget: int = 150) -> None:
 def main() -> None:
     """Read the command line and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", help="nominal coarse wide presliding diagnosis")
+    parser.add_argument("tables", nargs="*", help=f"{' '.join(TABLES)} corners")
     parser.add_argument("--plants", type=int, default=200)
     parser.add_argument("--laws", default="all", help="all, or some, with commas between")
     parser.add_argument("--tune", action="store_true", help="search the gains of the baselines")
@@ -306,7 +321,7 @@ def main() -> None:
             if law in laws:
                 tune(law, quantum)
         return
-    for family in given.tables or ("nominal", "coarse", "wide", "presliding", "diagnosis"):
+    for family in given.tables or TABLES:
         if family == "diagnosis":
             diagnosis()
         else:

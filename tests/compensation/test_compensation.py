@@ -234,6 +234,7 @@ def test_the_tube_of_a_hard_reference_holds(hard):
         )  # fmt: skip
         run = dfc.simulate_loop(plant, comp.controller, motion, quantum=QUANTUM)
         assert np.abs(motion.position - run.y[0]).max() <= certificate.tube
+        assert np.abs(run.y[4]).max() <= certificate.drive_needed
     assert certificate.parts["inertia"] < certificate.tube < 3.0 * hard * comp.certificate.tube
 
 

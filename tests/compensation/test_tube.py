@@ -156,9 +156,54 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     # Responses are cut off where they have fallen to 1e-6.
     assert found.worst.l1 == pytest.approx(max(one[1] for one in tubes) / left, rel=1e-3)
     worst = max(one[0] + one[2] for one in tubes)
+    level = max(float(axis.coulomb(0.0, s)) for s in (1, -1))
+    peak = axis.stribeck.excess if axis.stribeck else 0.0
+    most = level * ((1.0 + comp.mismatch) * (1.0 + (1.0 + comp.mismatch) * peak)
+                    + 1.0 + peak + comp.correction)  # fmt: skip
+    assert found.friction_most == pytest.approx(most)
+    ceiling = max(one[1] / left * most + one[2] for one in tubes)
+    assert found.ceiling == pytest.approx(ceiling, rel=1e-3)
     turning = found.parts["reversals"]
     assert found.tube - turning == pytest.approx(worst, rel=2e-2)
     assert turning >= 0.15 * found.parts["sliding"]
+
+
+def there(slope, way=1.0):
+    """A move one way, from rest to rest, whose velocity rises and falls at one rate."""
+    v = np.concatenate([np.zeros(50), np.arange(40.0), 40.0 - np.arange(40.0), np.zeros(50)])
+    v *= way * slope * DT
+    return dfc.MotionProfile(DT, np.cumsum(v) * DT, v, np.gradient(v, DT))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("delay", [0.0, 2.5e-3])
+def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay, way):
+    comp = dfc.design_compensation(AXIS, DT, 1e-6, delay)
+    # Given early by the lead, at an axis without delay; late at one with all of it.
+    early, late = comp.lead, math.ceil(delay / DT) + 1 - comp.lead
+    found = certificates._unfed(comp.loop, there(3.0, way))
+    assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
+
+
+def test_a_mirrored_reference_has_the_same_tube():
+    comp = dfc.design_compensation(AXIS, DT, 1e-6, 2.5e-3)
+    one, other = (comp.certify(reference=there(3.0, way)) for way in (1.0, -1.0))
+    assert one.parts == pytest.approx(other.parts, rel=1e-9)
+    assert one.drive_needed == pytest.approx(other.drive_needed, rel=1e-9)
+
+
+def test_a_reference_that_moves_from_the_start_leaves_its_momentum_to_be_made_up():
+    """Nearly without friction: the loop's own response to the momentum that is missing."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=1e-3, coulomb=1e-3)
+    comp = dfc.design_compensation(axis, DT, 0.0)
+    t = DT * np.arange(500)
+    move = dfc.MotionProfile(DT, 0.05 * t, np.full(t.size, 0.05), np.zeros(t.size))
+    certificate = comp.certify(reference=move)
+    error = max(largest(axis.replace(mass=mass), comp, move) for mass in (1.6, 2.4))
+    # Twice: at its end the reference is taken to stop.  The impulse counts as a force over a
+    # sample, which makes 1 %.
+    assert certificate.parts["inertia"] == pytest.approx(2.0 * error, rel=0.02)
+    assert error <= certificate.tube
 
 
 def friction_program(g, gv, largest, sliding, signs, t):

@@ -284,7 +284,12 @@ def _rest(c, memory, mode, error, moving, forces, level):
         if abs(memory[MEAN_ERROR]) > 2.5 * wide:
             memory[HELD] = 0.0
             memory[CORRECTIONS] += 1.0
-    elif memory[STILL] > c[SETTLE] and abs(memory[MEAN_ERROR]) <= wide:
+    elif (
+        # An axis that swings about its place is not at rest, however small its mean error.
+        memory[STILL] > c[SETTLE]
+        and mode == 0
+        and max(abs(error), abs(memory[MEAN_ERROR])) <= wide
+    ):
         most = c[HOLD_SHARE] * level
         held = min(max(memory[MEAN_DRIVE] - forces, -most), most)
         memory[HELD], memory[HELD_DRIVE] = 1.0, forces + held

@@ -279,7 +279,9 @@ def _rest(c, memory, mode, error, moving, forces, level):
     memory[MEAN_ERROR] += c[MEAN] * (error - memory[MEAN_ERROR])
     if memory[HELD] == 0.0 and mode != 0 and memory[MODE] == 0.0:
         memory[CORRECTIONS] += 1.0
-    wide = c[TOLERANCE] * c[GROWTH] ** memory[CORRECTIONS]
+    # Ringing counts as slips, too: farther than that from its place no axis rests.
+    farthest = max(2.0 * (1.0 + c[PEAK] * c[EXCESS] + c[BAND]) * level / c[KP], c[TOLERANCE])
+    wide = min(c[TOLERANCE] * c[GROWTH] ** memory[CORRECTIONS], farthest)
     if memory[HELD] != 0.0:
         if abs(memory[MEAN_ERROR]) > 2.5 * wide:
             memory[HELD] = 0.0

@@ -288,9 +288,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
             memory[CORRECTIONS] += 1.0
     elif (
         # An axis that swings about its place is not at rest, however small its mean error.
-        memory[STILL] > c[SETTLE]
-        and mode == 0
-        and max(abs(error), abs(memory[MEAN_ERROR])) <= wide
+        memory[STILL] > c[SETTLE] and mode == 0 and max(abs(error), abs(memory[MEAN_ERROR])) <= wide
     ):
         most = c[HOLD_SHARE] * level
         held = min(max(memory[MEAN_DRIVE] - forces, -most), most)

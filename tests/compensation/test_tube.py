@@ -17,7 +17,7 @@ from dryfric_control.compensation import certificate as certificates
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-import tube_attack  # noqa: E402
+import tube_attack
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)

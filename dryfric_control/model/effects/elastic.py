@@ -327,3 +327,8 @@ class Compliance(Effect):
                     "load_fraction": share,
                 }
                 yield simulated(**values)._replace(force=(rigid - carried,), positive=True)
+        # Where the load sticks and the motor does not, a force that follows tells little.
+        for turn in np.geomspace(0.03, 0.4, 5) / view.dt:
+            inertia = 0.5 * view.axis.mass
+            damping = 2.0 * _RATIO * inertia * turn
+            yield simulated(stiffness=inertia * turn**2, damping=damping, load_fraction=0.5)

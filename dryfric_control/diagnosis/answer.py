@@ -171,14 +171,14 @@ def _separate(less: Solution, more: Solution) -> bool:
     """Whether the record-specific parameters of two fits can be told from each other.
 
     The new parameter of `more` must not double the standard errors of the earlier ones, and
-    its own must be smaller than its spread over the records.
+    its own must be clearly smaller than its spread over the records.
     """
     before, after = less.standard_errors(), more.standard_errors()
     values = more.values()
     new = [n for n in after if "@" in n and n not in before]
     differ = max(values[n] for n in new) - min(values[n] for n in new)
     return all(after[n] < 2.0 * before[n] for n in before if "@" in n) and all(
-        after[n] < differ for n in new
+        CLEAR * after[n] < differ for n in new
     )
 
 

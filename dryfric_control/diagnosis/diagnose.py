@@ -205,18 +205,38 @@ def diagnose(
 
 def _diagnosed(
     problem: Problem,
-    records: Sequence[Record],
+    records: list[Record],
     windows: list[Windows],
     window: float,
     tell: Callable[..., None],
     end: float,
 ) -> Diagnosis:
     """Search for causes, judge what they explain, and describe them."""
-    recorded, unit = problem.runs, problem.believed.units[1]
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
     late = search.problem.late
-    problem = search.problem = replace(search.problem, until=end)
+    rest = (search, model, problem.runs, records, windows, window, tell, end, late)
+    try:
+        return _answered(*rest, interrupted)
+    except KeyboardInterrupt:
+        return _answered(*rest, True)
+
+
+def _answered(
+    search: Search,
+    model: Model,
+    recorded: Sequence[Any],
+    records: list[Record],
+    windows: list[Windows],
+    window: float,
+    tell: Callable[..., None],
+    end: float,
+    late: bool,
+    interrupted: bool,
+) -> Diagnosis:
+    """Judge what a model explains and describe it; only what is needed if interrupted or late."""
+    problem, unit = search.problem, search.problem.believed.units[1]
+    problem = search.problem = replace(problem, until=end)
     tell("all data", model.causes)
     final = model.fit
     if not (interrupted or late):

@@ -34,9 +34,13 @@ def test_a_search_that_was_cut_off_says_so(limit):
     assert found.to_dict()["verdict"] == "not finished"
 
 
-def test_an_interrupt_returns_the_best_answer_so_far():
+@pytest.mark.parametrize("where", ["cause 2", "all data", "replays", "next experiment"])
+def test_an_interrupt_returns_the_best_answer_so_far(where):
+    stopped = []
+
     def stop(step, so_far):
-        if step == "cause 2":
+        if step == where and not stopped:
+            stopped.append(step)
             raise KeyboardInterrupt
 
     with among("spring"):

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 from scipy.signal import correlate
 from scipy.stats import hypergeom
 
-from dryfric_control.estimation.force_residual import View, at_the_mass
+from dryfric_control.estimation.force_residual import Residual, at_the_mass
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import directions, latest, reversals
@@ -171,7 +171,7 @@ def evidence(
     axis = axis.effective()
     windows = cut(record, window, hold)
     behind = at_the_mass(axis, record, hold)
-    seen = View(*behind)
+    seen = Residual(*behind)
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
     hidden = blind(*behind) if hide is None else hide

@@ -1,10 +1,9 @@
-"""Force residual of the sliding samples of a record, and first guesses from it."""
+"""Force residual of the sliding samples of a record."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +11,20 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import savgol_coeffs
 
 from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_and_encoder
-from dryfric_control.estimation.parameters import values_of
 from dryfric_control.estimation.problem import Problem
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
-from dryfric_control.ties import above, ranked
 
 FloatArray = NDArray[np.float64]
 Values = dict[str, float]
 
-# Number of samples used by a regression, for the start of a fit and for first guesses; more
-# change neither (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
-_ENOUGH, _ENOUGH_TO_GUESS = 5000, 4000
-# First guesses: largest acceleration noise of a regression, over Coulomb level / mass, and
-# longest smoothing to reach it [samples] (`benchmarks/diagnosis.py`, conditions exact and
-# coarse).
+# Number of samples used by a regression for the start of a fit, more do not change it
+# (`benchmarks/identification.py coverage`), and of those that show the force that is missing.
+_ENOUGH, _ENOUGH_TO_SEE = 5000, 4000
+# The force that is missing: largest acceleration noise, over Coulomb level / mass, and longest
+# smoothing to reach it [samples].
 _NOISE, _LONGEST = 0.02, 81
-# Search for periods: grid points per width of the main lobe, largest number of periods in
-# the record, and number of peaks that are refined. Set by
-# `benchmarks/diagnosis.py --effects cogging time_periodic` and its run times.
-_FINE, _MOST_PERIODS, _STRONGEST = 4, 400, 2
 # Difference step of the drive, over its standard deviation, for the sensitivity of the force
 # to the drive, and lower bound of that sensitivity.
 _STEP, _ANSWERS = 1e-3, 1e-6
@@ -115,35 +106,16 @@ class Sliding:
         return np.maximum(axis.mass * (ends[1] - ends[0]) / (2.0 * step), _ANSWERS)
 
 
-class View(Sliding):
-    """Sliding samples for first guesses, with an axis and typical sizes.
+class Residual(Sliding):
+    """Sliding samples smoothed as little as the friction allows, with the force that is missing.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis of the residual.
-    record : Record
-        The record.
-    believed : dict of str to float, optional
-        Nominal base parameters.  Default: those of the axis.
+    The smoothing is the shortest that leaves an acceleration noise of 2 % of level/mass, up to
+    81 samples.
 
     Attributes
     ----------
     residual : ndarray, shape (n,)
         Force that the axis would need in addition to its drive.
-    level : float
-        Typical Coulomb level.
-    middle, span : float
-        Middle and length of the travel in the record.
-    quantum, dt : float
-        Resolution of the readings as a quantum, and sampling time [s].
-    drive : ndarray
-        All samples of the input, sliding or not.
-
-    Notes
-    -----
-    The smoothing is the shortest that leaves an acceleration noise of 2 % of
-    level/mass, up to 81 samples.
 
     Examples
     --------
@@ -156,156 +128,18 @@ class View(Sliding):
     >>> u = 20.0 * np.sin(6.0 * t)
     >>> pushed = axis.replace(effects=(dfc.effects.BiasForce(force=1.5),))
     >>> x = pushed.simulate(u, dt=1e-3).y[0]
-    >>> round(float(np.median(View(axis, dfc.Record(t, u, x)).residual)), 2)
+    >>> round(float(np.median(Residual(axis, dfc.Record(t, u, x)).residual)), 2)
     1.5
     """
 
-    def __init__(self, axis: FrictionAxis, record: Record, believed: Values | None = None) -> None:
-        if believed is None:
-            names = ("mass", "viscous", "coulomb")
-            believed = dict(zip(names, values_of(axis, names).tolist(), strict=True))
-        low, high = float(record.x.min()), float(record.x.max())
-        self.middle, self.span = 0.5 * (low + high), high - low
-        levels = [axis.coulomb(np.array([self.middle]), s)[0] for s in (1, -1)]
-        self.level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
-        size = _quiet(record, _NOISE * self.level / axis.mass)
-        super().__init__(record, _ENOUGH_TO_GUESS, size, smooth_drive=True)
-        self.axis, self.believed = axis, believed
-        self.residual = self.force_residual(axis)
-        self.quantum = record.resolution.step
-        self.dt, self.drive = record.dt, record.u
-
-    @cached_property
-    def carried(self) -> FloatArray:
-        """Load of the transmission: drive minus force effects, shape (n,)."""
-        forces = tuple(e for e in self.axis.effects if e.action == "force")
-        bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=forces)
-        none = np.zeros(self.t.size)
-        return self.u - _accelerations(bare, self.t, self.x, self.v, none, self.direction)
-
-    def regress(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, Values]:
-        """Robust least squares of the residual on columns and the base parameters.
-
-        Parameters
-        ----------
-        columns : sequence of ndarray, shape (n,)
-            Forces, each for a coefficient of 1.
-
-        Returns
-        -------
-        coefficients : ndarray, shape (ncolumns,)
-        base : dict of str to float
-            Base parameters from the same regression, within plausible bounds.
-        """
-        matrix, size = self._scaled([*columns, *self._base_columns()])
-        weight = np.ones(self.residual.size)
-        # A small ridge keeps base corrections small where the data do not separate them.
-        ridge = 1e-4 * weight.size * np.eye(matrix.shape[1])
-        ridge[: len(columns), : len(columns)] *= 1e-3
-        c = np.zeros(matrix.shape[1])
-        for _ in range(4):
-            weighted = matrix * weight[:, None]
-            c = np.asarray(
-                np.linalg.solve(matrix.T @ weighted + ridge, weighted.T @ self.residual), float
-            )
-            rest = np.abs(self.residual - matrix @ c)
-            weight = 1.0 / np.maximum(rest, np.median(rest) + 1e-12 * self.level)
-            weight *= 1.0 / weight.max()
-        c = c / size
-        return c[: len(columns)], self._base(c[len(columns) :])
-
-    def beside(self, force: FloatArray) -> Values:
-        """Base parameters if a known force, shape (n,), acts."""
-        matrix, size = self._scaled(self._base_columns())
-        ridge = 1e-4 * force.size * np.eye(matrix.shape[1])
-        return self._base(
-            np.linalg.solve(matrix.T @ matrix + ridge, matrix.T @ (self.residual - force)) / size
+    def __init__(self, axis: FrictionAxis, record: Record) -> None:
+        middle = 0.5 * float(record.x.min() + record.x.max())
+        levels = [axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]
+        level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
+        super().__init__(
+            record, _ENOUGH_TO_SEE, _quiet(record, _NOISE * level / axis.mass), smooth_drive=True
         )
-
-    def periods(self, along: FloatArray) -> list[tuple[float, FloatArray, Values]]:
-        """Strongest sinusoids of the residual along x or t.
-
-        Parameters
-        ----------
-        along : ndarray, shape (n,)
-            Positions or times of the samples.
-
-        Returns
-        -------
-        list of tuple
-            Frequency, coefficients of sine and cosine, and base parameters.
-        """
-        reach = float(np.ptp(along))
-        if reach <= 0.0:
-            return []
-        # Project the base columns out of the residual; `_refine` does so for the sinusoids.
-        base = np.column_stack([self.a, self.v, np.sign(self.v)])
-        q, _ = np.linalg.qr(base)
-        target = np.clip(self.residual, -2.0 * self.level, 2.0 * self.level)
-        target = target - q @ (q.T @ target)
-        highest = min(_MOST_PERIODS, along.size // 4)
-        grid = np.arange(2 * _FINE, highest * _FINE) / (_FINE * reach)
-        power = np.empty(grid.size)
-        turned = np.exp(-2j * np.pi * grid[0] * along) * target
-        turn = np.exp(-2j * np.pi / (_FINE * reach) * along)
-        for i in range(grid.size):
-            power[i] = abs(turned.sum())
-            turned *= turn
-        # Of two equally high neighbours the first is the peak.
-        peaks = np.flatnonzero(above(power[1:-1], power[:-2]) & ~above(power[2:], power[1:-1])) + 1
-        found = []
-        for i in peaks[ranked(-power[peaks])[:_STRONGEST]]:
-            f = _refine(along, target, q, grid[i], 1.0 / (_FINE * reach))
-            phase = 2.0 * np.pi * f * along
-            found.append((float(f), *self.regress([np.sin(phase), np.cos(phase)])))
-        return found
-
-    def _base_columns(self) -> list[FloatArray]:
-        """Resisting forces for base parameters of 1."""
-        friction = self.axis.coulomb(np.asarray(self.x), 1) / self.level * self.direction
-        return [self.a, self.v, friction]
-
-    @staticmethod
-    def _scaled(columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Columns as a matrix of RMS 1, and their RMS."""
-        matrix = np.column_stack(columns)
-        size = np.sqrt(np.mean(matrix**2, axis=0))
-        size[size == 0.0] = 1.0
-        return matrix / size, size
-
-    def _base(self, change: FloatArray) -> Values:
-        """Base parameters from a regression, within plausible bounds."""
-        axis = self.axis
-        level = axis.coulomb.mean
-        fastest = 3.0 * level / max(float(np.sqrt(np.mean(self.v**2))), 1e-300)
-        # Resistances enter the residual with a minus sign: m a + f v + Fc s is subtracted
-        # from the drive.
-        return {
-            "mass": float(np.clip(axis.mass + change[0], 0.3 * axis.mass, 3.0 * axis.mass)),
-            "viscous": float(
-                np.clip(axis.viscous - change[1], 0.2 * axis.viscous, 3.0 * axis.viscous + fastest)
-            ),
-            "coulomb": float(
-                np.clip(level * (1.0 - change[2] / self.level), 0.3 * level, 3.0 * level)
-            ),
-        }
-
-
-def _refine(along: FloatArray, target: FloatArray, q: FloatArray, f: float, width: float) -> float:
-    """Frequency near a guess whose sinusoid explains most of the target."""
-
-    def left(g: float) -> float:
-        phase = 2.0 * np.pi * g * along
-        columns = np.column_stack([np.sin(phase), np.cos(phase)])
-        columns -= q @ (q.T @ columns)
-        c = np.linalg.lstsq(columns, target, rcond=None)[0]
-        return float(np.sum((target - columns @ c) ** 2))
-
-    for _ in range(6):
-        trial = [f - width, f, f + width]
-        f = trial[ranked([left(g) if g > 0.0 else np.inf for g in trial])[0]]
-        width *= 0.5
-    return f
+        self.residual = self.force_residual(axis)
 
 
 def _quiet(record: Record, allowed: float) -> int:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from dryfric_control.diagnosis.candidates import SLUGS
-from dryfric_control.diagnosis.report.findings import SMALL, Cause
+from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 
@@ -27,16 +27,6 @@ def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
     alike.  `told`: parameters whose nominal values are known exactly or to a tolerance.
     """
     return not (axis.effects or {*told} & {*SLUGS})
-
-
-def far_off(
-    values: Mapping[str, float], nominal: Mapping[str, float], names: Collection[str]
-) -> bool:
-    """Whether base parameters are far off beside a gain, so that it is no simpler answer.
-
-    Then the base parameters are named: that they are wrong is certain; the gain error is not.
-    """
-    return any(abs(values[n] - nominal[n]) > SMALL * nominal[n] for n in names)
 
 
 def or_a_gain(

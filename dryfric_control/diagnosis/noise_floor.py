@@ -31,8 +31,6 @@ _ACTS = 0.5
 _SEVERAL = 4.0
 # Standard errors from the smoothed readings beyond which a start state is no estimate.
 _LOST = 5.0
-#: Excess of the mean score over that of the replays below which nothing can be gained.
-NONE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +73,6 @@ class Floor:
             return False
         excess, spread = self.excess(scores, active & ~out)
         return bool(excess < max(_LEAST, _FAR * spread))
-
-    def nothing(self, scores: FloatArray, active: BoolArray) -> bool:
-        """Whether the scores are so close to the floor that nothing can be gained."""
-        out = self.outliers(scores, active)
-        return not out.any() and self.excess(scores, active)[0] < NONE
 
     def excess(self, scores: FloatArray, active: BoolArray) -> tuple[float, float]:
         """Mean score above the replays' mean, and its standard error."""

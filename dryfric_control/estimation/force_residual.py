@@ -17,7 +17,6 @@ from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
-Values = dict[str, float]
 
 # Number of samples used by a regression for the start of a fit, more do not change it
 # (`benchmarks/identification.py coverage`), and of those that show the force that is missing.

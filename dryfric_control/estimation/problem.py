@@ -43,10 +43,6 @@ _STAGES, _SAME_SCALE, _WORTH = 6, (0.8, 1.25), 1.0
 _NARROWER = 0.15
 # Largest correction of a start state, in its standard deviations.
 _FARTHEST = 100.0
-# Random search in rugged coordinates of order 1: initial spread, factors by which it grows
-# and shrinks, smallest spread, and number of first points, which show the windows that are
-# affected (`benchmarks/diagnosis.py dwell_time stribeck`).
-_RADIUS, _GROWS, _SHRINKS, _SMALLEST, _LEARNT = 0.3, 1.5, 0.94, 1e-3, 10
 # Start states of a fit, for all windows at once: largest number of steps, fall of a window's
 # cost that justifies another, difference step over the start's standard deviation, fractions
 # of a step that are tried.  The search begins at the velocities _SIDES, in standard deviations,
@@ -563,47 +559,6 @@ def through(
         found = levenberg(problem, z, options, at)
         z, near = found.z, [one.starts for one in found.at]
     return found
-
-
-def scatter(
-    problem: Problem,
-    z: FloatArray,
-    active: BoolArray,
-    starts: FloatArray,
-    tries: int,
-    seed: int = 0,
-) -> tuple[FloatArray, FloatArray]:
-    """Random search on one record in the rugged coordinates, with shrinking radius.
-
-    Returns
-    -------
-    z : ndarray, shape (nparameters,)
-    starts : ndarray, shape (3, nwindows)
-    """
-    rng = np.random.default_rng(seed)
-    where, w = problem.rugged, problem.windows[0]
-    best = w.evaluate(problem.axis_at(z), active, None, starts, 1)
-    loss = w.loss(best.costs, active)
-    radius = _RADIUS
-    # Windows that these coordinates do not affect need not run again.
-    some, touched = active, np.zeros_like(active)
-    for turn in range(tries):
-        there = z.copy()
-        there[where] += radius * rng.standard_normal(where.size)
-        there = np.clip(there, problem.low, problem.high)
-        at = w.evaluate(problem.axis_at(there), some, None, starts, 1)
-        new = w.loss(at.costs, some)
-        if turn < _LEARNT:
-            touched |= at.costs != best.costs
-        if new < loss:
-            z, best, loss = there, at, new
-            radius = min(_GROWS * radius, _RADIUS)
-        else:
-            radius = max(_SHRINKS * radius, _SMALLEST)
-        if turn == _LEARNT - 1 and np.any(touched):
-            some = active & touched
-            loss = w.loss(best.costs, some)
-    return z, w.evaluate(problem.axis_at(z), active, None, starts, 1).starts
 
 
 class _Together(NamedTuple):

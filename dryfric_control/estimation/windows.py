@@ -22,7 +22,7 @@ from dryfric_control.compiled.windowed_runs import (
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import LONGEST, least_motion, rest_times
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
+from dryfric_control.ties import NEAR, above, samples
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -41,8 +41,6 @@ _MOVING = 4.0
 # standard deviations, from which a window far above the scale is searched again
 # (`benchmarks/diagnosis.py dwell_time stribeck`).
 _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
-# Number of windows in the first short fits of a candidate (`benchmarks/diagnosis.py`, run times).
-_FEW = 14
 
 
 def shifted(u: FloatArray, samples: float) -> FloatArray:
@@ -231,17 +229,6 @@ class Windows:
     def weights(self, costs: FloatArray) -> FloatArray:
         """Weight of every window, the derivative of its loss with respect to its cost."""
         return np.asarray(1.0 / (1.0 + costs / (self.samples * ROBUST**2)))
-
-    def sieve(self, active: BoolArray, scores: FloatArray, most: int = _FEW) -> BoolArray:
-        """A subset: the worst windows, which show rare effects, and others evenly spread."""
-        picked = np.zeros(active.size, bool)
-        known = np.flatnonzero(active)
-        picked[known[ranked(-scores[known], SQUARES)[: most // 2]]] = True
-        others = np.flatnonzero(active & self.moving & ~picked)
-        if others.size:
-            some = np.unique(np.linspace(0, others.size - 1, most - most // 2).astype(int))
-            picked[others[some]] = True
-        return picked
 
     def spread(self, values: NDArray) -> NDArray:
         """One value a window, repeated over its samples, shape (n,)."""

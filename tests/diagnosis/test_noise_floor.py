@@ -81,14 +81,6 @@ def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
     assert not QUIET.reached(rough + 0.12, ALL)
 
 
-def test_nothing_means_nothing():
-    assert QUIET.nothing(np.full(80, 0.049), ALL)
-    assert not QUIET.nothing(np.full(80, 0.051), ALL)
-    assert not QUIET.nothing(raised(1.01, 1), ALL)
-    # Of windows not asked for nothing is known.
-    assert QUIET.nothing(raised(1.01, 1), np.arange(80) > 0)
-
-
 def test_the_error_of_a_mean_is_that_of_the_record_or_of_the_replays():
     apart = of_scores(np.zeros(80), np.full(80, 0.4))
     excess, error = apart.excess(np.full(80, 0.3), ALL)

@@ -467,21 +467,6 @@ class Effect:
         """
         return 0.0, 0.0
 
-    def nested(self, axis: BaseAxis) -> tuple[str, dict[str, float]] | None:
-        """The simpler effect that it is where its mass share vanishes.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis that has it.
-
-        Returns
-        -------
-        tuple of str and dict, or None
-            Name and values of the other effect; None if there is none.
-        """
-        return None
-
     def plausible(self, axis: BaseAxis) -> bool:
         """Whether an axis may have it, as far as its values tell.
 

@@ -302,13 +302,6 @@ class Compliance(Effect):
         reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
         return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
 
-    def nested(self, axis: BaseAxis) -> tuple[str, dict[str, float]] | None:
-        # A load without mass only rubs: the spring is an elastic contact.
-        level = _level(axis)
-        if self.load_fraction > 0.5 or level <= 0.0:
-            return None
-        return Presliding.slug, {"distance": level / self.stiffness}
-
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # The load follows the motor through the spring, which carries its inertia and friction.

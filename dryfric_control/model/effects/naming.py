@@ -40,18 +40,6 @@ def titles_of(alternative: str) -> str:
     return " + ".join(map(title_of, alternative.split("+")))
 
 
-def followed(name: str, names: Iterable[str]) -> bool:
-    """Whether an effect of the same kind with a higher number is among names.
-
-    Examples
-    --------
-    >>> followed("cogging", ["spring", "cogging_2"]), followed("cogging_2", ["cogging"])
-    (True, False)
-    """
-    slug, number = _split(name)
-    return any(other == slug and k > number for other, k in map(_split, names))
-
-
 def renumbered(names: Iterable[str], taken: str) -> list[str]:
     """Names of parameters as they are once an effect is taken out of the axis.
 

@@ -61,6 +61,7 @@ from dryfric_control.records import (
     read_bam,
     read_record,
 )
+from dryfric_control.simulators import to_isaac, to_mjcf, to_modelica, to_simscape, to_urdf
 from dryfric_control.store.axis_file import read_axis, write_axis
 from dryfric_control.store.batch import run_batch
 
@@ -123,6 +124,11 @@ __all__ = [
     "slow_ramp_experiment",
     "supervisor",
     "switched_axis",
+    "to_isaac",
+    "to_mjcf",
+    "to_modelica",
+    "to_simscape",
+    "to_urdf",
     "write_axis",
 ]
 

@@ -1,4 +1,4 @@
-"""Command line: ``python -m dryfric_control demo``, ``diagnose RUN.csv`` or ``export FILE``."""
+"""Command line: ``python -m dryfric_control`` demo, diagnose, export or simulator."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from dryfric_control.checks import positive
 from dryfric_control.store.files import replacing
 from dryfric_control.text import did_you_mean
 
+#: Format of a model by its extension.
+_SIMULATORS = {
+    ".xml": "mjcf", ".urdf": "urdf", ".mo": "modelica", ".m": "simscape", ".py": "isaac",
+}  # fmt: skip
 _ROOM = 4_000_000  # bytes, more than a report takes
 
 #: What messages say of arguments in Python, and how it is said of options.
@@ -62,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
         description="Control of machines with dry friction.",
     )
     top.add_argument("--version", action="version", version=__version__)
-    commands = top.add_subparsers(required=True, metavar="{demo,diagnose,export}")
+    commands = top.add_subparsers(required=True, metavar="{demo,diagnose,export,simulator}")
 
     demo = commands.add_parser("demo", help="fit an axis to a record, replay it, draw the figures")
     demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
@@ -183,6 +187,42 @@ def parser() -> argparse.ArgumentParser:
     )
     export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
     export.set_defaults(run=_export, own=export)
+
+    simulator = commands.add_parser(
+        "simulator",
+        help="set friction, damping and armature of joints in the file of a simulator",
+        description="Every other byte of the model stays. What the format cannot state is listed "
+        "with what takes its place and the error that makes.",
+    )
+    simulator.add_argument(
+        "result",
+        nargs="+",
+        metavar="[JOINT=]FILE",
+        help="axis (TOML), fit or diagnosis (JSON, as saved), by the name of its joint if there "
+        "are several",
+    )
+    simulator.add_argument(
+        "--model",
+        required=True,
+        metavar="FILE",
+        help="MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to write for isaac "
+        "(.py) and simscape (.m)",
+    )
+    simulator.add_argument(
+        "--to", choices=(*_SIMULATORS.values(),), help="format, by default that of the extension"
+    )
+    simulator.add_argument(
+        "--load",
+        type=_loads,
+        metavar="J or JOINT=J,..",
+        help="inertia that the bodies of the model have about the joint [kg m^2]; MJCF: computed "
+        "by MuJoCo if it is installed",
+    )
+    simulator.add_argument("--out", metavar="FILE", help="file to write in place of the model")
+    simulator.add_argument(
+        "--stiff", action="store_true", help="MJCF: let joints at rest creep fifty times less"
+    )
+    simulator.set_defaults(run=_simulator, own=simulator)
     return top
 
 
@@ -200,6 +240,13 @@ def _pairs(text: str) -> dict[str, str | None]:
 def _gains(text: str) -> dict[str, float]:
     """Factors by channel, a number alone being that of the input."""
     return _numbers(text if "=" in text else f"u={text}", text, "a number or such as u=35,x=1e-6")
+
+
+def _loads(text: str) -> float | dict[str, float]:
+    """An inertia, or inertias by joint."""
+    right = "a number or such as elbow=0.1,wrist=0.02"
+    found = _numbers(text if "=" in text else f"all={text}", text, right)
+    return found if "=" in text else found["all"]
 
 
 def _tolerances(text: str) -> dict[str, float]:
@@ -341,6 +388,38 @@ def _export(chosen: argparse.Namespace) -> None:
         target = existing_folder(chosen.out) / f"{name}.fmu"
         files = [export_fmu(obj, target, chosen.version or "3.0", **given)]
     print(f"{', '.join(file.name for file in files)} in {chosen.out}")
+
+
+def _simulator(chosen: argparse.Namespace) -> None:
+    from dryfric_control import simulators
+    from dryfric_control.simulators.files import read_result
+
+    kind = chosen.to or _SIMULATORS.get(Path(chosen.model).suffix.lower())
+    if kind is None:
+        raise ValueError(
+            f"--model {chosen.model} has no extension of {', '.join(_SIMULATORS)}: give --to"
+        )
+    given: dict[str, Any] = {}
+    for option, kinds in (
+        ("load", ("mjcf", "isaac")),
+        ("stiff", ("mjcf",)),
+        ("out", ("mjcf", "urdf", "modelica")),
+    ):
+        value = getattr(chosen, option)
+        if value is None or value is False:
+            continue
+        if kind not in kinds:
+            raise ValueError(f"--{option} is for {' and '.join(kinds)}, not {kind}: leave it out")
+        given[option] = value
+    named = [one.rpartition("=")[::2] for one in chosen.result]
+    if len(named) > 1 and not all(joint for joint, _ in named):
+        raise ValueError("several results: give each by its joint, such as elbow=fit.json")
+    results = {joint: read_result(file) for joint, file in named}
+    if len(results) < len(named):
+        raise ValueError("two results have one joint: give each joint once")
+    result = results if all(results) else results[""]
+    found = getattr(simulators, f"to_{kind}")(result, chosen.model, **given)
+    print(found.summary())
 
 
 def _make_room(folder: Path) -> None:

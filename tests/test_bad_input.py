@@ -212,6 +212,11 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
     "export_c": (dfc.export_c, dict(obj=AXIS, folder="/dev/null/no")),
     "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="/nowhere/axis.fmu")),
+    "to_mjcf": (dfc.to_mjcf, dict(result=AXIS, model="/nowhere/arm.xml")),
+    "to_urdf": (dfc.to_urdf, dict(result=AXIS, model="/nowhere/arm.urdf")),
+    "to_modelica": (dfc.to_modelica, dict(result=AXIS, model="/nowhere/Arm.mo")),
+    "to_isaac": (dfc.to_isaac, dict(result=AXIS, path="/nowhere/friction.py", load=0.0)),
+    "to_simscape": (dfc.to_simscape, dict(result=AXIS, path="/nowhere/friction.m")),
     "motion_profile": (
         dfc.motion_profile,
         dict(points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0),
@@ -1196,6 +1201,81 @@ CASES.append(
         "compensation.json", kind=FileNotFoundError,
     )
 )  # fmt: skip
+
+
+def into(function: Callable[..., Any], file: str, text: str, **sound: Any) -> Callable[..., Any]:
+    """A call that writes into a model file with this text."""
+
+    def write(folder: Any, **spoil: Any) -> Any:
+        (folder / file).write_text(text)
+        return function(**({"result": AXIS, "model": folder / file} | sound | spoil))
+
+    write.needs_folder = True  # type: ignore[attr-defined]
+    return write
+
+
+_SLIDE = '<joint name="{}" type="{}"/>'
+_BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
+_ARM = into(dfc.to_mjcf, "arm.xml", _BODY.format(_SLIDE.format("z", "slide")), load=0.1)
+_URDF = into(dfc.to_urdf, "arm.urdf", "<robot>" + _SLIDE.format("z", "prismatic") + "</robot>")
+_MO = into(dfc.to_modelica, "Arm.mo", "model Arm SupportFriction z; end Arm;")
+_WITHIN = (
+    (dict(result=8.0), "a Diagnosis"),
+    (dict(result={}), "by the name of their joint"),
+    (dict(result={"z": 8.0}), "a Diagnosis", r"result\['z'\]"),
+    (dict(result={"y": AXIS}), "it has 'z'", "joint 'y'"),
+    (dict(result={3: AXIS}), "must be text", "joint"),
+    (dict(result=AXIS.replace(units=("rad", "N m"))), "convert", "'z' is in"),
+    (dict(joint="y"), "it has 'z'"),
+    (dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
+    (dict(velocities="fast"), "array of numbers"),
+    (dict(velocities=[0.0, 0.0]), "velocities of sliding"),
+    (dict(velocities=[NAN]), "remove or fill"),
+    (dict(out=3), "path of a file"),
+    (dict(model=3), "path of a"),
+)
+for _name, _call in (("to_mjcf", _ARM), ("to_urdf", _URDF), ("to_modelica", _MO)):
+    for _spoil, _mend, *_says in _WITHIN:
+        CASES.append(Case(_name, _spoil, _mend, *(_says or (None,)), call=_call))
+for _name, _file, _text, _says, _mend in (
+    ("to_mjcf", "arm.xml", "<robot/>", "arm.xml", "not <mujoco>"),
+    ("to_mjcf", "arm.xml", "<mujoco", "arm.xml", "no XML"),
+    ("to_mjcf", "arm.xml", '<mujoco><include file="b.xml"/></mujoco>', "arm.xml", "b.xml"),
+    ("to_mjcf", "arm.xml", _BODY.format("<joint/>"), "arm.xml", "name them"),
+    ("to_mjcf", "arm.xml", _BODY.format(_SLIDE.format("z", "ball")), "'z'", "one axis"),
+    ("to_urdf", "arm.urdf", "<mujoco/>", "arm.urdf", "not <robot>"),
+    ("to_urdf", "arm.urdf", "<robot/>", "arm.urdf", "prismatic joint"),
+    ("to_modelica", "Arm.mo", "model Arm end Arm;", "Arm.mo", "SupportFriction"),
+):
+    CASES.append(Case(_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
+rows(
+    "to_mjcf",
+    (dict(stiff=1), "True or False"),
+    (dict(model="/nowhere/arm.xml"), "no file", "arm.xml", None, FileNotFoundError),
+)
+for _spoil, _mend, *_says in (
+    (dict(load=-0.1), NOT_NEGATIVE),
+    (dict(load="light"), NUMBER),
+    (dict(load={"y": 0.1}), "one of 'z'"),
+    (dict(load={"z": NAN}), NUMBER, r"load\['z'\]"),
+):
+    CASES.append(Case("to_mjcf", _spoil, _mend, *(_says or (None,)), call=_ARM))
+for _name in ("to_isaac", "to_simscape"):
+    rows(
+        _name,
+        (dict(result=8.0), "a Diagnosis"),
+        (dict(result={}), "by the name of their joint"),
+        (dict(result={3: AXIS}), "must be text", "joint"),
+        (dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
+        (dict(joint=3), "must be text"),
+        (dict(velocities="fast"), "array of numbers"),
+        (dict(path=3), "path of a file"),
+    )
+rows("to_isaac", (dict(load=None), "give load"), (dict(load=-1.0), NOT_NEGATIVE))
+rows(
+    "to_simscape",
+    (dict(result=AXIS.replace(units=("counts", "V"))), "the blocks take", "units"),
+)
 rows(
     "motion_profile",
     (dict(points="far"), "number"),
@@ -1539,6 +1619,11 @@ def test_sound_calls_are_sound():
         "presets",
         "Fit",
         "export_",
+        "to_mjcf",
+        "to_urdf",
+        "to_modelica",
+        "to_isaac",
+        "to_simscape",
     )
     slow = ("diagnose", "next_experiment", "identify_", "slow_ramp", "monte_carlo", "design_pi")
     for name, (call, arguments) in SOUND.items():

@@ -23,6 +23,7 @@ RESULTS = (
     "model.responses.Events",
     "model.responses.SimulationResponse",
     "records.data_check.RecordCheck",
+    "simulators.joint_values.SimulatorValues",
 )
 
 

@@ -310,6 +310,7 @@ def _diagnosed(
         varies=varies,
         others=tuple(records[1:]),
         not_tried=dict(search.not_tried),
+        standard_errors=final.standard_errors(),
     )
 
 

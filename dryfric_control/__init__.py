@@ -10,6 +10,7 @@ from dryfric_control.diagnosis import (
     Diagnosis,
     diagnose,
     diagnose_batch,
+    diagnose_joints,
     next_experiment,
 )
 from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
@@ -89,6 +90,7 @@ __all__ = [
     "design_pi_observer",
     "diagnose",
     "diagnose_batch",
+    "diagnose_joints",
     "effects",
     "encoder",
     "export_c",

@@ -265,6 +265,10 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "slow_ramp_experiment": (dfc.slow_ramp_experiment, dict(axis=AXIS, duration=5.0)),
     "diagnose": (dfc.diagnose, dict(axis=AXIS, record=RECORD)),
     "diagnose_batch": (dfc.diagnose_batch, dict(axis=AXIS, records=[RECORD], progress=False)),
+    "diagnose_joints": (
+        dfc.diagnose_joints,
+        dict(joints={"elbow": (AXIS, RECORD)}, progress=False),
+    ),
     "run_batch": (dfc.run_batch, dict(function=math.sqrt, cases={"a": 4.0}, progress=False)),
     "next_experiment": (
         dfc.next_experiment,
@@ -1386,6 +1390,23 @@ rows(
     (dict(records=3), "mapping of names"),
     (dict(records=[X]), "read_record", r"records\[0\]"),
     (dict(window=0.0), POSITIVE),
+    (dict(window=60.0), "choose"),
+    (dict(hold="second"), '"zero" or "first"'),
+    (dict(store=3), "path of a file"),
+    (dict(jobs=0), "whole number other than 0"),
+)
+
+rows(
+    "diagnose_joints",
+    (dict(joints=3), "mapping of names"),
+    (dict(joints={}), "not empty"),
+    (dict(joints={"elbow": AXIS}), r"\(axis, records\)", r"joints\['elbow'\]"),
+    (dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", r"joints\['elbow'\]\[0\]"),
+    (dict(joints={"elbow": (AXIS, X)}), "read_record", r"joints\['elbow'\]\[1\]"),
+    (dict(joints={"elbow": (AXIS, [])}), "at least one", r"joints\['elbow'\]\[1\]"),
+    (dict(known=("weight",)), "choose from"),
+    (dict(tolerance={"mass": 0.0}), POSITIVE),
+    (dict(time_limit=0.0), POSITIVE),
     (dict(window=60.0), "choose"),
     (dict(hold="second"), '"zero" or "first"'),
     (dict(store=3), "path of a file"),

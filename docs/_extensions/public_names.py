@@ -19,6 +19,7 @@ RESULTS = (
     "compensation.runtime.CompensatedController",
     "compensation.runtime.CompensationStepper",
     "diagnosis.experiment.Experiment",
+    "diagnosis.joints.JointDiagnoses",
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",

@@ -21,6 +21,7 @@ from dryfric_control.identification import Fit, replay
 from dryfric_control.model.axis import FrictionAxis, without_states
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import usual_speed
+from dryfric_control.model.units import powers
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, length_text, percent, plain_data
 
@@ -296,9 +297,11 @@ def described(
     reduced: dict[str, FrictionAxis] = {}
     lost: list[Loss] = []
     for name, joint in joints.items():
-        states = _States.of(joint, given)
+        recorded, gain = referred(joint.axis)
+        states = _States.of(joint, recorded, given)
 
         def numbers(axis: FrictionAxis, name: str = name, states: Any = states) -> dict[str, Any]:
+            axis, _ = referred(axis)
             found = form.values(*_best(form, axis, states), _breakaway(axis, states))
             if armature:
                 found[armature] = max(axis.mass - (loads or {}).get(name, 0.0), 0.0)
@@ -306,18 +309,21 @@ def described(
 
         values[name] = numbers(joint.axis)
         errors[name] = _errors(joint, values[name], numbers)
-        level, slope = _best(_STRAIGHT, joint.axis, states)[0]
-        reduced[name] = joint.axis.replace(
+        level, slope = _best(_STRAIGHT, recorded, states)[0]
+        reduced[name] = recorded.replace(
             coulomb=level, viscous=slope, stribeck=None, effects=(), name=name
         )
-        off[name], found = _lost(form, name, joint.axis, states, joint.records)
+        off[name], found = _lost(form, name, recorded, states, joint.records)
         lost += found
-        if armature and joint.axis.mass < (loads or {}).get(name, 0.0):
-            load, unit = (loads or {})[name], joint.axis.unit("kg")
+        if gain != 1.0:
+            words = "the drive is the recorded one: all values are divided by the gain"
+            lost.append(Loss(name, f"input_gain: gain = {gain:.4g}", words, 0.0, recorded.units[1]))
+        if armature and recorded.mass < (loads or {}).get(name, 0.0):
+            load, unit = (loads or {})[name], recorded.unit("kg")
             lost.append(
                 Loss(
-                    name, f"inertia {joint.axis.mass:.4g} {unit}",
-                    f"the bodies have {load:.4g} {unit} already", load - joint.axis.mass, unit,
+                    name, f"inertia {recorded.mass:.4g} {unit}",
+                    f"the bodies have {load:.4g} {unit} already", load - recorded.mass, unit,
                 )
             )  # fmt: skip
         if joint.records:
@@ -327,6 +333,29 @@ def described(
             )
             runs[name] = _rms(np.concatenate(whole)), _rms(np.concatenate(less))
     return SimulatorValues(values, errors, tuple(lost), off, runs, reduced, ())
+
+
+def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
+    """The axis under the drive as it is recorded, without an input gain, and that gain.
+
+    All forces over the gain move it alike.
+    """
+    gains = [e for e in axis.effects if e.slug == "input_gain"]
+    gain = math.prod(e.values[0] for e in gains)
+    if not gains or gain <= 0.0:
+        return axis, 1.0
+    effects = []
+    for effect in (e for e in axis.effects if e not in gains):
+        values = {
+            n: getattr(effect, n) / gain ** powers(p["unit"])[0]
+            for n, p in effect.parameters().items()
+        }
+        effects.append(type(effect)(**values))
+    scaled = axis.replace(
+        mass=axis.mass / gain, viscous=axis.viscous / gain,
+        coulomb=axis.coulomb.scaled(1.0 / gain), effects=tuple(effects),
+    )  # fmt: skip
+    return scaled, gain
 
 
 _STRAIGHT = Format(straight, lambda speed: (None,), lambda c, shape, breakaway: {})
@@ -341,9 +370,8 @@ class _States(NamedTuple):
     u: FloatArray
 
     @classmethod
-    def of(cls, joint: Joint, velocities: FloatArray | None) -> _States:
+    def of(cls, joint: Joint, axis: FrictionAxis, velocities: FloatArray | None) -> _States:
         """Sliding samples of the records; without one, velocities at places of the travel."""
-        axis = joint.axis
         if velocities is None and joint.records:
             parts = []
             for record in joint.records:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.simulators.files import number, read_model, target, written
 from dryfric_control.simulators.joint_values import (
     Format,
@@ -22,12 +24,14 @@ from dryfric_control.simulators.joint_values import (
     straight,
 )
 from dryfric_control.simulators.xml_text import Element, applied, attributes_set, elements
+from dryfric_control.store.files import existing_file
 
 _MJCF = Format(
     straight,
     lambda speed: (None,),
     lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
 )
+_KINDS = ("free", "ball", "slide", "hinge")
 _UNITS = {"hinge": ("rad", "N m"), "slide": ("m", "N")}
 #: Friction of MuJoCo is soft: a joint at rest creeps, with these a fiftieth of the default.
 _STIFF = {"solreffriction": "0.002 1", "solimpfriction": "0.99 0.999 0.001"}
@@ -181,7 +185,7 @@ def _computed(path: Path, joints: Mapping[str, Joint]) -> dict[str, float]:
     return inertias(made, joints)
 
 
-def inertias(model: Any, joints: Mapping[str, Any]) -> dict[str, float]:
+def inertias(model: Any, joints: Iterable[str]) -> dict[str, float]:
     """Inertia of the bodies of a compiled model about joints in its reference pose."""
     import mujoco
 
@@ -194,6 +198,37 @@ def inertias(model: Any, joints: Mapping[str, Any]) -> dict[str, float]:
         unit[at] = 1.0
         mujoco.mj_mulM(model, data, answer, unit)
         found[name] = float(answer[at] - model.dof_armature[at])
+    return found
+
+
+def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
+    """Nominal axes of the joints of an MJCF file, by MuJoCo: inertia, damping, frictionloss."""
+    try:
+        import mujoco
+    except ImportError:
+        raise ValueError(
+            f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
+            "install mujoco, or give a file of axes"
+        ) from None
+    try:
+        model = mujoco.MjModel.from_xml_path(str(existing_file(path)))
+    except ValueError as problem:
+        raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
+    found = {}
+    for i in range(model.njnt):
+        joint = model.joint(i)
+        kind = _KINDS[int(joint.type[0])]
+        if joint.name and kind in _UNITS:
+            at = int(joint.dofadr[0])
+            found[joint.name] = FrictionAxis(
+                mass=inertias(model, [joint.name])[joint.name] + float(model.dof_armature[at]),
+                viscous=float(np.ravel(model.dof_damping[at])[0]),
+                coulomb=CoulombMap.of(float(model.dof_frictionloss[at])),
+                name=joint.name,
+                units=_UNITS[kind],
+            )
+    if not found:
+        raise ValueError(f"model {path} has no hinge or slide joint with a name: name them")
     return found
 
 
@@ -210,7 +245,7 @@ def _in_model(
     kinds = {made.joint(i).name: int(made.joint(i).type[0]) for i in range(made.njnt)}
     joints = joints_of(result, joint, [name for name in kinds if name])
     for name, one in joints.items():
-        _check(name, one, ("free", "ball", "slide", "hinge")[kinds[name]])
+        _check(name, one, _KINDS[kinds[name]])
     loads = checked_loads(load, joints)
     if any(name not in loads for name in joints):
         loads = inertias(made, joints) | loads

@@ -194,7 +194,24 @@ def test_what_is_not_determined_is_said(arm):
     written = dfc.to_mjcf(found, arm, load=0.05)
     assert math.isinf(written.standard_errors["elbow"]["frictionloss"])
     assert "(undetermined)" in written.summary()
-    assert written.lost[0].instead == "the actuator of the simulator"
+    assert "all values are divided by the gain" in written.lost[0].instead
+
+
+def test_values_are_those_under_the_recorded_drive(arm):
+    """A drive that is 25 % stronger than recorded: 1.25 u moves what u moves at forces over 1.25."""
+    gain = dfc.effects.InputGain(1.25)
+    stronger = PLAIN.replace(effects=(gain, dfc.effects.BiasForce(0.1)))
+    found = dfc.to_mjcf(stronger, arm, load=0.05)
+    values = found.values["elbow"]
+    assert values["frictionloss"] == pytest.approx(1.2 / 1.25)
+    assert values["damping"] == pytest.approx(0.3 / 1.25)
+    assert values["armature"] == pytest.approx(0.25 / 1.25 - 0.05)
+    bias = next(one for one in found.lost if one.what.startswith("bias_force"))
+    assert bias.error == pytest.approx(0.1 / 1.25)
+    alike = found.reduced["elbow"].replace(effects=(dfc.effects.BiasForce(0.08),))
+    np.testing.assert_allclose(
+        alike.simulate(U, dt=DT).y[0], stronger.simulate(U, dt=DT).y[0], atol=1e-6
+    )
 
 
 def test_effects_beyond_friction_are_listed_with_their_error(fitted, arm):

@@ -162,7 +162,7 @@ class Diagnosis(Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self, path, "diagnosis", 1, _SAVED)
+        save_object(self, path, "diagnosis", 1, SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.
@@ -231,7 +231,8 @@ def write_report(
     return *(target / name for name in contents), target / "saved.json"
 
 
-_SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
+#: Classes that a saved diagnosis holds.
+SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
 
 
 def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
@@ -268,5 +269,5 @@ def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
     >>> again.verdict, again.summary() == found.summary()
     ('nothing to find', True)
     """
-    found: Diagnosis = load_object(path, "diagnosis", 1, _SAVED)
+    found: Diagnosis = load_object(path, "diagnosis", 1, SAVED)
     return found

@@ -687,7 +687,11 @@ for _slug, _cls in REGISTRY.items():
     for _field in dataclasses.fields(_cls):
         _low, _high = _field.metadata["bounds"]
         _sound = {f.name: _cls.parameters()[f.name]["bounds"] for f in dataclasses.fields(_cls)}
-        _values = {k: min(max(0.5, low), high) for k, (low, high) in _sound.items()}
+        # Growing: a lower place comes before an upper one.
+        _values = {
+            k: min(max(0.5 + 0.01 * i, low), high)
+            for i, (k, (low, high)) in enumerate(_sound.items())
+        }
         SOUND[_cls.__name__] = (_cls, _values)
         _says = f"{_slug}.{_field.name}"
         rows(
@@ -1396,6 +1400,17 @@ rows(
     (dict(jobs=0), "whole number other than 0"),
 )
 
+rows(
+    "EndStop",
+    (dict(low=0.1, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
+)
+_WALL = AXIS.replace(effects=(dfc.effects.EndStop(-0.1, 0.1, 1e15),))
+CASES.append(
+    Case(
+        "FrictionAxis.simulate", {}, "Use at most", "end_stop.* is too stiff",
+        lambda: _WALL.simulate([0.0], DT),
+    )
+)  # fmt: skip
 rows(
     "diagnose_joints",
     (dict(joints=3), "mapping of names"),

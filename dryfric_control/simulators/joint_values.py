@@ -19,6 +19,7 @@ from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.identification import Fit, replay
 from dryfric_control.model.axis import FrictionAxis, without_states
+from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import usual_speed
 from dryfric_control.model.units import powers
@@ -114,6 +115,8 @@ class SimulatorValues(Result):
         there is a record.
     reduced : dict of str to FrictionAxis
         The axis of each joint as far as the format states it.
+    messages : tuple of str
+        Causes of a diagnosis that may as well be others: the values are not certain.
     files : tuple of Path
         Files that were written.
 
@@ -134,6 +137,7 @@ class SimulatorValues(Result):
     friction_error: dict[str, float]
     free_runs: dict[str, tuple[float, float]]
     reduced: dict[str, FrictionAxis]
+    messages: tuple[str, ...]
     files: tuple[Path, ...]
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
@@ -161,6 +165,7 @@ class SimulatorValues(Result):
                     for one in self.lost
                 ),
             ]
+        yield from (f"warning: {message}" for message in self.messages)
         if self.files:
             yield f"written: {', '.join(path.name for path in self.files)}"
 
@@ -172,6 +177,7 @@ class SimulatorValues(Result):
             "lost": [plain_data(one._asdict()) for one in self.lost],
             "friction_error": plain_data(self.friction_error),
             "free_runs": plain_data(self.free_runs),
+            "messages": list(self.messages),
             "files": [str(path) for path in self.files],
         }
 
@@ -199,6 +205,8 @@ class Joint(NamedTuple):
     names: tuple[str, ...]
     covariance: FloatArray
     shift: float
+    #: What may be otherwise.
+    doubts: tuple[str, ...] = ()
 
 
 def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str, Joint]:
@@ -245,7 +253,14 @@ def _joint(name: str, result: Any) -> Joint:
         known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
         covariance = np.diag(np.square([*known.values()]))
         records = (result.record, *result.others)
-        return Joint(result.extended.effective(), records, tuple(known), covariance, 0.0)
+        doubts = tuple(
+            f"{cause.title} or {' or '.join(map(titles_of, cause.alternatives))}: the record does "
+            "not separate them, and the values differ"
+            for cause in result.causes
+            if cause.alternatives
+        )
+        extended = result.extended.effective()
+        return Joint(extended, records, tuple(known), covariance, 0.0, doubts)
     raise ValueError(
         f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
         f"{short(result)}"
@@ -332,7 +347,8 @@ def described(
                 for a in (joint.axis, reduced[name])
             )
             runs[name] = _rms(np.concatenate(whole)), _rms(np.concatenate(less))
-    return SimulatorValues(values, errors, tuple(lost), off, runs, reduced, ())
+    messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
+    return SimulatorValues(values, errors, tuple(lost), off, runs, reduced, messages, ())
 
 
 def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
@@ -405,6 +421,9 @@ def _resistance(axis: FrictionAxis, states: _States) -> FloatArray:
 
 
 def _dissipates(effect: Any) -> bool:
+    """Whether an effect is friction of the joint; a stop is one of the simulator's own."""
+    if effect.slug in _ELSEWHERE:
+        return False
     return effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
 
 
@@ -511,8 +530,8 @@ def _lost(
                 found.append(Loss(joint, what, "least squares", _rms(left), force))
             continue
         instead = _ELSEWHERE.get(effect.slug, _ELSEWHERE.get(effect.action, "none"))
-        if effect.action in ("force", "input"):
-            part = _resistance(axis, states) - _resistance(without, states)
+        part = _resistance(axis, states) - _resistance(without, states)
+        if effect.action in ("force", "input") and np.any(part):
             found.append(Loss(joint, what, instead, _rms(part), force))
         else:
             moved = [replay(axis, r).positions - replay(without, r).positions for r in records]

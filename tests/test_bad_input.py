@@ -189,6 +189,7 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Record.blocks": (RECORD.blocks, dict(seconds=0.5)),
     "Record.decimated": (RECORD.decimated, dict(factor=2)),
     "Record.resampled": (RECORD.resampled, dict(dt=2e-3)),
+    "Record.commanded": (dfc.Record(T, U, X, 1.1 * X).commanded, {}),
     "Record.derivatives": (RECORD.derivatives, {}),
     "Record.to_csv": (RECORD.to_csv, dict(path="run.csv")),
     "Record.plot": (RECORD.plot, {}),
@@ -1411,6 +1412,11 @@ CASES.append(
         lambda: _WALL.simulate([0.0], DT),
     )
 )  # fmt: skip
+rows(
+    "Record.commanded",
+    (dict(gain=0.0), "more than zero|positive"),
+    (dict(gain="stiff"), "number"),
+)
 rows(
     "diagnose_joints",
     (dict(joints=3), "mapping of names"),

@@ -34,6 +34,8 @@ _SAMPLES, _VELOCITIES, _PLACES = 5000, 101, 9
 _SAID = 1e-6
 # Change of a parameter for the propagation of its standard error, as a part of that error.
 _STEP = 1e-2
+# Causes that scale all forces together or one by one.
+_SCALES = {"inertia", "viscous", "coulomb", "input_gain"}
 #: Where a simulator keeps what is no friction of a joint.
 _ELSEWHERE = {
     "input": "the actuator of the simulator",
@@ -253,14 +255,20 @@ def _joint(name: str, result: Any) -> Joint:
         known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
         covariance = np.diag(np.square([*known.values()]))
         records = (result.record, *result.others)
-        doubts = tuple(
-            f"{cause.title} or {' or '.join(map(titles_of, cause.alternatives))}: the record does "
-            "not separate them, and the values differ"
-            for cause in result.causes
-            if cause.alternatives
-        )
+        doubts = []
+        for cause in result.causes:
+            # A gain or all base parameters: under the recorded drive they are the same.
+            others = [
+                one for one in cause.alternatives if not {cause.effect, *one.split("+")} <= _SCALES
+            ]
+            if others:
+                words = " or ".join(map(titles_of, others))
+                doubts.append(
+                    f"{cause.title} or {words}: the record does not separate them, and the values "
+                    "differ"
+                )
         extended = result.extended.effective()
-        return Joint(extended, records, tuple(known), covariance, 0.0, doubts)
+        return Joint(extended, records, tuple(known), covariance, 0.0, tuple(doubts))
     raise ValueError(
         f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
         f"{short(result)}"

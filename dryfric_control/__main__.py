@@ -457,15 +457,17 @@ def _joints(chosen: argparse.Namespace) -> None:
             raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
     cases = {}
     for name in chosen.joints or axes:
-        records = [
-            read_record(
+        axis, records = axes[name], []
+        for path in chosen.record:
+            record = read_record(
                 path, chosen.columns, scaling, units=chosen.units, joint=name, name=name, **sampling
             )
-            for path in chosen.record
-        ]
-        for path, record in zip(chosen.record, records, strict=True):
-            print(f"{Path(path).name}, {name}: {record.check().headline}")
-        axis = axes[name]
+            check = record.check()
+            if check.assumed:
+                print(f"{Path(path).name}, {name}: units: {check.assumed}")
+                check = replace(check, units=axis.units)
+            print(f"{Path(path).name}, {name}: {check.headline}")
+            records.append(record)
         if axis.coulomb.mean == 0.0:  # a model that nobody has given any friction
             guess = _GUESS * float(abs(records[0].u).max())
             print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")

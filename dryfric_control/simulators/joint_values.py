@@ -36,6 +36,7 @@ _SAID = 1e-6
 _STEP = 1e-2
 # Causes that scale all forces together or one by one.
 _SCALES = {"inertia", "viscous", "coulomb", "input_gain"}
+_USABLE = ("explained", "nothing to find")
 #: Where a simulator keeps what is no friction of a joint.
 _ELSEWHERE = {
     "input": "the actuator of the simulator",
@@ -118,7 +119,8 @@ class SimulatorValues(Result):
     reduced : dict of str to FrictionAxis
         The axis of each joint as far as the format states it.
     messages : tuple of str
-        Causes of a diagnosis that may as well be others: the values are not certain.
+        Why the values are not certain: causes of a diagnosis that may as well be others, or a
+        verdict that leaves something open.
     files : tuple of Path
         Files that were written.
 
@@ -256,6 +258,8 @@ def _joint(name: str, result: Any) -> Joint:
         covariance = np.diag(np.square([*known.values()]))
         records = (result.record, *result.others)
         doubts = []
+        if result.verdict not in _USABLE:
+            doubts.append(f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained")
         for cause in result.causes:
             # A gain or all base parameters: under the recorded drive they are the same.
             others = [

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
@@ -276,6 +277,22 @@ def test_a_body_with_more_inertia_than_the_axis_is_said(arm):
     assert found.lost[0].what.startswith("inertia 0.25") and found.lost[0].error == pytest.approx(
         0.15
     )
+
+
+@pytest.mark.slow
+def test_what_a_diagnosis_leaves_open_is_said(arm):
+    """A force that changes with a place that no effect has, and nothing that the model says of it."""
+    bump = 0.5 * np.sin(40.0 * PLAIN.simulate(U, dt=DT).y[0]) ** 8
+    x = PLAIN.simulate(U - bump, dt=DT).y[0]
+    measured = dfc.Record(T, U, x, units={"x": "rad", "u": "N m"})
+    with among("bias_force"):
+        found = dfc.diagnose(PLAIN, measured, jobs=1, progress=False)
+    assert found.verdict not in ("explained", "nothing to find")
+    written = dfc.to_mjcf({"elbow": found}, arm, load=0.0)
+    assert written.messages[0].startswith(
+        f"elbow: the verdict of the diagnosis is {found.verdict!r}"
+    )
+    assert f"warning: {written.messages[0]}" in written.summary()
 
 
 def test_command_line(fitted, arm, tmp_path, capsys):

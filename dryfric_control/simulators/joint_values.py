@@ -36,6 +36,9 @@ _SAID = 1e-6
 _STEP = 1e-2
 # Causes that scale all forces together or one by one.
 _SCALES = {"inertia", "viscous", "coulomb", "input_gain"}
+# Where the drive hardly ever brakes, friction by load is the same as a weaker drive, whose values
+# are others.
+_LOAD = "load_dependence"
 _USABLE = ("explained", "nothing to find")
 #: Where a simulator keeps what is no friction of a joint.
 _ELSEWHERE = {
@@ -262,9 +265,10 @@ def _joint(name: str, result: Any) -> Joint:
             doubts.append(f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained")
         for cause in result.causes:
             # A gain or all base parameters: under the recorded drive they are the same.
-            others = [
-                one for one in cause.alternatives if not {cause.effect, *one.split("+")} <= _SCALES
-            ]
+            alternatives = [*cause.alternatives]
+            if cause.effect == _LOAD and "input_gain" not in alternatives:
+                alternatives.append("input_gain")
+            others = [one for one in alternatives if not {cause.effect, *one.split("+")} <= _SCALES]
             if others:
                 words = " or ".join(map(titles_of, others))
                 doubts.append(

@@ -98,6 +98,7 @@ CASES: dict[str, tuple[effects.Effect, View | None]] = {
         (effects.Gravity(amplitude=4.0), ANGLE),
         (effects.Cogging(amplitude=3.0, period=0.06), POSITION),
         (effects.PositionDependence(slope=3.0), POSITION),
+        (effects.EndStop(low=-0.09, high=0.09, stiffness=400.0, damping=4.0), POSITION),
         (effects.EccentricEncoder(amplitude=8e-4, period=0.06), POSITION),
         (effects.WarmUp(rise=0.6, time_constant=6.0), TIME),
         (effects.Drift(rate=0.02), TIME),

@@ -10,6 +10,7 @@ from dryfric_control.diagnosis import (
     Diagnosis,
     diagnose,
     diagnose_batch,
+    diagnose_joints,
     next_experiment,
 )
 from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
@@ -61,6 +62,7 @@ from dryfric_control.records import (
     read_bam,
     read_record,
 )
+from dryfric_control.simulators import to_isaac, to_mjcf, to_modelica, to_simscape, to_urdf
 from dryfric_control.store.axis_file import read_axis, write_axis
 from dryfric_control.store.batch import run_batch
 
@@ -88,6 +90,7 @@ __all__ = [
     "design_pi_observer",
     "diagnose",
     "diagnose_batch",
+    "diagnose_joints",
     "effects",
     "encoder",
     "export_c",
@@ -123,6 +126,11 @@ __all__ = [
     "slow_ramp_experiment",
     "supervisor",
     "switched_axis",
+    "to_isaac",
+    "to_mjcf",
+    "to_modelica",
+    "to_simscape",
+    "to_urdf",
     "write_axis",
 ]
 

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ from scipy.io import savemat
 
 import dryfric_control as dfc
 from dryfric_control.compiled.axis_step import HIGH, LOW, SHORT_TIME, SHORT_WAY
+from dryfric_control.store.axis_file import read_axes
 
 # A file of a few kilobytes is read in milliseconds.  A call that takes longer than this
 # hangs for the user, on a machine with other work too.
@@ -62,6 +64,27 @@ def _bam() -> bytes:
     ]  # fmt: skip
     head = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "a", "trajectory": "b"}
     return json.dumps(head | {"entries": entries}).encode()
+
+
+#: Models of simulators with a joint "elbow".
+_MODELS = {
+    "mjcf": [
+        b"<?xml version='1.0'?>\n<mujoco>\n <!-- <joint name='elbow'/> -->\n <worldbody>\n  <body>\n"
+        b"   <joint name='elbow' damping = \"1\" user='a > b'/>\n   <geom size='1'/>\n  </body>\n"
+        b" </worldbody>\n</mujoco>\n"
+    ],
+    "urdf": [
+        b"<robot name='a'>\n <joint name='elbow' type='revolute'>\n  <parent link='a'/>\n"
+        b"  <dynamics friction='0.1'/>\n </joint>\n</robot>\n",
+        b"<robot>\n <joint name='elbow' type='continuous'>\n  <parent link='a'/>\n </joint></robot>",
+    ],
+    "modelica": [
+        b'model Arm "a (model"\n  // BearingFriction elbow;\n  BearingFriction elbow(\n'
+        b"    tau_pos=[0, 1; 2, 3], useSupport=true) annotation (Placement());\nend Arm;\n",
+        b"model Arm\n  Modelica.Rotational.BearingFriction elbow;\nend Arm;\n",
+    ],
+}
+_ELBOW = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
 
 
 def _mcap() -> list[bytes]:
@@ -163,6 +186,14 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
             _written(folder, "a.toml", lambda p: dfc.write_axis(axis, p)),
             _written(folder, "b.toml", lambda p: dfc.write_axis(plain, p)),
         ],
+        "axes": [
+            b"".join(
+                b"[%s]\n" % name
+                + b"mass = 0.3\nviscous = 0.2\ncoulomb = [1.5, 1.4]\nunits = ['rad', 'N m']\n"
+                for name in (b"elbow", b"wrist")
+            )
+        ],
+        **_MODELS,
         "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
         "bam": [_bam()],
     }  # fmt: skip
@@ -299,6 +330,43 @@ def _design_sound(design: dfc.ObserverDesign) -> bool:
     )
 
 
+def _edited(path: Path) -> tuple[bytes, bytes, str]:
+    """A model before and after, and the text that must be in it now."""
+    before = path.read_bytes()
+    if path.suffix == ".mo":
+        dfc.to_modelica({"elbow": _ELBOW}, path, velocities=[-1.0, 1.0])
+        return before, path.read_bytes(), "tau_pos=[0, 1.5; 1, 1.7]"
+    if path.suffix == ".urdf":
+        dfc.to_urdf({"elbow": _ELBOW}, path)
+        return before, path.read_bytes(), "friction=1.5 damping=0.2"
+    dfc.to_mjcf({"elbow": _ELBOW}, path, load=0.1)
+    return before, path.read_bytes(), "frictionloss=1.5 damping=0.2 armature=0.2"
+
+
+def _attributes(xml: bytes) -> list[dict[str, str]]:
+    """Those of every element; names with colons are names, as simulators read them."""
+    found: list[dict[str, str]] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda name, attributes: found.append(attributes)
+    parser.Parse(xml, True)
+    return found
+
+
+def _edit_sound(edit: tuple[bytes, bytes, str]) -> bool:
+    """The values are there, and the beginning and the end of the file as before."""
+    before, after, words = edit
+    if words.startswith("tau_pos"):
+        return words.encode() in after and before[:4] == after[:4]
+    elements = _attributes(after)
+    wanted = dict(part.split("=") for part in words.split())
+    return (
+        any(wanted.items() <= attributes.items() for attributes in elements)
+        and before[:8] == after[:8]
+        and before[-8:] == after[-8:]
+        and len(elements) - len(_attributes(before)) in (0, 1)
+    )
+
+
 READERS = {
     "csv": Reader(".csv", dfc.read_record, _record_sound),
     "mat": Reader(".mat", dfc.read_record, _record_sound),
@@ -314,6 +382,10 @@ READERS = {
     "lines": Reader(".jsonl", _bridged, _record_sound),
     "record": Reader(".json", dfc.load_record, _record_sound),
     "axis": Reader(".toml", dfc.read_axis, _axis_sound),
+    "axes": Reader(".toml", read_axes, lambda axes: all(map(_axis_sound, axes.values()))),
+    "mjcf": Reader(".xml", _edited, _edit_sound),
+    "urdf": Reader(".urdf", _edited, _edit_sound),
+    "modelica": Reader(".mo", _edited, _edit_sound),
     "design": Reader(".json", dfc.load_design, _design_sound),
     "bam": Reader(".json", dfc.read_bam, _log_sound),
 }

@@ -189,6 +189,7 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Record.blocks": (RECORD.blocks, dict(seconds=0.5)),
     "Record.decimated": (RECORD.decimated, dict(factor=2)),
     "Record.resampled": (RECORD.resampled, dict(dt=2e-3)),
+    "Record.commanded": (dfc.Record(T, U, X, 1.1 * X).commanded, {}),
     "Record.derivatives": (RECORD.derivatives, {}),
     "Record.to_csv": (RECORD.to_csv, dict(path="run.csv")),
     "Record.plot": (RECORD.plot, {}),
@@ -212,6 +213,11 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
     "export_c": (dfc.export_c, dict(obj=AXIS, folder="/dev/null/no")),
     "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="/nowhere/axis.fmu")),
+    "to_mjcf": (dfc.to_mjcf, dict(result=AXIS, model="/nowhere/arm.xml")),
+    "to_urdf": (dfc.to_urdf, dict(result=AXIS, model="/nowhere/arm.urdf")),
+    "to_modelica": (dfc.to_modelica, dict(result=AXIS, model="/nowhere/Arm.mo")),
+    "to_isaac": (dfc.to_isaac, dict(result=AXIS, path="/nowhere/friction.py", load=0.0)),
+    "to_simscape": (dfc.to_simscape, dict(result=AXIS, path="/nowhere/friction.m")),
     "motion_profile": (
         dfc.motion_profile,
         dict(points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0),
@@ -260,6 +266,10 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "slow_ramp_experiment": (dfc.slow_ramp_experiment, dict(axis=AXIS, duration=5.0)),
     "diagnose": (dfc.diagnose, dict(axis=AXIS, record=RECORD)),
     "diagnose_batch": (dfc.diagnose_batch, dict(axis=AXIS, records=[RECORD], progress=False)),
+    "diagnose_joints": (
+        dfc.diagnose_joints,
+        dict(joints={"elbow": (AXIS, RECORD)}, progress=False),
+    ),
     "run_batch": (dfc.run_batch, dict(function=math.sqrt, cases={"a": 4.0}, progress=False)),
     "next_experiment": (
         dfc.next_experiment,
@@ -678,7 +688,11 @@ for _slug, _cls in REGISTRY.items():
     for _field in dataclasses.fields(_cls):
         _low, _high = _field.metadata["bounds"]
         _sound = {f.name: _cls.parameters()[f.name]["bounds"] for f in dataclasses.fields(_cls)}
-        _values = {k: min(max(0.5, low), high) for k, (low, high) in _sound.items()}
+        # Growing: a lower place comes before an upper one.
+        _values = {
+            k: min(max(0.5 + 0.01 * i, low), high)
+            for i, (k, (low, high)) in enumerate(_sound.items())
+        }
         SOUND[_cls.__name__] = (_cls, _values)
         _says = f"{_slug}.{_field.name}"
         rows(
@@ -1196,6 +1210,81 @@ CASES.append(
         "compensation.json", kind=FileNotFoundError,
     )
 )  # fmt: skip
+
+
+def into(function: Callable[..., Any], file: str, text: str, **sound: Any) -> Callable[..., Any]:
+    """A call that writes into a model file with this text."""
+
+    def write(folder: Any, **spoil: Any) -> Any:
+        (folder / file).write_text(text)
+        return function(**({"result": AXIS, "model": folder / file} | sound | spoil))
+
+    write.needs_folder = True  # type: ignore[attr-defined]
+    return write
+
+
+_SLIDE = '<joint name="{}" type="{}"/>'
+_BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
+_ARM = into(dfc.to_mjcf, "arm.xml", _BODY.format(_SLIDE.format("z", "slide")), load=0.1)
+_URDF = into(dfc.to_urdf, "arm.urdf", "<robot>" + _SLIDE.format("z", "prismatic") + "</robot>")
+_MO = into(dfc.to_modelica, "Arm.mo", "model Arm SupportFriction z; end Arm;")
+_WITHIN = (
+    (dict(result=8.0), "a Diagnosis"),
+    (dict(result={}), "by the name of their joint"),
+    (dict(result={"z": 8.0}), "a Diagnosis", r"result\['z'\]"),
+    (dict(result={"y": AXIS}), "it has 'z'", "joint 'y'"),
+    (dict(result={3: AXIS}), "must be text", "joint"),
+    (dict(result=AXIS.replace(units=("rad", "N m"))), "convert", "'z' is in"),
+    (dict(joint="y"), "it has 'z'"),
+    (dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
+    (dict(velocities="fast"), "array of numbers"),
+    (dict(velocities=[0.0, 0.0]), "velocities of sliding"),
+    (dict(velocities=[NAN]), "remove or fill"),
+    (dict(out=3), "path of a file"),
+    (dict(model=3), "path of a"),
+)
+for _name, _call in (("to_mjcf", _ARM), ("to_urdf", _URDF), ("to_modelica", _MO)):
+    for _spoil, _mend, *_says in _WITHIN:
+        CASES.append(Case(_name, _spoil, _mend, *(_says or (None,)), call=_call))
+for _name, _file, _text, _says, _mend in (
+    ("to_mjcf", "arm.xml", "<robot/>", "arm.xml", "not <mujoco>"),
+    ("to_mjcf", "arm.xml", "<mujoco", "arm.xml", "no XML"),
+    ("to_mjcf", "arm.xml", '<mujoco><include file="b.xml"/></mujoco>', "arm.xml", "b.xml"),
+    ("to_mjcf", "arm.xml", _BODY.format("<joint/>"), "arm.xml", "name them"),
+    ("to_mjcf", "arm.xml", _BODY.format(_SLIDE.format("z", "ball")), "'z'", "one axis"),
+    ("to_urdf", "arm.urdf", "<mujoco/>", "arm.urdf", "not <robot>"),
+    ("to_urdf", "arm.urdf", "<robot/>", "arm.urdf", "prismatic joint"),
+    ("to_modelica", "Arm.mo", "model Arm end Arm;", "Arm.mo", "SupportFriction"),
+):
+    CASES.append(Case(_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
+rows(
+    "to_mjcf",
+    (dict(stiff=1), "True or False"),
+    (dict(model="/nowhere/arm.xml"), "no file", "arm.xml", None, FileNotFoundError),
+)
+for _spoil, _mend, *_says in (
+    (dict(load=-0.1), NOT_NEGATIVE),
+    (dict(load="light"), NUMBER),
+    (dict(load={"y": 0.1}), "one of 'z'"),
+    (dict(load={"z": NAN}), NUMBER, r"load\['z'\]"),
+):
+    CASES.append(Case("to_mjcf", _spoil, _mend, *(_says or (None,)), call=_ARM))
+for _name in ("to_isaac", "to_simscape"):
+    rows(
+        _name,
+        (dict(result=8.0), "a Diagnosis"),
+        (dict(result={}), "by the name of their joint"),
+        (dict(result={3: AXIS}), "must be text", "joint"),
+        (dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
+        (dict(joint=3), "must be text"),
+        (dict(velocities="fast"), "array of numbers"),
+        (dict(path=3), "path of a file"),
+    )
+rows("to_isaac", (dict(load=None), "give load"), (dict(load=-1.0), NOT_NEGATIVE))
+rows(
+    "to_simscape",
+    (dict(result=AXIS.replace(units=("counts", "V"))), "the blocks take", "units"),
+)
 rows(
     "motion_profile",
     (dict(points="far"), "number"),
@@ -1306,6 +1395,39 @@ rows(
     (dict(records=3), "mapping of names"),
     (dict(records=[X]), "read_record", r"records\[0\]"),
     (dict(window=0.0), POSITIVE),
+    (dict(window=60.0), "choose"),
+    (dict(hold="second"), '"zero" or "first"'),
+    (dict(store=3), "path of a file"),
+    (dict(jobs=0), "whole number other than 0"),
+)
+
+rows(
+    "EndStop",
+    (dict(low=0.1, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
+)
+_WALL = AXIS.replace(effects=(dfc.effects.EndStop(-0.1, 0.1, 1e15),))
+CASES.append(
+    Case(
+        "FrictionAxis.simulate", {}, "Use at most", "end_stop.* is too stiff",
+        lambda: _WALL.simulate([0.0], DT),
+    )
+)  # fmt: skip
+rows(
+    "Record.commanded",
+    (dict(gain=0.0), "more than zero|positive"),
+    (dict(gain="stiff"), "number"),
+)
+rows(
+    "diagnose_joints",
+    (dict(joints=3), "mapping of names"),
+    (dict(joints={}), "not empty"),
+    (dict(joints={"elbow": AXIS}), r"\(axis, records\)", r"joints\['elbow'\]"),
+    (dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", r"joints\['elbow'\]\[0\]"),
+    (dict(joints={"elbow": (AXIS, X)}), "read_record", r"joints\['elbow'\]\[1\]"),
+    (dict(joints={"elbow": (AXIS, [])}), "at least one", r"joints\['elbow'\]\[1\]"),
+    (dict(known=("weight",)), "choose from"),
+    (dict(tolerance={"mass": 0.0}), POSITIVE),
+    (dict(time_limit=0.0), POSITIVE),
     (dict(window=60.0), "choose"),
     (dict(hold="second"), '"zero" or "first"'),
     (dict(store=3), "path of a file"),
@@ -1539,6 +1661,11 @@ def test_sound_calls_are_sound():
         "presets",
         "Fit",
         "export_",
+        "to_mjcf",
+        "to_urdf",
+        "to_modelica",
+        "to_isaac",
+        "to_simscape",
     )
     slow = ("diagnose", "next_experiment", "identify_", "slow_ramp", "monte_carlo", "design_pi")
     for name, (call, arguments) in SOUND.items():

@@ -268,6 +268,7 @@ WHOLE = ("README.md", "docs/tutorial.md")
 def bench(page, tmp_path, monkeypatch):
     """A folder with a measured `run.csv`: the pages' axis, and a spring nobody told us of."""
     monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "docs" / "data", tmp_path / "docs" / "data")
     monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
     before = dict(REGISTRY)
     machine = dfc.FrictionAxis(

@@ -19,10 +19,12 @@ RESULTS = (
     "compensation.runtime.CompensatedController",
     "compensation.runtime.CompensationStepper",
     "diagnosis.experiment.Experiment",
+    "diagnosis.joints.JointDiagnoses",
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",
     "records.data_check.RecordCheck",
+    "simulators.joint_values.SimulatorValues",
 )
 
 

@@ -3,6 +3,7 @@
 from dryfric_control.diagnosis.diagnose import diagnose, diagnose_batch
 from dryfric_control.diagnosis.evidence import Evidence, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
+from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import Cause, Gain, Unexplained
@@ -14,10 +15,12 @@ __all__ = [
     "Evidence",
     "Experiment",
     "Gain",
+    "JointDiagnoses",
     "Remaining",
     "Unexplained",
     "diagnose",
     "diagnose_batch",
+    "diagnose_joints",
     "evidence",
     "next_experiment",
     "read_axis",

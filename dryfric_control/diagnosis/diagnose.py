@@ -330,6 +330,7 @@ def _answered(
         varies=varies,
         others=tuple(records[1:]),
         not_tried=dict(search.not_tried),
+        standard_errors=final.standard_errors(),
     )
 
 
@@ -530,34 +531,70 @@ def diagnose_batch(
             f"records must be a mapping of names to Record, or a list of Record, got {records!r}"
         )
     named = records.items() if isinstance(records, Mapping) else enumerate(records)
-    cases: dict[Any, Record] = {}
+    cases: dict[Any, tuple[FrictionAxis, tuple[Record, ...]]] = {}
     for name, record in named:
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
-        check_units(axis, record, f"records[{name!r}]")
+        cases[name] = axis, (record,)
+    return run_cases(
+        functools.partial(_found, window, hold),
+        "records",
+        cases,
+        window=window,
+        hold=hold,
+        settings={"task": "diagnose", "axis": fingerprint(axis)},
+        store=store,
+        jobs=jobs,
+        progress=progress,
+    )
+
+
+def run_cases(
+    function: Callable[[Any], Any],
+    label: str,
+    named: Mapping[Any, tuple[FrictionAxis, tuple[Record, ...]]],
+    *,
+    window: float | None,
+    hold: str,
+    settings: Mapping[str, Any],
+    store: str | os.PathLike[str] | None,
+    jobs: int | None,
+    progress: bool,
+    own: Callable[[FrictionAxis], tuple[str, ...]] = lambda axis: (),
+) -> dict[Any, Any]:
+    """Run a diagnosis over axes with their records, each checked before any work.
+
+    A store identifies a case by its name, the data of its records and `own` of its axis.
+    """
+    cases: dict[Any, Any] = {}
+    for name, (axis, records) in named.items():
         try:
-            cut(record, _window(axis, [record]) if window is None else window, hold)
+            for record in records:
+                check_units(axis, record, f"{label}[{name!r}]")
+                cut(record, _window(axis, records) if window is None else window, hold)
         except ValueError as problem:
-            problem.add_note(f"in records[{name!r}]")
+            problem.add_note(f"in {label}[{name!r}]")
             raise
-        data = fingerprint(record.t, record.u, record.x, record.reference, record.quantum)
-        cases[name, data] = record
+        data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
+        cases[name, fingerprint(*data), *own(axis)] = axis, records
     found = run_batch(
-        functools.partial(_found, axis, window, hold),
+        function,
         cases,
         store=store,
         settings={
-            "task": "diagnose",
             "version": __version__,
-            "axis": fingerprint(axis),
             "window": None if window is None else float(window),
             "hold": hold,
+            **settings,
         },
         jobs=jobs,
         progress=progress,
     )
-    return {name: result for (name, _), result in found.items()}
+    return {key[0]: result for key, result in found.items()}
 
 
-def _found(axis: FrictionAxis, window: float | None, hold: str, record: Record) -> dict[str, Any]:
+def _found(
+    window: float | None, hold: str, case: tuple[FrictionAxis, tuple[Record, ...]]
+) -> dict[str, Any]:
+    axis, (record,) = case
     # Records already run in parallel.
     return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()

@@ -88,10 +88,12 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
                 f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
                 'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
             )
+    strongest = float(np.abs(record.u).max())
+    if strongest == 0.0:
+        return found  # something else moves it: nothing is known of the drive
     energy = energy_message(record, axis.units)
     if energy:
         found.append(energy)
-    strongest = float(np.abs(record.u).max())
     places = np.linspace(low, high, 33)
     least = min(float(axis.coulomb(places, s).min()) for s in (1, -1))
     motion = record.derivatives()

@@ -58,6 +58,12 @@ _SHOWN_BY = {
     "viscous": "several velocities",
     **dict.fromkeys(("coulomb", "coulomb_plus", "coulomb_minus"), "slow motion both ways"),
 }
+# Length of the free runs [s], and their number in a record without a drive: enough blocks for
+# the standard errors.
+_WINDOW, _UNDRIVEN = 0.25, 8
+# Force of a velocity's noise that may act from sample to sample, over the Coulomb level; median of
+# the size of a normal variable; fewest samples that are left.
+_DISTURBS, _MEDIAN, _FEWEST = 0.3, 0.6745, 500
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -337,7 +343,7 @@ def fit(
     *,
     known: Sequence[str] = (),
     tolerance: Mapping[str, float] | None = None,
-    window: float = 0.25,
+    window: float | None = None,
     hold: str = "zero",
     starts: int | None = None,
     block: float | None = None,
@@ -366,7 +372,8 @@ def fit(
     tolerance : mapping of str to float, optional
         Relative standard deviations of nominal values, such as ``{"viscous": 0.5}``.
     window : float, optional
-        Length of the free runs [s].
+        Length of the free runs [s].  Default: 0.25 s; without a drive, whose noise would add
+        up in them, an eighth of the shortest record.
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     starts : int, optional
@@ -397,7 +404,8 @@ def fit(
         When the record does not determine a parameter or does not separate two, a
         parameter ends at a bound, a base parameter ends more than a factor of two from its
         start value, or the model does not fit: the random force that is left is
-        correlated in time.
+        correlated in time; or when a position that is the integral of a noisy velocity is
+        fitted at every few samples.
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -456,6 +464,10 @@ def fit(
         free = [name for name in free if _SAME.get(name, name) not in known]
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
+    for i, r in enumerate(records):
+        instance(f"record[{i}]" if len(records) > 1 else "record", r, Record)
+    records = tuple(_coarser(axis, r) for r in records)
+    window = _window(records) if window is None else window
     parts = [cut(r, window, hold) for r in records]
     check_distinct(records)
     for r in records:
@@ -464,6 +476,36 @@ def fit(
     return fit_windows(
         axis, parts, free, starts, block, seed, jobs, progress, window, tolerance, noises=True
     )
+
+
+def _coarser(axis: FrictionAxis, record: Record) -> Record:
+    """The record sampled so slowly that noise of an integrated velocity is a force below friction.
+
+    The noise s of a velocity is an acceleration of sqrt(2) s/dt from sample to sample, in a
+    position that is its integral.
+    """
+    if not record.integrated:
+        return record
+    differences = np.abs(np.diff(record.channels["v"], 3))
+    noise = float(np.median(differences)) / (_MEDIAN * math.sqrt(20.0))
+    level = axis.coulomb.mean or float(np.std(record.u))
+    force = axis.mass * math.sqrt(2.0) * noise / record.dt
+    factor = min(math.ceil(force / max(_DISTURBS * level, 1e-300)), len(record) // _FEWEST)
+    if factor < 2:
+        return record
+    warnings.warn(
+        f"the velocity has noise of {noise:.3g} {axis.units[0]}/s: its integral is fitted at every "
+        f"{factor}. sample, as record.decimated({factor}) does",
+        FitWarning, stacklevel=3,
+    )  # fmt: skip
+    return record.decimated(factor)
+
+
+def _window(records: Sequence[Record]) -> float:
+    """Length of the free runs where none is given [s]."""
+    if any(np.any(r.u) for r in records):
+        return _WINDOW
+    return max(_WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:

@@ -943,10 +943,13 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
     rates = elastic_rates(axis, dt)
     for effect in axis.effects:
         swing = rates.get(effect.action, 0.0) * dt
+        if effect.stiffest > 0.0:
+            swing = math.sqrt(effect.stiffest * inverse_masses(axis, dt)) * dt
         decay = rates["damping"] * dt if effect.action == "transmission" else 0.0
         if swing > MOST_SWING:
             inner, unit = effect.inner(axis), axis.unit("N/m")
             stiffness, less = inner.contact + inner.stiffness, MOST_SWING / swing
+            stiffness = max(stiffness, effect.stiffest)
             raise ValueError(
                 f"{effect.describe(axis.units)} is too stiff: with {stiffness:.3g} {unit} it "
                 f"swings by {swing:.3g} rad in one sample of dt = {dt:g} s. Use at most "

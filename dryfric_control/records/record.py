@@ -43,6 +43,7 @@ from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
+    NO_DRIVE,
     FloatArray,
     check_motion,
     checked_notes,
@@ -242,7 +243,7 @@ class Record:
     def _with(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
         kept = {name: self.__dict__[name] for name in _PARTS} | changes
-        return restored(*(kept | {"notes": self.notes + (note,) * bool(note)}).values())
+        return restored(*(kept | {"notes": kept["notes"] + (note,) * bool(note)}).values())
 
     def _at(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
@@ -293,6 +294,15 @@ class Record:
     def range(self) -> float:
         """Distance between the extreme positions [unit of x]."""
         return float(np.ptp(self.x))
+
+    @cached_property
+    def integrated(self) -> bool:
+        """Whether the position is the integral of the velocity, not a reading."""
+        v = self.channels.get("v")
+        if v is None:
+            return False
+        steps = 0.5 * self.dt * (v[1:] + v[:-1])
+        return bool(np.allclose(np.diff(self.x), steps, rtol=1e-6, atol=1e-9 * self.range))
 
     @cached_property
     def noise(self) -> float:
@@ -603,6 +613,57 @@ class Record:
         u = self.u[: pick.stop].reshape(groups, -1).mean(axis=1)
         parts = self._at(pick) | {"u": u, "dt": self.dt * int(factor)}
         return self._with(f"decimated by {factor}", **parts)
+
+    def commanded(self, gain: float | None = None) -> Record:
+        """The record of a position servo, its drive a proportional law.
+
+        For a log of commands and positions without the force or torque of the drive: the input
+        becomes ``gain * (reference - x)``.
+
+        Parameters
+        ----------
+        gain : float, optional
+            Gain of the position controller [N/m].  Default: 1, so that the input is the lag
+            itself in the unit of position.  Forces are then known only in ratio to the gain:
+            give the axis an effect `InputGain` with a guess of it.
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        ValueError
+            If the record has no reference, or the servo follows it exactly.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(1000)
+        >>> record = dfc.Record(t, None, np.sin(9.0 * t - 0.1), np.sin(9.0 * t))
+        >>> record.commanded(400.0).notes
+        ('u is 400 (reference - x)',)
+        """
+        if self.reference is None:
+            raise ValueError(
+                "record has no reference: read the commands of the servo as one, "
+                'columns={"reference": ...}'
+            )
+        factor = 1.0 if gain is None else positive_number("gain", gain)
+        u = factor * (self.reference - self.x)
+        if not np.any(u):
+            raise ValueError(
+                "record.reference is the position itself: give the commands, not what was measured"
+            )
+        units = {k: v for k, v in self.units.items() if k != "u"}
+        if gain is None and "x" in units:
+            units["u"] = units["x"]
+        note = f"u is {factor:g} (reference - x)"
+        if gain is None:
+            note = "u is reference - x: forces are known only in ratio to the gain of the servo"
+        others = tuple(one for one in self.notes if one != NO_DRIVE)
+        return self._with(note, u=u, units=units, notes=others)
 
     def resampled(self, dt: float) -> Record:
         """The record at another step, as `from_irregular` does it.

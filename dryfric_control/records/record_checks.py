@@ -34,6 +34,10 @@ _MAX_MAGNITUDE = 1e100  # squares stay finite
 # -------------------------------------------------------------------- checks
 
 
+#: Note of a record without a drive.
+NO_DRIVE = "no drive: u = 0"
+
+
 def plain_text(text: str) -> str:
     """Text without control characters, which no page or table shows."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
@@ -181,7 +185,7 @@ def vectors(
     more = extra_vectors(channels, tv.size, gaps)
     if u is None:
         u = np.zeros(tv.size)
-        notes += ("no drive: u = 0",)
+        notes += (NO_DRIVE,)
     if x is None and "v" in more:
         sound = np.isfinite(tv) & np.isfinite(more["v"])
         path = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)

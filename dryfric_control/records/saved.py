@@ -36,8 +36,17 @@ def save_object(
     classes : sequence of type
         Dataclasses that may stand in the file.
     """
-    known = {one.__name__ for one in classes}
-    write_document(path, kind, version, {"content": _data(value, known)})
+    write_document(path, kind, version, {"content": to_plain(value, classes)})
+
+
+def to_plain(value: Any, classes: Sequence[type]) -> Any:
+    """A result and everything it holds as what JSON has, see `save_object`."""
+    return _data(value, {one.__name__ for one in classes})
+
+
+def from_plain(data: Any, classes: Sequence[type]) -> Any:
+    """What `to_plain` was given, bit for bit."""
+    return _value(data, {one.__name__: one for one in classes})
 
 
 def load_object(
@@ -50,10 +59,9 @@ def load_object(
     ValueError
         If the file is of another kind or version, or was changed since.
     """
-    known = {one.__name__: one for one in classes}
 
     def rebuild(data: dict[str, Any]) -> Any:
-        found = _value(data["content"], known)
+        found = from_plain(data["content"], classes)
         if type(found) is not classes[0]:
             raise ValueError(f"it holds {type(found).__name__}")
         return found

@@ -77,6 +77,52 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
         raise ValueError(f"{path}: {problem}") from None
 
 
+def read_axes(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
+    """Axes of several joints from a TOML file with a table for each.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.  Each table but ``[record]`` and ``[knowledge]`` is an axis, see `read_axis`.
+
+    Returns
+    -------
+    dict of str to FrictionAxis
+        Axes by the name of their table.
+
+    Raises
+    ------
+    ValueError
+        If the file is no TOML or a table is no axis; the message names file, table and key.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from dryfric_control.store.axis_file import read_axes
+    >>> text = "[elbow]\\nmass = 0.3\\nviscous = 0.2\\ncoulomb = 1.5\\nunits = ['rad', 'N m']\\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "axes.toml")
+    ...     _ = path.write_text(text)
+    ...     read_axes(path)["elbow"].mass
+    0.3
+    """
+    try:
+        data = tomllib.loads(existing_file(path).read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise ValueError(f"{path} is no TOML: {problem}") from None
+    found = {}
+    for name, table in data.items():
+        if name in ("record", "knowledge"):
+            continue
+        try:
+            found[name] = axis_from_dict({"name": name} | _table(name, table, f"{{{_EXAMPLE}}}"))
+        except ValueError as problem:
+            raise ValueError(f"{path}: [{name}]: {problem}") from None
+    if not found:
+        raise ValueError(f"{path} has no joint: write a table [elbow] with {_EXAMPLE} for each")
+    return found
+
+
 def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What is known of an axis beforehand, from the table ``[knowledge]`` of its file.
 

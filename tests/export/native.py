@@ -169,6 +169,7 @@ _EFFECTS = (
     lambda r: E.LoadDependence(r.uniform(0.0, 0.1)),
     lambda r: E.Drift(r.normal(0.0, 1e-3)),
     lambda r: E.DwellTime(r.uniform(0.1, 2.0), r.uniform(0.05, 1.0)),
+    lambda r: E.EndStop(r.uniform(-0.02, 0.0), r.uniform(0.01, 0.03), r.uniform(1e2, 1e4), 10.0),
     lambda r: E.InputGain(r.uniform(0.8, 1.2)),
     lambda r: E.DeadZone(r.uniform(0.0, 0.5)),
     lambda r: E.Saturation(r.uniform(20.0, 60.0)),

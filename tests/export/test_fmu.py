@@ -195,7 +195,7 @@ EFFECTS = (
     E.Cogging(0.5, 0.01, 0.5), E.TimePeriodic(0.5, 11.0, 0.5), E.CoulombAsymmetry(1.0),
     E.PositionDependence(2.0, 30.0, 0.01), E.LoadDependence(0.1), E.LoadAsymmetry(0.1),
     E.StribeckAsymmetry(0.3, 0.02), E.VelocityStrengthening(0.3, 0.02), E.WarmUp(0.4, 0.3),
-    E.Drift(0.2), E.DwellTime(0.5, 0.1),
+    E.Drift(0.2), E.DwellTime(1.0, 0.1), E.EndStop(0.0199, 0.0262, 3e3, 20.0),
 )  # fmt: skip
 #: What the code is written for, and an FMU cannot change.
 BUILT_IN = {
@@ -227,7 +227,7 @@ def test_every_effect_acts_as_in_simulate(tmp_path, effect):
     if effect.action != "axis":
         assert offered == set(type(effect).parameters()) - BUILT_IN.get(effect.slug, set())
     for name in offered:
-        moved = dataclasses.replace(effect, **{name: 1.5 * getattr(effect, name)})
+        moved = dataclasses.replace(effect, **{name: 1.3 * getattr(effect, name)})
         unit.fmu.reset()
         unit.values = start | {f"{effect.slug}_{name}": getattr(moved, name)}
         unit.begin()

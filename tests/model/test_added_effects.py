@@ -20,7 +20,7 @@ ADDED = {
     cls.slug: cls
     for cls in (
         fx.WarmUp, fx.StribeckAsymmetry, fx.VelocityStrengthening, fx.LoadAsymmetry,
-        fx.EccentricEncoder, fx.LoadEncoderBacklash,
+        fx.EccentricEncoder, fx.LoadEncoderBacklash, fx.EndStop,
     )
 }  # fmt: skip
 

@@ -104,7 +104,7 @@ EFFECTS = {
         dfc.effects.Backlash(2e-4, 0.4), dfc.effects.Compliance(3e4, 12.0, 0.4),
         dfc.effects.LoadEncoderBacklash(2e-4, 0.4), dfc.effects.EccentricEncoder(1e-4, 0.011, 0.3),
         dfc.effects.LoadAsymmetry(0.1), dfc.effects.StribeckAsymmetry(0.3, 0.02), dfc.effects.WarmUp(0.4, 0.3),
-        dfc.effects.VelocityStrengthening(0.3, 0.02),
+        dfc.effects.VelocityStrengthening(0.3, 0.02), dfc.effects.EndStop(-0.004, 0.03, 2e3, 10.0),
     )
 }  # fmt: skip
 

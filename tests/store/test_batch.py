@@ -459,7 +459,7 @@ def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch, few)
     # The same name over other data is another case.
     renamed = {"monday": records["tuesday"]}
     dfc.diagnose_batch(axis, renamed, store=store, progress=False)
-    assert [given[-1] for given in asked] == [records["tuesday"]]
+    assert [given[-1] for given in asked] == [(axis, (records["tuesday"],))]
     for other in (dict(axis=axis.replace(mass=2.1)), dict(window=0.3), dict(hold="first")):
         with pytest.raises(ValueError, match=f"other settings: {next(iter(other))} is"):
             dfc.diagnose_batch(
@@ -469,7 +469,7 @@ def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch, few)
 
 def test_records_in_a_list_are_numbered(bench, monkeypatch):
     axis, records = bench
-    monkeypatch.setattr(module, "_found", lambda *given: given[-1].t[-1])
+    monkeypatch.setattr(module, "_found", lambda *given: given[-1][1][0].t[-1])
     found = dfc.diagnose_batch(axis, [*records.values()], progress=False)
     assert found == {i: record.t[-1] for i, record in enumerate(records.values())}
 

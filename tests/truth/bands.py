@@ -65,6 +65,12 @@ ADDED_FIELDS: dict[str, dict[str, str]] = {
         "phase": "eccentricity_phase",
     },
     "load_encoder_backlash": {"gap": "gap", "load_fraction": "load_fraction"},
+    "end_stop": {
+        "stiffness": "wall_stiffness",
+        "damping": "wall_damping",
+        "low": "wall_low",
+        "high": "wall_high",
+    },
 }
 ADDED = tuple(ADDED_FIELDS)
 
@@ -72,7 +78,7 @@ OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
     "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
     "impacts": {},
     "lost_steps": {},
-    "end_stop": {"stiffness": "stop_stiffness", "place": "stop_place"},
+    "progressive_stop": {"stiffness": "stop_stiffness", "place": "stop_place"},
     "wandering_friction": {},
     "speed_ripple": {"amplitude": "ripple", "speed": "ripple_speed", "pitch": "ripple_pitch"},
 }
@@ -217,6 +223,16 @@ class Bands:
             }
         if slug == "load_asymmetry":
             return {"coefficient": signed(0.05, 0.2) * stretch}
+        if slug == "end_stop":
+            low, high = float(self.reference.min()), float(self.reference.max())
+            depth = float(uniform(0.05, 0.15)) * (high - low)
+            stiffness = float(uniform(1.0, 3.0) * stretch) * force / depth
+            return {
+                "stiffness": stiffness,
+                "damping": float(uniform(0.1, 0.4)) * np.sqrt(stiffness * axis["mass"]),
+                "low": low + depth,
+                "high": high - depth,
+            }
         return {
             "amplitude": float(uniform(0.1, 0.3) * stretch) * force,
             "frequency": float(uniform(0.5, 8.0)),
@@ -253,7 +269,7 @@ class Bands:
                 size = self._signed(60e-6, 300e-6) * stretch * scale * micro
                 self.offset[start:] += self.quantum * np.round(size / self.quantum)
             return {"count": float(count)}
-        if slug == "end_stop":
+        if slug == "progressive_stop":
             top = float(self.reference.max())
             depth = float(uniform(0.1, 0.2)) * span
             return {

@@ -59,13 +59,15 @@ Added to the catalogue later, and no part of the blind conditions:
     load_asymmetry      g + s coefficient |w - e - f v|
     eccentric_encoder   the encoder reads x + amplitude sin(2 pi x/period + phase)
     load_encoder_backlash  as backlash, the encoder reads the load's position
+    end_stop            e = - max(0, stiffness d + damping v) at d = x - high > 0, and
+                        e = + max(0, stiffness d - damping v) at d = low - x > 0
 
 Outside the product's catalogue:
 
     local_defect        g multiplied by 1 + height exp(-((x - place)/width)^2)
     impacts             e = short force bursts at random moments
     lost_steps          the encoder's reading jumps and stays off
-    end_stop            e = - stiffness max(0, x - place)^2
+    progressive_stop    e = - stiffness max(0, x - place)^2
     wandering_friction  g multiplied by 1 + a slow random process
     speed_ripple        e = + amplitude (v/speed)^3 sin(2 pi x/pitch)
 """
@@ -141,6 +143,10 @@ class Plant(NamedTuple):
     warm_rise: float = 0.0
     warm_time: float = 1.0
     load_encoder: float = 0.0  # 1: the encoder is on the load
+    wall_stiffness: float = 0.0
+    wall_damping: float = 0.0
+    wall_low: float = 0.0
+    wall_high: float = 0.0
 
 
 # State vector: motor position and speed, load position and speed, presliding
@@ -174,6 +180,11 @@ def _external(p, t, x, v):
         e += p.periodic * sin(2.0 * pi * p.periodic_frequency * t + p.periodic_phase)
     if p.stop_stiffness != 0.0 and x > p.stop_place:
         e -= p.stop_stiffness * (x - p.stop_place) ** 2
+    if p.wall_stiffness != 0.0:
+        if x > p.wall_high:
+            e -= max(0.0, p.wall_stiffness * (x - p.wall_high) + p.wall_damping * v)
+        elif x < p.wall_low:
+            e += max(0.0, p.wall_stiffness * (p.wall_low - x) - p.wall_damping * v)
     if p.ripple != 0.0:
         e += p.ripple * (v / p.ripple_speed) ** 3 * sin(2.0 * pi * x / p.ripple_pitch)
     return e

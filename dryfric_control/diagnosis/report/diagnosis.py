@@ -29,7 +29,7 @@ from dryfric_control.diagnosis.report.wording import level_table, summary_lines
 from dryfric_control.records.saved import load_object, save_object
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
-from dryfric_control.text import Result
+from dryfric_control.text import Result, plain_data
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,6 +81,9 @@ class Diagnosis(Result, Findings):
         The records after the first.
     not_tried : dict of str to str
         Effects that could not be tried, with the reason.
+    standard_errors : dict of str to float
+        Of every parameter of `extended` that was fitted, infinite for what the records do not
+        determine.
 
     Examples
     --------
@@ -127,6 +130,7 @@ class Diagnosis(Result, Findings):
             "next_experiment": self.next_experiment and self.next_experiment.to_dict(),
             "messages": list(self.messages),
             "not_tried": dict(self.not_tried),
+            "standard_errors": plain_data(self.standard_errors),
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},
         }
 
@@ -158,7 +162,7 @@ class Diagnosis(Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self, path, "diagnosis", 1, _SAVED)
+        save_object(self, path, "diagnosis", 1, SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.
@@ -227,7 +231,8 @@ def write_report(
     return *(target / name for name in contents), target / "saved.json"
 
 
-_SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
+#: Classes that a saved diagnosis holds.
+SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
 
 
 def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
@@ -264,5 +269,5 @@ def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
     >>> again.verdict, again.summary() == found.summary()
     ('nothing to find', True)
     """
-    found: Diagnosis = load_object(path, "diagnosis", 1, _SAVED)
+    found: Diagnosis = load_object(path, "diagnosis", 1, SAVED)
     return found

@@ -240,6 +240,7 @@ class Findings:
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     others: tuple[Record, ...] = ()
     not_tried: dict[str, str] = field(default_factory=dict)
+    standard_errors: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "causes", Causes(self.causes))

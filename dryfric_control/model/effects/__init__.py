@@ -29,6 +29,7 @@ from dryfric_control.model.effects.encoder import EccentricEncoder
 from dryfric_control.model.effects.forces import (
     BiasForce,
     Cogging,
+    EndStop,
     Gravity,
     QuadraticDrag,
     Spring,
@@ -60,6 +61,7 @@ __all__ = [
     "DwellTime",
     "EccentricEncoder",
     "Effect",
+    "EndStop",
     "Gravity",
     "Inertia",
     "Inner",

@@ -313,6 +313,11 @@ class Effect:
         return math.inf
 
     @property
+    def stiffest(self) -> float:
+        """Largest stiffness of a force law [N/m]: a sample must not hold too much of its swing."""
+        return 0.0
+
+    @property
     def periods(self) -> tuple[float, float]:
         """Time [s] and length after which the law repeats, inf where it does not.
 

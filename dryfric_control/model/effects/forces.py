@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dryfric_control.model.effects.columns import Column, View, amount, sine
-from dryfric_control.model.effects.effect import Effect, parameter, register_effect
+from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
 _ARC = 0.5
+# Depths to which an axis runs into its stops, and how far beyond its travel one is that it does
+# not reach, over the travel in the record.
+_BEYOND = 0.05
+_DEPTHS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.3)
 
 
 @register_effect
@@ -230,6 +235,100 @@ class Spring(Effect):
             return {"stiffness": stiffness, "rest": view.middle + away}
 
         yield Column(values, (view.middle - view.x, np.ones_like(view.x)), positive=True)
+
+
+@register_effect
+@dataclass(frozen=True)
+class EndStop(Effect):
+    r"""Elastic stops at both ends of the travel.
+
+    Parameters
+    ----------
+    low, high : float
+        Positions at which the axis touches them [m].
+    stiffness : float
+        Stiffness of each [N/m].
+    damping : float
+        Damping of each while it is touched [N s/m].
+
+    Notes
+    -----
+    .. math:: w \to w - \max(0,\ \text{stiffness} \cdot d + \text{damping} \cdot \dot d)
+        \quad \text{where } d = x - \text{high} > 0
+
+    and likewise at the lower end: a stop pushes, it never pulls.
+
+    Examples
+    --------
+    At 1 m/s, 2 kg run d = v sqrt(m/k) = 1 cm into a stop of 20 N/mm:
+
+    >>> import dryfric_control as dfc
+    >>> stop = dfc.effects.EndStop(low=-0.1, high=0.1, stiffness=2e4)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=0.0, effects=(stop,))
+    >>> round(float(axis.simulate([0.0] * 200, dt=1e-3, v0=1.0).y[0].max()), 5)
+    0.11
+    """
+
+    low: float = parameter("m", "position of the lower stop", kind="place")
+    high: float = parameter("m", "position of the upper stop", kind="place")
+    stiffness: float = parameter(
+        "N/m", "stiffness", bounds=(1e-300, math.inf), logarithmic=True, neutral=None
+    )
+    damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf), default=0.0)
+
+    slug = "end_stop"
+    title = "end stop"
+    action = "force"
+    rank = 18
+    explanation = "The axis runs into a stop, a buffer or a cable at an end of its travel."
+    experiment = (
+        "Push the axis slowly against each end: from one position on the force rises with position."
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.low < self.high:
+            raise ValueError(
+                f"end_stop.low = {self.low:g} must lie below end_stop.high = {self.high:g}: "
+                "exchange them, or put a stop that is never reached far away"
+            )
+
+    @property
+    def stiffest(self) -> float:
+        """Stiffness of the stops."""
+        return self.stiffness
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        if x > p[1]:
+            return -max(p[2] * (x - p[1]) + p[3] * v, 0.0)
+        if x < p[0]:
+            return max(p[2] * (p[0] - x) - p[3] * v, 0.0)
+        return 0.0
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> EndStop:
+        low, high = axis.travel or (-size("m"), size("m"))
+        return cls(low, high, 1e-3 * size("N/m"))
+
+    @classmethod
+    def columns(cls, view: View) -> Iterator[Column]:
+        # A force may be steep: its place is searched from the ends of the travel inwards. A stop
+        # that is not reached stays beyond them.
+        low, high = view.middle - 0.5 * view.span, view.middle + 0.5 * view.span
+        for depth, sides in itertools.product(_DEPTHS, ((0, 1), (1, 0), (1, 1))):
+            deep = [view.span * (depth if side else -_BEYOND) for side in sides]
+            ends = low + deep[0], high - deep[1]
+            into = np.minimum(view.x - ends[0], 0.0) + np.maximum(view.x - ends[1], 0.0)
+
+            def values(c: Sequence[float], ends: tuple[float, float] = ends) -> dict[str, float]:
+                return {
+                    "low": ends[0], "high": ends[1], "stiffness": max(float(c[0]), 1e-300),
+                    "damping": max(float(c[1]), 0.0),
+                }  # fmt: skip
+
+            if np.any(into):
+                yield Column(values, (-into, -view.v * (into != 0.0)), positive=True)
 
 
 @register_effect

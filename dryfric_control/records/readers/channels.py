@@ -23,7 +23,8 @@ MAX_ROWS = 10_000_000  # 0.3 GB for four columns
 EXTRAS = ("v", "a", "x2")
 
 # What a column is called, and how what was measured and what was asked for are marked.  German,
-# French, Spanish, Italian, Portuguese and Dutch without accents; Chinese and Japanese.
+# French, Spanish, Italian, Portuguese, Dutch and others without accents; Russian, Chinese,
+# Japanese and Korean.
 _POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg", "lage",
              "winkel", "joint_position", "joint_pos", "joint_angle", "axis_position", "posicion",
              "posizione", "posicao", "positie", "angulo", "angolo", "hoek")  # fmt: skip
@@ -56,21 +57,25 @@ def _marked(stems: tuple[str, ...], marks: tuple[str, ...]) -> tuple[str, ...]:
 #: asked for is the input where none was measured.
 NAMES = {
     "t": (("t", "time", "timestamp", "time_stamp", "zeit", "zeitstempel", "temps", "tiempo",
-           "tempo", "tijd", "seconds", "secs", "sec", "elapsed", "elapsed_time", "时间", "時間"),),
+           "tempo", "tijd", "seconds", "secs", "sec", "elapsed", "elapsed_time", "stamp", "ts",
+           "rosbag_timestamp", "tid", "czas", "cas", "zaman", "aika", "время", "时间", "時間",
+           "시간"),),
     "u": (("u",),
           ("input", "force", "torque", "vir", "effort", "command", "voltage", "current", "kraft",
            "moment", "drehmoment", "couple", "fuerza", "forza", "forca", "kracht", "coppia",
-           "koppel", "力", "力矩", "扭矩", "转矩", "トルク"),
+           "koppel", "sila", "siła", "kuvvet", "tork", "voima", "сила", "момент", "力", "力矩",
+           "扭矩", "转矩", "トルク", "토크"),
           ("motor_current", "motor_torque", "drive_force", "motor_force"),
-          ("iq", "i_q", "tau", "tau_j", "motor_voltage", "joint_torque", "pwm", "duty", "strom",
-           "spannung", "stellgrosse", "stellgroesse", "courant", "corriente", "corrente", "stroom",
-           "pressure", "druck", "pression", "presion", "pressione", "voltage.q", "current.q",
-           "present_load", "电流", "電流", *_marked(_DRIVE, _MEASURED)),
+          ("iq", "i_q", "tau", "tau_j", "eff", "motor_voltage", "joint_torque", "pwm", "duty",
+           "strom", "spannung", "stellgrosse", "stellgroesse", "courant", "corriente", "corrente",
+           "stroom", "pressure", "druck", "pression", "presion", "pressione", "voltage.q",
+           "current.q", "present_load", "电流", "電流", *_marked(_DRIVE, _MEASURED)),
           ("tau_j_d", *_marked(_DRIVE, _ASKED))),
     "x": (("x",),
           ("position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage", "winkel",
            "drehwinkel", "hub", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
-           "hoek", "shaft_angle", "位置", "角度"),
+           "hoek", "shaft_angle", "displacement", "stroke", "poloha", "połozenie", "konum", "asema",
+           "положение", "угол", "位置", "角度", "위치", "각도"),
           (*_marked(_POSITION, _MEASURED), "joint_position", "joint_pos", "joint_angle",
            "axis_position", "phi"),
           ("counts", "encoder", "encoder_counts", "encoder_position", "enc", "enc_pos",
@@ -90,7 +95,7 @@ _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in
 # controllers put before a name.
 _FILLING = {"joint", "joints", "axis", "axes", "j", "jnt", "achse", "gelenk", "motor", "servo",
             "link", "drive", "actuator", "state", "states", "value", "wert", "main", "gvl",
-            "encoder", "controller"}  # fmt: skip
+            "encoder", "controller", "nm"}  # fmt: skip
 _PREFIXES = {"f", "lr", "n", "l", "r"}
 _LETTERS = ("q", "u", "i", "v")  # in a name with parts
 

@@ -1,0 +1,231 @@
+"""Diagnose the joints of a machine, one by one, in parallel."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dryfric_control.checks import instance, positive
+from dryfric_control.diagnosis.diagnose import diagnose, run_cases
+from dryfric_control.diagnosis.report.diagnosis import SAVED, Diagnosis
+from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, values_of
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records.record import Record
+from dryfric_control.records.saved import from_plain, to_plain
+from dryfric_control.store.batch import fingerprint
+from dryfric_control.text import Result, length_text
+
+_BASE = ("mass", "viscous", "coulomb")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointDiagnoses(Result, Mapping[str, Diagnosis]):
+    """Diagnoses of joints by name, with a table of what was found.
+
+    Made by `diagnose_joints`; a mapping that `to_mjcf` and its like take as it is.
+
+    Attributes
+    ----------
+    diagnoses : dict of str to Diagnosis
+        The diagnosis of each joint.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> t = 2e-3 * np.arange(3000)
+    >>> u = 4.0 * np.sin(3.0 * t) + 2.0 * np.sin(11.0 * t)
+    >>> x = 1e-5 * np.round(1e5 * axis.simulate(u, dt=2e-3).y[0])
+    >>> found = dfc.diagnose_joints({"elbow": (axis, dfc.Record(t, u, x))}, progress=False)
+    >>> list(found), found["elbow"].verdict
+    (['elbow'], 'nothing to find')
+    """
+
+    diagnoses: dict[str, Diagnosis]
+
+    def __getitem__(self, joint: str) -> Diagnosis:
+        return self.diagnoses[joint]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.diagnoses)
+
+    def __len__(self) -> int:
+        return len(self.diagnoses)
+
+    def parameters(self, joint: str) -> dict[str, tuple[float, float | None, str]]:
+        """Value, standard error and unit of the parameters of a joint.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+
+        Returns
+        -------
+        dict of str to tuple
+            Those of `extended` that were fitted, and the base parameters; the error is None
+            where the value is the nominal one, infinite where the records do not determine it.
+        """
+        if joint not in self.diagnoses:
+            raise ValueError(f"joint {joint!r} is not there: it has {', '.join(self.diagnoses)}")
+        d = self.diagnoses[joint]
+        errors: dict[str, float | None] = {n: e for n, e in d.standard_errors.items() if n != SHIFT}
+        names = [*dict.fromkeys((*(n for n in _BASE if n not in errors), *errors))]
+        axis, own = d.extended, d.extended.named_effects()
+        found = {}
+        for name, value in zip(names, values_of(axis, names), strict=True):
+            effect, _, part = name.partition(".")
+            unit = own[effect].units(axis.units)[part] if part else axis.unit(_UNITS.get(name, "N"))
+            found[name] = (float(value), errors.get(name), unit)
+        return dict(sorted(found.items(), key=lambda one: one[0] not in _BASE))
+
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        rows: list[tuple[str, ...]] = [
+            ("joint", "verdict", "causes", "free runs", *_BASE, "further parameters")
+        ]
+        for joint, d in self.diagnoses.items():
+            found = self.parameters(joint)
+            further = [
+                f"{n} {_number(*one)}".rstrip() for n, one in found.items() if n not in _BASE
+            ]
+            runs = (length_text(one, d.gain.unit) for one in (d.gain.before, d.gain.after))
+            rows.append(
+                (
+                    joint, d.verdict, ", ".join(cause.effect for cause in d.causes) or "none",
+                    " -> ".join(runs), *(_number(*found[n]) for n in _BASE),
+                    ", ".join(further) or "none",
+                )
+            )  # fmt: skip
+        yield rows
+        for joint, d in self.diagnoses.items():
+            yield from (f"{joint}: {message}" for message in d.messages)
+
+    def to_dict(self) -> dict[str, Any]:
+        """`Diagnosis.to_dict` of each joint."""
+        return {joint: d.to_dict() for joint, d in self.diagnoses.items()}
+
+
+_UNITS = {"mass": "kg", "viscous": "N s/m", "stick_speed": "m/s", "stick_rate": "1/s"}
+
+
+def _number(value: float, error: float | None, unit: str) -> str:
+    text = f"{value:.4g}"
+    if error is not None:
+        text += f" +- {error:.1g}" if math.isfinite(error) else " (undetermined)"
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def diagnose_joints(
+    joints: Mapping[str, tuple[FrictionAxis, Record | Sequence[Record]]],
+    *,
+    known: Sequence[str] = (),
+    tolerance: Mapping[str, float] | None = None,
+    window: float | None = None,
+    hold: str = "zero",
+    time_limit: float | None = None,
+    store: str | os.PathLike[str] | None = None,
+    jobs: int | None = None,
+    progress: bool = True,
+) -> JointDiagnoses:
+    """Diagnose the joints of a machine, in parallel and resumable.
+
+    Parameters
+    ----------
+    joints : mapping of str to tuple
+        Nominal axis and record, or records, of each joint by its name.
+    known, tolerance, window, hold
+        As for `diagnose`, the same for every joint.
+    time_limit : float, optional
+        Wall time for each joint [s], see `diagnose`.
+    store : path-like, optional
+        File that keeps each finished joint, see `run_batch`.
+    jobs : int, optional
+        Joints in parallel, -1 for one on each core.  Default: the setting of
+        `joblib.parallel_config`, else one.
+    progress : bool, optional
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    JointDiagnoses
+        A mapping of joints to their `Diagnosis`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, a joint cannot be diagnosed (named in a note),
+        or the store is of other settings.
+
+    Notes
+    -----
+    Each joint is an axis of its own: forces between the joints that the records do not
+    contain are a random force to it.  A joint whose axis or records change is diagnosed again.
+
+    Examples
+    --------
+    From one log with columns for each joint:
+
+    >>> import numpy as np
+    >>> import dryfric_control as dfc
+    >>> t = 2e-3 * np.arange(3000)
+    >>> log = {"time": t}
+    >>> axes = {}
+    >>> for joint, level in (("elbow", 1.5), ("wrist", 0.5)):
+    ...     axes[joint] = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=level,
+    ...                                    units=("rad", "N m"))
+    ...     log[f"{joint}.effort"] = 4.0 * np.sin(3.0 * t) + 2.0 * np.sin(11.0 * t)
+    ...     moved = axes[joint].simulate(log[f"{joint}.effort"], dt=2e-3).y[0]
+    ...     log[f"{joint}.position"] = 1e-5 * np.round(1e5 * moved)
+    >>> found = dfc.diagnose_joints(
+    ...     {joint: (axis.replace(coulomb=1.0), dfc.read_record(log, joint=joint))
+    ...      for joint, axis in axes.items()}, progress=False)
+    >>> {joint: round(d.extended.coulomb.mean, 2) for joint, d in found.items()}
+    {'elbow': 1.5, 'wrist': 0.5}
+    """
+    if not isinstance(joints, Mapping) or not joints:
+        raise ValueError(
+            f"joints must be a mapping of names to (axis, records), and not empty, got {joints!r}"
+        )
+    known, tolerance = checked_knowledge(known, tolerance)
+    if time_limit is not None:
+        time_limit = positive("time_limit", time_limit, unit="s")
+    cases: dict[Any, tuple[FrictionAxis, tuple[Record, ...]]] = {}
+    for name, pair in joints.items():
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise ValueError(f"joints[{name!r}] must be (axis, records), got {pair!r}")
+        axis, records = pair
+        instance(f"joints[{name!r}][0]", axis, FrictionAxis)
+        several: list[Any] = list(records) if isinstance(records, (list, tuple)) else [records]
+        for record in several:
+            instance(f"joints[{name!r}][1]", record, Record, "see dfc.read_record")
+        if not several:
+            raise ValueError(f"joints[{name!r}][1] is an empty list: give at least one record")
+        cases[name] = axis, tuple(several)
+    options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
+    found = run_cases(
+        functools.partial(_found, options | {"window": window, "hold": hold}),
+        "joints",
+        cases,
+        window=window,
+        hold=hold,
+        settings={"task": "diagnose joints", **options},
+        store=store,
+        jobs=jobs,
+        progress=progress,
+        own=lambda axis: (fingerprint(axis),),
+    )
+    return JointDiagnoses({name: from_plain(one, SAVED) for name, one in found.items()})
+
+
+def _found(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
+    axis, records = case
+    # Joints already run in parallel.
+    made = diagnose(
+        axis, records[0] if len(records) == 1 else records, jobs=1, progress=False, **options
+    )
+    return to_plain(made, SAVED)

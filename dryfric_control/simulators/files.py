@@ -1,0 +1,66 @@
+"""Model files: read whole, written whole, numbers as text."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
+from dryfric_control.identification import load_fit
+from dryfric_control.simulators.joint_values import SimulatorValues
+from dryfric_control.store.axis_file import read_axis
+from dryfric_control.store.files import existing_file, replacing
+
+
+def read_model(model: Any) -> tuple[Path, bytes]:
+    """Path and bytes of a model file."""
+    if not isinstance(model, (str, os.PathLike)):
+        raise ValueError(f"model must be the path of a file, got {model!r}")
+    path = existing_file(model)
+    return path, path.read_bytes()
+
+
+def target(name: str, path: Any) -> Path:
+    """Where to write."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise ValueError(f"{name} must be the path of a file, got {path!r}")
+    return Path(path)
+
+
+def written(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValues:
+    """The values, once the file is there."""
+    with replacing(path) as part:
+        part.write_bytes(content)
+    return replace(found, files=(path,))
+
+
+def number(value: float) -> str:
+    """A number with six digits, as every format reads it.
+
+    Examples
+    --------
+    >>> number(0.1), number(1.0 / 3.0), number(0.0)
+    ('0.1', '0.333333', '0')
+    """
+    return f"{value:.6g}"
+
+
+def read_result(path: str | os.PathLike[str]) -> Any:
+    """A fit, a diagnosis or an axis, whichever a file holds."""
+    source = existing_file(path)
+    if source.suffix == ".toml":
+        return read_axis(source)
+    try:
+        form = json.loads(source.read_text(encoding="utf-8"))["format"]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        form = ""
+    loaders = {"dryfric-control fit": load_fit, "dryfric-control diagnosis": load_diagnosis}
+    if form not in loaders:
+        raise ValueError(
+            f"{source} is no result: give an axis (TOML), or what `save` wrote of a fit or a "
+            "diagnosis (JSON; saved.json of the command diagnose)"
+        )
+    return loaders[form](source)

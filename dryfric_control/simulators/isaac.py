@@ -1,0 +1,101 @@
+"""Joint friction of Isaac Lab and Isaac Sim."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from dryfric_control.simulators.files import number, target, written
+from dryfric_control.simulators.joint_values import (
+    Format,
+    SimulatorValues,
+    checked_loads,
+    described,
+    joints_of,
+    require_loads,
+    straight,
+)
+
+_ISAAC = Format(
+    straight,
+    lambda speed: (None,),
+    lambda c, shape, breakaway: {
+        # The engine does not let go of a joint at less than what brakes it once it slides.
+        "friction": max(breakaway, float(c[0])),
+        "dynamic_friction": float(c[0]),
+        "viscous_friction": float(c[1]),
+    },
+    breakaway=True,
+)
+
+
+def to_isaac(
+    result: Any,
+    path: str | os.PathLike[str],
+    joint: str | None = None,
+    *,
+    load: float | Mapping[str, float] | None = None,
+    velocities: ArrayLike | None = None,
+) -> SimulatorValues:
+    """Write joint friction for Isaac Lab.
+
+    Parameters
+    ----------
+    result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
+        What is known of the joint, or of each joint by its name.
+    path : path-like
+        Python file to write, with one dictionary ``JOINT_FRICTION``:
+        ``ImplicitActuatorCfg(..., **JOINT_FRICTION)``.
+    joint : str, optional
+        Name of the joint of a single result.  Default: the name of the axis.
+    load : float or mapping of str to float
+        Inertia that the links have about the joint [kg m^2]: `armature` is the rest of
+        the mass of the axis.
+    velocities : array_like, shape (n,), optional
+        Velocities over which friction is approximated, see `to_mjcf`.
+
+    Returns
+    -------
+    SimulatorValues
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, or no load is given.
+
+    Notes
+    -----
+    `friction` is the breakaway friction force, `dynamic_friction` and `viscous_friction`
+    the level and the coefficient of sliding: efforts, as Isaac Sim has had them from 5.0 on.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "friction.py")
+    ...     found = dfc.to_isaac({"elbow": axis}, path, load=0.1)
+    ...     print(path.read_text())
+    JOINT_FRICTION = dict(
+        friction={"elbow": 1.5},
+        dynamic_friction={"elbow": 1.5},
+        viscous_friction={"elbow": 0.2},
+        armature={"elbow": 0.2},
+    )
+    <BLANKLINE>
+    """
+    joints = joints_of(result, joint, ())
+    place = target("path", path)
+    loads = checked_loads(load, joints)
+    require_loads(loads, joints, "give load=...")
+    found = described(_ISAAC, joints, velocities, "armature", loads)
+    names = list(dict.fromkeys(n for values in found.values.values() for n in values))
+    lines = []
+    for name in names:
+        entries = (f'"{joint}": {number(v[name])}' for joint, v in found.values.items())
+        lines.append(f"    {name}={{{', '.join(entries)}}},\n")
+    return written(found, place, f"JOINT_FRICTION = dict(\n{''.join(lines)})\n".encode())

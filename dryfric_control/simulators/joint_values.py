@@ -1,0 +1,565 @@
+"""Friction of an axis in the words of a simulator, and what those words cannot say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.checks import positive, samples, short
+from dryfric_control.compiled.windowed_runs import accelerations
+from dryfric_control.diagnosis import Diagnosis
+from dryfric_control.estimation.force_residual import Sliding, at_the_mass
+from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
+from dryfric_control.identification import Fit, replay
+from dryfric_control.model.axis import FrictionAxis, without_states
+from dryfric_control.model.effects.naming import titles_of
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.model.friction_curve import usual_speed
+from dryfric_control.model.units import powers
+from dryfric_control.records.record import Record
+from dryfric_control.text import Result, length_text, percent, plain_data
+
+FloatArray = NDArray[np.float64]
+
+# Sliding samples that are sufficient, and velocities and places that stand in for a record.
+_SAMPLES, _VELOCITIES, _PLACES = 5000, 101, 9
+# Part of the friction below which a feature is said by the format.
+_SAID = 1e-6
+# Change of a parameter for the propagation of its standard error, as a part of that error.
+_STEP = 1e-2
+# Causes that scale all forces together or one by one.
+_SCALES = {"inertia", "viscous", "coulomb", "input_gain"}
+# Where the drive hardly ever brakes, friction by load is the same as a weaker drive, whose values
+# are others.
+_LOAD = "load_dependence"
+_USABLE = ("explained", "nothing to find")
+#: Where a simulator keeps what is no friction of a joint.
+_ELSEWHERE = {
+    "input": "the actuator of the simulator",
+    "delay": "the actuator of the simulator",
+    "lag": "the actuator of the simulator",
+    "reading": "the sensor of the simulator",
+    "gravity": "weight of the bodies",
+    "end_stop": "range of the joint",
+}
+
+
+class Format(NamedTuple):
+    """How a simulator states the friction of a joint.
+
+    Attributes
+    ----------
+    columns : callable
+        ``columns(v, shape)``: friction at velocities for each coefficient of 1.
+    shapes : callable
+        ``shapes(speed)``: shapes to choose from, at these speeds.
+    values : callable
+        ``values(coefficients, shape, breakaway)``: numbers of the format by name.
+    breakaway : bool
+        Whether it states the breakaway friction force on its own.
+    """
+
+    columns: Callable[[FloatArray, Any], FloatArray]
+    shapes: Callable[[FloatArray], Iterable[Any]]
+    values: Callable[[FloatArray, Any, float], dict[str, Any]]
+    breakaway: bool = False
+
+
+def straight(v: FloatArray, shape: Any = None) -> FloatArray:
+    """Columns of a Coulomb level and a viscous coefficient."""
+    return np.column_stack((np.sign(v), v))
+
+
+class Loss(NamedTuple):
+    """What a format cannot say of a joint.
+
+    Attributes
+    ----------
+    joint, what : str
+        The joint, and the effect or property with its numbers.
+    instead : str
+        What takes its place.
+    error : float
+        RMS error that makes over the record; NaN where no record shows it.
+    unit : str
+        Unit of the error: of force, or of position where the effect is no force.
+    """
+
+    joint: str
+    what: str
+    instead: str
+    error: float
+    unit: str
+
+
+@dataclass(frozen=True, repr=False)
+class SimulatorValues(Result):
+    """Values of joints for a simulator, and what it cannot say.
+
+    Made by `to_mjcf`, `to_urdf`, `to_isaac`, `to_modelica` and `to_simscape`.
+
+    Attributes
+    ----------
+    values : dict of str to dict
+        Numbers by joint and name, as the format has them.
+    standard_errors : dict of str to dict
+        Standard errors of those that follow from a fit or a diagnosis; infinite for what
+        the record does not determine.
+    lost : tuple of Loss
+        What the format cannot say: ``joint``, ``what``, ``instead``, ``error``, ``unit``.
+    friction_error : dict of str to float
+        RMS error of the friction force of each joint, over the sliding samples of its record.
+    free_runs : dict of str to tuple of float
+        RMS error of free runs of 0.25 s of the whole axis, and of `reduced`; only where
+        there is a record.
+    reduced : dict of str to FrictionAxis
+        The axis of each joint as far as the format states it.
+    messages : tuple of str
+        Why the values are not certain: causes of a diagnosis that may as well be others, or a
+        verdict that leaves something open.
+    files : tuple of Path
+        Files that were written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = dfc.to_isaac({"elbow": axis}, pathlib.Path(folder, "friction.py"), load=0.1)
+    >>> round(written.values["elbow"]["armature"], 9), written.lost
+    (0.2, ())
+    """
+
+    values: dict[str, dict[str, Any]]
+    standard_errors: dict[str, dict[str, float]]
+    lost: tuple[Loss, ...]
+    friction_error: dict[str, float]
+    free_runs: dict[str, tuple[float, float]]
+    reduced: dict[str, FrictionAxis]
+    messages: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+        names = list(dict.fromkeys(n for values in self.values.values() for n in values))
+        rows: list[tuple[str, ...]] = [("joint", *names, "error of friction", "free runs")]
+        for joint, values in self.values.items():
+            errors = self.standard_errors[joint]
+            axis = self.reduced[joint]
+            runs = [length_text(one, axis.units[0]) for one in self.free_runs.get(joint, ())]
+            rows.append(
+                (
+                    joint,
+                    *(_with_error(values.get(n, ""), errors.get(n)) for n in names),
+                    f"{self.friction_error[joint]:.2g} {axis.units[1]}",
+                    " -> ".join(runs) or "no record",
+                )
+            )
+        yield rows
+        if self.lost:
+            yield "not stated by the format:"
+            yield [
+                ("joint", "what", "in its place", "RMS error"),
+                *(
+                    (one.joint, one.what, one.instead, _error_text(one.error, one.unit))
+                    for one in self.lost
+                ),
+            ]
+        yield from (f"warning: {message}" for message in self.messages)
+        if self.files:
+            yield f"written: {', '.join(path.name for path in self.files)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, ready for JSON."""
+        return {
+            "values": plain_data(self.values),
+            "standard_errors": plain_data(self.standard_errors),
+            "lost": [plain_data(one._asdict()) for one in self.lost],
+            "friction_error": plain_data(self.friction_error),
+            "free_runs": plain_data(self.free_runs),
+            "messages": list(self.messages),
+            "files": [str(path) for path in self.files],
+        }
+
+
+def _with_error(value: Any, error: float | None) -> str:
+    if not isinstance(value, float):
+        return str(value) if isinstance(value, str) else f"{len(value)} rows"
+    if error is None:
+        return f"{value:.4g}"
+    return f"{value:.4g} +- {error:.1g}" if math.isfinite(error) else f"{value:.4g} (undetermined)"
+
+
+def _error_text(error: float, unit: str) -> str:
+    if math.isnan(error):
+        return "not known"
+    return length_text(error, unit) if unit in ("m", "rad") else f"{error:.2g} {unit}"
+
+
+class Joint(NamedTuple):
+    """A joint with what is known of it."""
+
+    axis: FrictionAxis
+    records: tuple[Record, ...]
+    #: Names of fitted parameters and the covariance of their estimates.
+    names: tuple[str, ...]
+    covariance: FloatArray
+    shift: float
+    #: What may be otherwise.
+    doubts: tuple[str, ...] = ()
+
+
+def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str, Joint]:
+    """Joints of a result by name; `there` are those of the file, empty if any will do."""
+    if isinstance(result, Mapping):
+        if joint is not None:
+            raise ValueError(
+                f"joint = {joint!r} is for a single result: a mapping names its joints itself"
+            )
+        if not result:
+            raise ValueError("result is an empty mapping: give results by the name of their joint")
+        named = dict(result)
+    else:
+        made = _joint("result", result)
+        if joint is None:
+            joint = there[0] if len(there) == 1 else made.axis.name
+        named = {joint: result}
+    for name in named:
+        if not isinstance(name, str):
+            raise ValueError(f"joint must be text, got {name!r}")
+        if there and name not in there:
+            raise ValueError(
+                f"joint {name!r} is not in the file: it has {', '.join(map(repr, there))}; give "
+                "joint=... or a mapping of such names to results"
+            )
+    return {name: _joint(f"result[{name!r}]", one) for name, one in named.items()}
+
+
+def _joint(name: str, result: Any) -> Joint:
+    nothing = ((), np.empty((0, 0)), 0.0)
+    if isinstance(result, FrictionAxis):
+        return Joint(result.effective(), (), *nothing)
+    if isinstance(result, Fit):
+        names = [n for n in result.parameters if n != SHIFT]
+        at = [list(result.parameters).index(n) for n in names]
+        errors = np.array([result.standard_errors[n] for n in names])
+        correlation = result.correlation[np.ix_(at, at)]
+        with np.errstate(invalid="ignore"):
+            covariance = np.where(correlation == 0.0, 0.0, correlation * np.outer(errors, errors))
+        records = tuple(run.windows.record for run in result.training)
+        shift = result.parameters.get(SHIFT, 0.0)
+        return Joint(result.axis.effective(), records, tuple(names), covariance, shift)
+    if isinstance(result, Diagnosis):
+        known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
+        covariance = np.diag(np.square([*known.values()]))
+        records = (result.record, *result.others)
+        doubts = []
+        if result.verdict not in _USABLE:
+            doubts.append(f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained")
+        for cause in result.causes:
+            # A gain or all base parameters: under the recorded drive they are the same.
+            alternatives = [*cause.alternatives]
+            if cause.effect == _LOAD and "input_gain" not in alternatives:
+                alternatives.append("input_gain")
+            others = [one for one in alternatives if not {cause.effect, *one.split("+")} <= _SCALES]
+            if others:
+                words = " or ".join(map(titles_of, others))
+                doubts.append(
+                    f"{cause.title} or {words}: the record does not separate them, and the values "
+                    "differ"
+                )
+        extended = result.extended.effective()
+        return Joint(extended, records, tuple(known), covariance, 0.0, tuple(doubts))
+    raise ValueError(
+        f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
+        f"{short(result)}"
+    )
+
+
+def checked_loads(load: Any, joints: Mapping[str, Joint]) -> dict[str, float]:
+    """Inertia that the bodies bring, by joint."""
+    if isinstance(load, Mapping):
+        for name in load:
+            if name not in joints:
+                raise ValueError(
+                    f"load names joint {name!r}: it must be one of {', '.join(map(repr, joints))}"
+                )
+        return {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
+    if load is None:
+        return {}
+    return dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
+
+
+def require_loads(loads: Mapping[str, float], joints: Mapping[str, Joint], why: str) -> None:
+    """Refuse joints of whose bodies the inertia is not known."""
+    for name in joints:
+        if name not in loads:
+            raise ValueError(
+                f"load of joint {name!r} is not given, the inertia that the bodies of the model "
+                f"have about it: {why} (0.0 where mass is the armature alone)"
+            )
+
+
+def described(
+    form: Format,
+    joints: Mapping[str, Joint],
+    velocities: ArrayLike | None,
+    armature: str = "",
+    loads: Mapping[str, float] | None = None,
+) -> SimulatorValues:
+    """Numbers of each joint in a format.
+
+    `armature` is the name of the inertia beyond `loads`, empty where the format has none.
+    """
+    given = None if velocities is None else samples("velocities", velocities)
+    if given is not None and not np.any(given):
+        raise ValueError(f"velocities must hold velocities of sliding, got {short(velocities)}")
+    values: dict[str, dict[str, Any]] = {}
+    errors: dict[str, dict[str, float]] = {}
+    off: dict[str, float] = {}
+    runs: dict[str, tuple[float, float]] = {}
+    reduced: dict[str, FrictionAxis] = {}
+    lost: list[Loss] = []
+    for name, joint in joints.items():
+        recorded, gain = referred(joint.axis)
+        states = _States.of(joint, recorded, given)
+
+        def numbers(axis: FrictionAxis, name: str = name, states: Any = states) -> dict[str, Any]:
+            axis, _ = referred(axis)
+            found = form.values(*_best(form, axis, states), _breakaway(axis, states))
+            if armature:
+                found[armature] = max(axis.mass - (loads or {}).get(name, 0.0), 0.0)
+            return found
+
+        values[name] = numbers(joint.axis)
+        errors[name] = _errors(joint, values[name], numbers)
+        level, slope = _best(_STRAIGHT, recorded, states)[0]
+        reduced[name] = recorded.replace(
+            coulomb=level, viscous=slope, stribeck=None, effects=(), name=name
+        )
+        off[name], found = _lost(form, name, recorded, states, joint.records)
+        lost += found
+        if gain != 1.0:
+            words = "the drive is the recorded one: all values are divided by the gain"
+            lost.append(Loss(name, f"input_gain: gain = {gain:.4g}", words, 0.0, recorded.units[1]))
+        if armature and recorded.mass < (loads or {}).get(name, 0.0):
+            load, unit = (loads or {})[name], recorded.unit("kg")
+            lost.append(
+                Loss(
+                    name, f"inertia {recorded.mass:.4g} {unit}",
+                    f"the bodies have {load:.4g} {unit} already", load - recorded.mass, unit,
+                )
+            )  # fmt: skip
+        if joint.records:
+            whole, less = (
+                [replay(a, r, shift=joint.shift).errors for r in joint.records]
+                for a in (joint.axis, reduced[name])
+            )
+            runs[name] = _rms(np.concatenate(whole)), _rms(np.concatenate(less))
+    messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
+    return SimulatorValues(values, errors, tuple(lost), off, runs, reduced, messages, ())
+
+
+def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
+    """The axis under the drive as it is recorded, without an input gain, and that gain.
+
+    All forces over the gain move it alike.
+    """
+    gains = [e for e in axis.effects if e.slug == "input_gain"]
+    gain = math.prod(e.values[0] for e in gains)
+    if not gains or gain <= 0.0:
+        return axis, 1.0
+    effects = []
+    for effect in (e for e in axis.effects if e not in gains):
+        values = {
+            n: getattr(effect, n) / gain ** powers(p["unit"])[0]
+            for n, p in effect.parameters().items()
+        }
+        effects.append(type(effect)(**values))
+    scaled = axis.replace(
+        mass=axis.mass / gain, viscous=axis.viscous / gain,
+        coulomb=axis.coulomb.scaled(1.0 / gain), effects=tuple(effects),
+    )  # fmt: skip
+    return scaled, gain
+
+
+_STRAIGHT = Format(straight, lambda speed: (None,), lambda c, shape, breakaway: {})
+
+
+class _States(NamedTuple):
+    """States in which friction is compared."""
+
+    t: FloatArray
+    x: FloatArray
+    v: FloatArray
+    u: FloatArray
+
+    @classmethod
+    def of(cls, joint: Joint, axis: FrictionAxis, velocities: FloatArray | None) -> _States:
+        """Sliding samples of the records; without one, velocities at places of the travel."""
+        if velocities is None and joint.records:
+            parts = []
+            for record in joint.records:
+                bare, behind = at_the_mass(axis, record)
+                one = Sliding(behind, _SAMPLES // len(joint.records))
+                fast = np.abs(one.v) > bare.stick_speed
+                parts.append([a[fast] for a in (one.t, one.x, one.v, one.u)])
+            if all(part[0].size == 0 for part in parts):
+                raise ValueError(
+                    "the record of the result has no sliding samples: give velocities=..."
+                )
+            return cls(*map(np.concatenate, zip(*parts, strict=True)))
+        if velocities is None:
+            speed = usual_speed(axis) * np.arange(1, _VELOCITIES) / (_VELOCITIES - 1)
+            velocities = np.concatenate((-speed[::-1], speed))
+        low, high = axis.travel or (0.0, 0.0)
+        places = np.linspace(low, high, _PLACES if high > low else 1)
+        v, x = (a.ravel() for a in np.meshgrid(velocities[velocities != 0.0], places))
+        return cls(np.zeros_like(v), x, v, np.zeros_like(v))
+
+
+def _resistance(axis: FrictionAxis, states: _States) -> FloatArray:
+    """Force against the motion of a rigid axis, less the drive, shape (n,)."""
+    arrays = without_states(axis).arrays(1.0)
+    found = np.empty(states.v.size)
+    accelerations(
+        arrays.numbers, arrays.integers, states.t, states.x, states.v, states.u,
+        np.sign(states.v).astype(np.int64), found,
+    )  # fmt: skip
+    return np.asarray(states.u - axis.mass * found)
+
+
+def _dissipates(effect: Any) -> bool:
+    """Whether an effect is friction of the joint; a stop is one of the simulator's own."""
+    if effect.slug in _ELSEWHERE:
+        return False
+    return effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
+
+
+def _friction(axis: FrictionAxis, states: _States) -> FloatArray:
+    """Friction force with the load that acts, shape (n,)."""
+    rest = tuple(e for e in axis.effects if not _dissipates(e))
+    without = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None, effects=rest)
+    return _resistance(axis, states) - _resistance(without, states)
+
+
+def _breakaway(axis: FrictionAxis, states: _States) -> float:
+    """Mean breakaway friction force over both directions and the places of the record."""
+    return float(np.mean([np.mean(axis.breakaway(states.x, s)) for s in (1, -1)]))
+
+
+def _best(form: Format, axis: FrictionAxis, states: _States) -> tuple[FloatArray, Any]:
+    """Coefficients of a format, none negative, and its shape, by least squares."""
+    friction = _friction(axis, states)
+    # Scaled columns: a viscous coefficient may be a million times the level.
+    found = []
+    for shape in form.shapes(np.abs(states.v)):
+        columns = form.columns(states.v, shape)
+        size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        c, misfit = scipy.optimize.nnls(columns / size, friction)
+        found.append((misfit, c / size, shape))
+    _, coefficients, shape = min(found, key=lambda one: one[0])
+    return coefficients, shape
+
+
+def _errors(
+    joint: Joint, values: Mapping[str, Any], numbers: Callable[[FrictionAxis], dict[str, Any]]
+) -> dict[str, float]:
+    """Standard errors of the numbers of a format, from those of the parameters."""
+    single = [n for n, value in values.items() if isinstance(value, float)]
+    if not joint.names:
+        return {}
+    slopes = np.zeros((len(single), len(joint.names)))
+    at = values_of(joint.axis, joint.names)
+    deviation = np.sqrt(np.diag(joint.covariance))
+    for i, value in enumerate(at):
+        step = _STEP * deviation[i] if math.isfinite(deviation[i]) else _STEP * abs(value)
+        ends = []
+        for side in (-1.0, 1.0):
+            moved = at.copy()
+            moved[i] = value + side * step
+            try:
+                one = numbers(with_values(joint.axis, joint.names, moved))
+            except ValueError:  # beyond a bound of the parameter
+                one, moved[i] = dict(values), value
+            ends.append((moved[i], one))
+        (a, low), (b, high) = ends
+        if b > a:
+            slopes[:, i] = [(high[n] - low[n]) / (b - a) for n in single]
+    known = np.isfinite(deviation)
+    covariance = joint.covariance[np.ix_(known, known)]
+    part = slopes[:, known]
+    error = np.sqrt(np.einsum("ij,jk,ik->i", part, covariance, part))
+    # What no record determines determines nothing.
+    unsure = np.abs(slopes[:, ~known]) @ np.maximum(np.abs(at[~known]), 1e-300)
+    scale = np.array([abs(values[n]) for n in single])
+    return {
+        n: math.inf if unsure[i] > _SAID * scale[i] else float(error[i])
+        for i, n in enumerate(single)
+    }
+
+
+def _features(axis: FrictionAxis, places: FloatArray) -> Iterator[tuple[str, Any, FrictionAxis]]:
+    """What an axis has beyond a level and a viscous coefficient, and the axis without it."""
+    if axis.stribeck is not None and axis.stribeck.excess > 0.0:
+        speed = f"{axis.stribeck.speed:.3g} {axis.unit('m/s')}"
+        words = f"stribeck: excess = {percent(axis.stribeck.excess)}, speed = {speed}"
+        yield words, None, axis.replace(stribeck=None)
+    levels = [float(np.mean(axis.coulomb(places, s))) for s in (1, -1)]
+    if not axis.coulomb.constant:
+        yield (
+            "Coulomb level over position",
+            None,
+            axis.replace(coulomb=CoulombMap.of(tuple(levels))),
+        )
+    if not math.isclose(*levels, rel_tol=1e-9):
+        words = f"Coulomb level {levels[0]:.4g} forwards, {levels[1]:.4g} {axis.units[1]} backwards"
+        factors = [float(np.mean(levels)) / max(level, 1e-300) for level in levels]
+        yield words, None, axis.replace(coulomb=axis.coulomb.scaled(*factors))
+    for effect in axis.effects:
+        others = tuple(e for e in axis.effects if e is not effect)
+        yield effect.describe(axis.units), effect, axis.replace(effects=others)
+
+
+def _lost(
+    form: Format, joint: str, axis: FrictionAxis, states: _States, records: tuple[Record, ...]
+) -> tuple[float, list[Loss]]:
+    """RMS error of the friction, and everything that a format cannot say."""
+    coefficients, shape = _best(form, axis, states)
+    columns = form.columns(states.v, shape)
+    friction, (length, force) = _friction(axis, states), axis.units
+    off, size = _rms(friction - columns @ coefficients), _rms(friction)
+    found = []
+    for what, effect, without in _features(axis, states.x):
+        if effect is None or _dissipates(effect):
+            part = friction - _friction(without, states)
+            # What columns of the format do as well is no loss.
+            left = part - columns @ np.linalg.lstsq(columns, part, rcond=None)[0]
+            if _rms(left) > _SAID * size or not np.any(part):
+                found.append(Loss(joint, what, "least squares", _rms(left), force))
+            continue
+        instead = _ELSEWHERE.get(effect.slug, _ELSEWHERE.get(effect.action, "none"))
+        part = _resistance(axis, states) - _resistance(without, states)
+        if effect.action in ("force", "input") and np.any(part):
+            found.append(Loss(joint, what, instead, _rms(part), force))
+        else:
+            moved = [replay(axis, r).positions - replay(without, r).positions for r in records]
+            error = _rms(np.concatenate(moved)) if moved else math.nan
+            found.append(Loss(joint, what, instead, error, length))
+    holds, needed = float(np.abs(form.columns(np.full(1, 1e-9), shape) @ coefficients)[0]), 0.0
+    needed = _breakaway(axis, states)
+    if not form.breakaway and abs(holds - needed) > 0.01 * needed:
+        words = f"breakaway friction force {needed:.4g} {force}"
+        found.append(Loss(joint, words, f"{holds:.4g} {force}", abs(holds - needed), force))
+    return off, found
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

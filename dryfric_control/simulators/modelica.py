@@ -1,0 +1,168 @@
+"""Friction components of a Modelica model."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.joint_values import (
+    Format,
+    SimulatorValues,
+    described,
+    joints_of,
+)
+
+FloatArray = NDArray[np.float64]
+
+# Velocities of the table.
+_KNOTS = 17
+_COMPONENT = re.compile(rb"\b(BearingFriction|SupportFriction)\s+([A-Za-z_]\w*)\s*(\()?")
+_TABLE = {"BearingFriction": "tau_pos", "SupportFriction": "f_pos"}
+_UNITS = {"BearingFriction": ("rad", "N m"), "SupportFriction": ("m", "N")}
+# What may hold brackets that are none: text and comments.
+_SKIPPED = re.compile(rb'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.S)
+
+
+def _knots(speed: FloatArray) -> tuple[FloatArray]:
+    """Velocities of the table: closest where the record has most samples."""
+    return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS))),)
+
+
+def _hats(v: FloatArray, knots: FloatArray) -> FloatArray:
+    """Columns of a table over the speed, the same both ways."""
+    columns = [np.interp(np.abs(v), knots, row) for row in np.eye(knots.size)]
+    return np.sign(v)[:, None] * np.column_stack(columns)
+
+
+def _table(c: FloatArray, knots: FloatArray, breakaway: float) -> dict[str, Any]:
+    rows = [[0.0, breakaway], *([float(a), float(b)] for a, b in zip(knots, c, strict=True))]
+    return {"table": rows, "peak": 1.0}
+
+
+_MODELICA = Format(_hats, _knots, _table, breakaway=True)
+
+
+def to_modelica(
+    result: Any,
+    model: str | os.PathLike[str],
+    joint: str | None = None,
+    *,
+    velocities: ArrayLike | None = None,
+    out: str | os.PathLike[str] | None = None,
+) -> SimulatorValues:
+    """Set friction tables of components in a Modelica file.
+
+    Parameters
+    ----------
+    result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
+        What is known of the joint, or of each joint by the name of its component.
+    model : path-like
+        Modelica file with components `BearingFriction` or `SupportFriction` of the
+        standard library; every other byte of it stays.
+    joint : str, optional
+        Name of the component of a single result.  Default: the only one, or the name of
+        the axis.
+    velocities : array_like, shape (n,), optional
+        Velocities over which friction is approximated, see `to_mjcf`.
+    out : path-like, optional
+        File to write.  Default: `model` itself.
+
+    Returns
+    -------
+    SimulatorValues
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, or a component is not in the file or is in
+        other units than the result.
+
+    Notes
+    -----
+    The table `tau_pos` (`f_pos` of a `SupportFriction`) holds friction over speed, the same
+    both ways, so it states a Stribeck peak and a drag.  Its first row is the breakaway, and
+    `peak` is 1.  Inertia belongs to another component.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     arm = pathlib.Path(folder, "Arm.mo")
+    ...     _ = arm.write_text("model Arm BearingFriction elbow(tau_pos=[0, 1]); end Arm;")
+    ...     found = dfc.to_modelica(axis, arm, velocities=[-2.0, -1.0, 1.0, 2.0])
+    ...     print(arm.read_text()[:47])
+    model Arm BearingFriction elbow(tau_pos=[0, 1.5
+    >>> found.lost
+    ()
+    """
+    path, raw = read_model(model)
+    place = path if out is None else target("out", out)
+    bare = _SKIPPED.sub(lambda found: b" " * len(found[0]), raw)
+    there = {found[2].decode(): found for found in _COMPONENT.finditer(bare)}
+    if not there:
+        raise ValueError(
+            f"model {path.name} has no component BearingFriction or SupportFriction: the tables "
+            "of Modelica.Mechanics are those of these"
+        )
+    joints = joints_of(result, joint, list(there))
+    for name, one in joints.items():
+        wanted = _UNITS[there[name][1].decode()]
+        if one.axis.units != wanted:
+            raise ValueError(
+                f"component {name!r} is in {wanted}, and the axis has units = {one.axis.units}: "
+                "convert the record as it is read, see dfc.Scaling"
+            )
+    found = described(_MODELICA, joints, velocities)
+    for name in sorted(joints, key=lambda one: -there[one].start()):
+        values = found.values[name]
+        rows = "; ".join(f"{number(v)}, {number(f)}" for v, f in values["table"])
+        texts = {_TABLE[there[name][1].decode()]: f"[{rows}]", "peak": number(values["peak"])}
+        raw, bare = _modified(raw, bare, there[name], texts)
+    return written(found, place, raw)
+
+
+def _modified(
+    raw: bytes, bare: bytes, component: re.Match[bytes], texts: dict[str, str]
+) -> tuple[bytes, bytes]:
+    """The file with modifiers of a component set; `bare` is without text and comments."""
+    if component[3] is None:
+        words, at = ", ".join(f"{n}={v}" for n, v in texts.items()), component.end(2)
+        return _put(raw, at, at, f"({words})"), _put(bare, at, at, f"({words})")
+    begin = component.end(3)
+    for name, value in texts.items():
+        end = _closing(bare, begin)
+        old = re.compile(rb"\b" + name.encode() + rb"\s*=\s*").search(bare, begin, end)
+        if old:
+            stop = _ends(bare, old.end(), end)
+            raw, bare = _put(raw, old.end(), stop, value), _put(bare, old.end(), stop, value)
+        else:
+            more = f", {name}={value}" if bare[begin:end].strip() else f"{name}={value}"
+            raw, bare = _put(raw, end, end, more), _put(bare, end, end, more)
+    return raw, bare
+
+
+def _put(text: bytes, begin: int, end: int, new: str) -> bytes:
+    return text[:begin] + new.encode() + text[end:]
+
+
+def _closing(text: bytes, begin: int) -> int:
+    """Place of the bracket that closes what was open before `begin`."""
+    return _ends(text, begin, len(text), b"")
+
+
+def _ends(text: bytes, begin: int, end: int, marks: bytes = b",") -> int:
+    """End of a value: a comma, or the bracket that closes what is around it."""
+    depth = 0
+    for i in range(begin, end):
+        one = text[i : i + 1]
+        if depth == 0 and (one in (b")", b"]", b"}") or (marks and one == marks)):
+            return i
+        depth += (one in (b"(", b"[", b"{")) - (one in (b")", b"]", b"}"))
+    return end

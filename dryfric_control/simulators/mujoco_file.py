@@ -1,0 +1,272 @@
+"""Joints of an MJCF file, or of a model in MuJoCo."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.joint_values import (
+    Format,
+    Joint,
+    SimulatorValues,
+    checked_loads,
+    described,
+    joints_of,
+    require_loads,
+    straight,
+)
+from dryfric_control.simulators.xml_text import Element, applied, attributes_set, elements
+from dryfric_control.store.files import existing_file
+
+_MJCF = Format(
+    straight,
+    lambda speed: (None,),
+    lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
+)
+_KINDS = ("free", "ball", "slide", "hinge")
+_UNITS = {"hinge": ("rad", "N m"), "slide": ("m", "N")}
+#: Friction of MuJoCo is soft: a joint at rest creeps, with these a fiftieth of the default.
+_STIFF = {"solreffriction": "0.002 1", "solimpfriction": "0.99 0.999 0.001"}
+
+
+def to_mjcf(
+    result: Any,
+    model: Any,
+    joint: str | None = None,
+    *,
+    load: float | Mapping[str, float] | None = None,
+    velocities: ArrayLike | None = None,
+    stiff: bool = False,
+    out: str | os.PathLike[str] | None = None,
+) -> SimulatorValues:
+    """Set friction, damping and armature of joints in MuJoCo.
+
+    Parameters
+    ----------
+    result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
+        What is known of the joint, or of each joint by its name.
+    model : path-like, mujoco.MjSpec or mujoco.MjModel
+        MJCF file, of which every other byte stays, or a model, which is changed.
+    joint : str, optional
+        Name of the joint of a single result.  Default: the only joint of the model, or
+        the name of the axis.
+    load : float or mapping of str to float, optional
+        Inertia that the bodies of the model have about the joint [kg m^2]: `armature` is the
+        rest of the mass of the axis.  Default: MuJoCo computes it, in the reference pose.
+    velocities : array_like, shape (n,), optional
+        Velocities over which friction is approximated.  Default: those of the records of
+        the result; without a record, as far as the friction curve is drawn.
+    stiff : bool, optional
+        Whether to set `solreffriction` and `solimpfriction` as well, with which a joint
+        at rest creeps fifty times less, at a time step of 2 ms.
+    out : path-like, optional
+        File to write.  Default: `model` itself.
+
+    Returns
+    -------
+    SimulatorValues
+        The numbers with their standard errors, what MJCF cannot say, and the errors of both.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, a joint is not in the model or does not have
+        one axis in the units of the result, or the load is needed and MuJoCo is not installed.
+
+    Notes
+    -----
+    `frictionloss` c and `damping` d are the least-squares approximation of the friction
+    F(x, v) of the axis over the sliding samples of its records,
+
+    ::
+
+        min sum (F(x, v) - c sign(v) - d v)^2,    c, d >= 0
+
+    with what depends on position, direction, load and time averaged in the same way.
+    Whatever they cannot say is in `lost`, with the RMS force or position it makes there.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=(1.6, 1.4),
+    ...                         units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     arm = pathlib.Path(folder, "arm.xml")
+    ...     _ = arm.write_text('<mujoco><worldbody><body><joint name="elbow"/></body>'
+    ...                        '</worldbody></mujoco>')
+    ...     found = dfc.to_mjcf(axis, arm, load=0.1)
+    ...     print(arm.read_text()[25:-28])
+    <joint name="elbow" frictionloss="1.5" damping="0.2" armature="0.2"/>
+    >>> [(one.what, round(one.error, 3)) for one in found.lost]
+    [('Coulomb level 1.6 forwards, 1.4 N m backwards', 0.1)]
+    """
+    if not isinstance(stiff, bool):
+        raise ValueError(f"stiff must be True or False, got {stiff!r}")
+    if isinstance(model, (str, os.PathLike)):
+        return _in_file(result, model, joint, load, velocities, stiff, out)
+    if out is not None:
+        raise ValueError(f"out = {out!r} is for a file: a model in MuJoCo is changed itself")
+    return _in_model(result, model, joint, load, velocities, stiff)
+
+
+def _in_file(
+    result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool, out: Any
+) -> SimulatorValues:
+    path, raw = read_model(model)
+    place = path if out is None else target("out", out)
+    tags = elements(path, raw)
+    if not tags or tags[0].name != "mujoco":
+        kind = f"<{tags[0].name}>" if tags else "nothing"
+        raise ValueError(f"model {path.name} is no MJCF file: it begins with {kind}, not <mujoco>")
+    there = _named(path, tags)
+    joints = joints_of(result, joint, list(there))
+    for name, one in joints.items():
+        _check(name, one, there[name].attributes.get("type"))
+    loads = checked_loads(load, joints)
+    if any(name not in loads for name in joints):
+        loads = _computed(path, joints) | loads
+    found = described(_MJCF, joints, velocities, "armature", loads)
+    edits = []
+    for name, values in found.values.items():
+        texts = {n: number(v) for n, v in values.items()} | (_STIFF if stiff else {})
+        edits.append(attributes_set(raw, there[name].at, texts))
+    return written(found, place, applied(raw, edits))
+
+
+def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
+    """Joints of the bodies by name."""
+    there = {
+        one.attributes["name"]: one
+        for one in tags
+        if one.name == "joint" and "name" in one.attributes and "worldbody" in one.path
+    }
+    if there:
+        return there
+    others = [one.attributes.get("file", "") for one in tags if one.name == "include"]
+    mend = f"give the included file with them ({', '.join(others)})" if others else "name them"
+    raise ValueError(f"model {path.name} has no joint with a name in a body: {mend}")
+
+
+def _check(name: str, joint: Joint, kind: str | None) -> None:
+    """Refuse a joint of several axes or another unit; a class may set the kind (None)."""
+    if kind is not None and kind not in _UNITS:
+        raise ValueError(f"joint {name!r} is a {kind} joint: friction is of one axis each")
+    right = [_UNITS[kind]] if kind else [*_UNITS.values()]
+    if joint.axis.units not in right:
+        raise ValueError(
+            f"joint {name!r} is in {' or '.join(map(str, right))}, and the axis has units = "
+            f"{joint.axis.units}: convert the record as it is read, see dfc.Scaling"
+        )
+
+
+def _computed(path: Path, joints: Mapping[str, Joint]) -> dict[str, float]:
+    """Inertia of the bodies about joints, by MuJoCo."""
+    try:
+        import mujoco
+    except ImportError:
+        mend = "give load=..., or install mujoco, which computes it"
+        require_loads({}, joints, mend)
+    try:
+        made = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as problem:
+        raise ValueError(
+            f"model {path.name} is refused by MuJoCo ({problem}), which computes the inertia of "
+            "its bodies: give load=..."
+        ) from None
+    return inertias(made, joints)
+
+
+def inertias(model: Any, joints: Iterable[str]) -> dict[str, float]:
+    """Inertia of the bodies of a compiled model about joints in its reference pose."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found = {}
+    for name in joints:
+        at = int(model.joint(name).dofadr[0])
+        unit, answer = np.zeros(model.nv), np.zeros(model.nv)
+        unit[at] = 1.0
+        mujoco.mj_mulM(model, data, answer, unit)
+        found[name] = float(answer[at] - model.dof_armature[at])
+    return found
+
+
+def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
+    """Nominal axes of the joints of an MJCF file, by MuJoCo: inertia, damping, frictionloss."""
+    try:
+        import mujoco
+    except ImportError:
+        raise ValueError(
+            f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
+            "install mujoco, or give a file of axes"
+        ) from None
+    try:
+        model = mujoco.MjModel.from_xml_path(str(existing_file(path)))
+    except ValueError as problem:
+        raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
+    found = {}
+    for i in range(model.njnt):
+        joint = model.joint(i)
+        kind = _KINDS[int(joint.type[0])]
+        if joint.name and kind in _UNITS:
+            at = int(joint.dofadr[0])
+            found[joint.name] = FrictionAxis(
+                mass=inertias(model, [joint.name])[joint.name] + float(model.dof_armature[at]),
+                viscous=float(np.ravel(model.dof_damping[at])[0]),
+                coulomb=CoulombMap.of(float(model.dof_frictionloss[at])),
+                name=joint.name,
+                units=_UNITS[kind],
+            )
+    if not found:
+        raise ValueError(f"model {path} has no hinge or slide joint with a name: name them")
+    return found
+
+
+def _in_model(
+    result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool
+) -> SimulatorValues:
+    compiled = hasattr(model, "dof_frictionloss")
+    if not compiled and not (hasattr(model, "joints") and hasattr(model, "compile")):
+        raise ValueError(
+            f"model must be the path of an MJCF file, a mujoco.MjSpec or a mujoco.MjModel, got "
+            f"{model!r}"
+        )
+    made = model if compiled else model.copy().compile()
+    kinds = {made.joint(i).name: int(made.joint(i).type[0]) for i in range(made.njnt)}
+    joints = joints_of(result, joint, [name for name in kinds if name])
+    for name, one in joints.items():
+        _check(name, one, _KINDS[kinds[name]])
+    loads = checked_loads(load, joints)
+    if any(name not in loads for name in joints):
+        loads = inertias(made, joints) | loads
+    found = described(_MJCF, joints, velocities, "armature", loads)
+    soft = {n: [float(v) for v in text.split()] for n, text in _STIFF.items()}
+    for name, values in found.values.items():
+        if compiled:
+            at = model.joint(name).dofadr[0]
+            for quantity, value in values.items():
+                getattr(model, f"dof_{quantity}")[at] = value
+            if stiff:
+                model.dof_solref[at] = soft["solreffriction"]
+                model.dof_solimp[at][:3] = soft["solimpfriction"]
+            continue
+        one = model.joint(name)
+        for quantity, value in values.items():
+            # Damping has been a polynomial since MuJoCo 3.5.
+            if np.ndim(getattr(one, quantity)):
+                value = [value, *np.zeros(np.size(getattr(one, quantity)) - 1)]
+            setattr(one, quantity, value)
+        if stiff:
+            one.solref_friction[:2] = soft["solreffriction"]
+            one.solimp_friction[:3] = soft["solimpfriction"]
+    return found

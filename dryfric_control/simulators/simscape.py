@@ -1,0 +1,127 @@
+"""Friction blocks of Simscape."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dryfric_control.simulators.files import number, target, written
+from dryfric_control.simulators.joint_values import (
+    Format,
+    SimulatorValues,
+    described,
+    joints_of,
+)
+
+FloatArray = NDArray[np.float64]
+
+# Breakaway velocities that are tried.
+_TRIED = 60
+_NAMES = {
+    ("rad", "N m"): (("brkwy_trq", "N*m"), ("Col_trq", "N*m"), ("visc_coef", "N*m*s/rad"),
+                     ("brkwy_vel", "rad/s")),
+    ("m", "N"): (("brkwy_frc", "N"), ("Col_frc", "N"), ("visc_coef", "N*s/m"),
+                 ("brkwy_vel", "m/s")),
+}  # fmt: skip
+
+
+def _speeds(speed: FloatArray) -> FloatArray:
+    top = float(np.max(speed))
+    return np.geomspace(1e-3 * top, top, _TRIED)
+
+
+def _curve(v: FloatArray, breakaway_velocity: float) -> FloatArray:
+    """Columns of the excess of the breakaway force, the Coulomb level and the viscous part."""
+    near = v / (math.sqrt(2.0) * breakaway_velocity)
+    peak = math.sqrt(2.0 * math.e) * near * np.exp(-np.minimum(near**2, 700.0))
+    return np.column_stack((peak, np.tanh(10.0 * v / breakaway_velocity), v))
+
+
+_SIMSCAPE = Format(
+    _curve,
+    _speeds,
+    lambda c, shape, breakaway: {
+        "breakaway": float(c[0] + c[1]),
+        "coulomb": float(c[1]),
+        "viscous": float(c[2]),
+        "breakaway_velocity": float(shape),
+    },
+    breakaway=True,
+)
+
+
+def to_simscape(
+    result: Any,
+    path: str | os.PathLike[str],
+    joint: str | None = None,
+    *,
+    velocities: ArrayLike | None = None,
+) -> SimulatorValues:
+    """Write a script that sets friction blocks of Simscape.
+
+    Parameters
+    ----------
+    result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
+        What is known of the joint, or of each joint by the path of its block, such as
+        ``{"arm/Elbow friction": found}``.
+    path : path-like
+        MATLAB script to write.
+    joint : str, optional
+        Path of the block of a single result.  Default: the name of the axis.
+    velocities : array_like, shape (n,), optional
+        Velocities over which friction is approximated, see `to_mjcf`.
+
+    Returns
+    -------
+    SimulatorValues
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, or the axis has other units than those of
+        the blocks `Rotational Friction` and `Translational Friction`.
+
+    Notes
+    -----
+    The blocks state, with w_b the breakaway velocity,
+
+    .. math:: T = \\sqrt{2e} (T_b - T_C) \\frac{w}{\\sqrt 2 w_b} e^{-(w / \\sqrt 2 w_b)^2}
+              + T_C \\tanh(10 w / w_b) + f w
+
+    whose peak has another shape than that of `Stribeck`: it is fitted by least squares.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     script = pathlib.Path(folder, "friction.m")
+    ...     found = dfc.to_simscape({"arm/Elbow": axis}, script)
+    ...     print(script.read_text().splitlines()[0])
+    set_param('arm/Elbow', 'brkwy_trq', '1.5', 'brkwy_trq_unit', 'N*m');
+    """
+    joints = joints_of(result, joint, ())
+    place = target("path", path)
+    for name, one in joints.items():
+        if one.axis.units not in _NAMES:
+            raise ValueError(
+                f"joint {name!r} has units = {one.axis.units}: the blocks take ('rad', 'N m') or "
+                "('m', 'N'); convert the record as it is read, see dfc.Scaling"
+            )
+    found = described(_SIMSCAPE, joints, velocities)
+    lines = []
+    for name, values in found.values.items():
+        block = name.replace("'", "''")
+        for (parameter, unit), value in zip(
+            _NAMES[joints[name].axis.units], values.values(), strict=True
+        ):
+            lines.append(
+                f"set_param('{block}', '{parameter}', '{number(value)}', '{parameter}_unit', "
+                f"'{unit}');\n"
+            )
+    return written(found, place, "".join(lines).encode())

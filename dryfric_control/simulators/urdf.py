@@ -1,0 +1,120 @@
+"""Joints of a URDF file."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.joint_values import (
+    Format,
+    SimulatorValues,
+    described,
+    joints_of,
+    straight,
+)
+from dryfric_control.simulators.xml_text import applied, attributes_set, child_added, elements
+
+_URDF = Format(
+    straight,
+    lambda speed: (None,),
+    lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
+)
+_UNITS = {
+    "revolute": ("rad", "N m"),
+    "continuous": ("rad", "N m"),
+    "prismatic": ("m", "N"),
+}
+
+
+def to_urdf(
+    result: Any,
+    model: str | os.PathLike[str],
+    joint: str | None = None,
+    *,
+    velocities: ArrayLike | None = None,
+    out: str | os.PathLike[str] | None = None,
+) -> SimulatorValues:
+    """Set the dynamics of joints in a URDF file.
+
+    Parameters
+    ----------
+    result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
+        What is known of the joint, or of each joint by its name.
+    model : path-like
+        URDF file; every other byte of it stays.
+    joint : str, optional
+        Name of the joint of a single result.  Default: the only joint that moves, or the
+        name of the axis.
+    velocities : array_like, shape (n,), optional
+        Velocities over which friction is approximated, see `to_mjcf`.
+    out : path-like, optional
+        File to write.  Default: `model` itself.
+
+    Returns
+    -------
+    SimulatorValues
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong kind, or a joint is not in the file or is in other
+        units than the result.
+
+    Notes
+    -----
+    The attributes `damping` and `friction` of the element ``<dynamics>`` are set, which is
+    added where a joint has none.  The format has no armature: the inertia stays that of the
+    links.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     arm = pathlib.Path(folder, "arm.urdf")
+    ...     _ = arm.write_text('<robot><joint name="a" type="continuous">'
+    ...                        '<dynamics damping="0"/></joint></robot>')
+    ...     found = dfc.to_urdf(axis, arm)
+    ...     print(arm.read_text()[:-16])
+    <robot><joint name="a" type="continuous"><dynamics damping="0.2" friction="1.5"/>
+    """
+    path, raw = read_model(model)
+    place = path if out is None else target("out", out)
+    tags = elements(path, raw)
+    if not tags or tags[0].name != "robot":
+        kind = f"<{tags[0].name}>" if tags else "nothing"
+        raise ValueError(f"model {path.name} is no URDF file: it begins with {kind}, not <robot>")
+    there = {
+        one.attributes["name"]: i
+        for i, one in enumerate(tags)
+        if one.name == "joint" and one.path == ("robot",)
+        and one.attributes.get("type") in _UNITS and "name" in one.attributes
+    }  # fmt: skip
+    if not there:
+        raise ValueError(f"model {path.name} has no revolute, continuous or prismatic joint")
+    joints = joints_of(result, joint, list(there))
+    for name, one in joints.items():
+        wanted = _UNITS[tags[there[name]].attributes["type"]]
+        if one.axis.units != wanted:
+            raise ValueError(
+                f"joint {name!r} is in {wanted}, and the axis has units = {one.axis.units}: "
+                "convert the record as it is read, see dfc.Scaling"
+            )
+    found = described(_URDF, joints, velocities)
+    edits = []
+    for name, values in found.values.items():
+        texts = {n: number(v) for n, v in values.items()}
+        i = there[name]
+        inside = itertools.takewhile(lambda one: len(one.path) > 1, tags[i + 1 :])
+        dynamics = next((one for one in inside if one.name == "dynamics"), None)
+        if dynamics is not None:
+            edits.append(attributes_set(raw, dynamics.at, texts))
+        else:
+            words = " ".join(f'{n}="{v}"' for n, v in texts.items())
+            edits.append(child_added(raw, tags[i].at, f"<dynamics {words}/>"))
+    return written(found, place, applied(raw, edits))

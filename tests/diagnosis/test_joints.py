@@ -1,0 +1,124 @@
+"""Joints are diagnosed each as it would be alone, resumable, with a table of what was found."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from diagnosis_cases import among
+
+import dryfric_control as dfc
+from dryfric_control.__main__ import main
+from dryfric_control.diagnosis import joints as module
+
+pytestmark = pytest.mark.slow
+
+DT = 2e-3
+T = DT * np.arange(4000)
+U = 4.0 * np.sin(3.0 * T) + 2.0 * np.sin(11.0 * T)
+AXIS = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+MACHINES = {
+    "elbow": AXIS.replace(coulomb=1.8),
+    "wrist": AXIS.replace(effects=(dfc.effects.BiasForce(0.3),)),
+}
+
+
+def log():
+    """One table with columns of each joint."""
+    columns = {"time": T}
+    for name, machine in MACHINES.items():
+        columns[f"{name}.effort"] = U
+        columns[f"{name}.position"] = 1e-5 * np.round(1e5 * machine.simulate(U, dt=DT).y[0])
+    return columns
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return {name: (AXIS, dfc.read_record(log(), joint=name)) for name in MACHINES}
+
+
+@pytest.fixture(autouse=True)
+def few():
+    with among("bias_force", "stribeck"):
+        yield
+
+
+def test_joints_are_diagnosed_each_as_alone(cases, tmp_path, monkeypatch):
+    store = tmp_path / "joints.jsonl"
+    first = dfc.diagnose_joints({"elbow": cases["elbow"]}, store=store, progress=False)
+    found = dfc.diagnose_joints(cases, store=store, progress=False)
+    assert list(found) == ["elbow", "wrist"] and len(store.read_text().splitlines()) == 3
+    assert first["elbow"].to_dict() == found["elbow"].to_dict()
+    for name, (axis, record) in cases.items():
+        alone = dfc.diagnose(axis, record, jobs=1, progress=False)
+        assert json.dumps(found[name].to_dict()) == json.dumps(alone.to_dict())
+        np.testing.assert_array_equal(found[name].record.x, record.x)
+    assert [c.effect for c in found["elbow"].causes] == ["coulomb"]
+    assert [c.effect for c in found["wrist"].causes] == ["bias_force"]
+
+    asked = []
+    monkeypatch.setattr(module, "_found", lambda options, case: asked.append(case))
+    again = dfc.diagnose_joints(cases, store=store, progress=False)
+    assert asked == [] and again.summary() == found.summary()
+    # Another nominal axis is another case.
+    other = {"elbow": (AXIS.replace(mass=0.31), cases["elbow"][1])}
+    dfc.diagnose_joints(other, store=store, progress=False)
+    assert len(asked) == 1
+    with pytest.raises(ValueError, match="other settings: known is"):
+        dfc.diagnose_joints(cases, store=store, known=("mass",), progress=False)
+
+
+def test_the_table_has_parameters_with_errors(cases):
+    found = dfc.diagnose_joints(cases, known=("mass",), progress=False)
+    for name, machine in MACHINES.items():
+        parameters = found.parameters(name)
+        assert parameters["mass"] == (0.3, None, "kg m^2")
+        level, error, unit = parameters["coulomb"]
+        assert unit == "N m" and 0.0 < error < 0.02
+        assert level == pytest.approx(machine.coulomb.mean, abs=max(4.0 * error, 1e-3))
+        assert name in found.summary()
+    force, error, unit = found.parameters("wrist")["bias_force.force"]
+    assert unit == "N m" and force == pytest.approx(0.3, abs=max(4.0 * error, 1e-3))
+    with pytest.raises(ValueError, match="joint 'knee' is not there"):
+        found.parameters("knee")
+
+
+def test_a_joint_that_cannot_be_diagnosed_is_named(cases):
+    short = {"elbow": (AXIS, cases["elbow"][1].window(0.0, 0.2))}
+    with pytest.raises(ValueError) as refused:
+        dfc.diagnose_joints(cases | short, window=0.3, progress=False)
+    assert "in joints['elbow']" in refused.value.__notes__
+
+
+def test_one_command_from_a_log_to_the_model(tmp_path, capsys, monkeypatch):
+    table = log()
+    rows = np.column_stack([*table.values()])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(table), comments="")
+    text = "".join(
+        f"[{name}]\nmass = 0.3\nviscous = 0.2\ncoulomb = 1.5\nunits = ['rad', 'N m']\n"
+        for name in MACHINES
+    )
+    (tmp_path / "axes.toml").write_text(text)
+    body = '<body><joint name="{}"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    model = "".join(body.format(name) for name in MACHINES)
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{model}</worldbody></mujoco>")
+    monkeypatch.chdir(tmp_path)
+    command = ["joints", "run.csv", "--axes", "axes.toml", "--model", "arm.xml", "--jobs", "1"]
+    assert main([*command, "--load", "elbow=0.1,wrist=0", "--known", "mass", "--quiet"]) == 0
+    said = capsys.readouterr().out
+    assert "run.csv, wrist: " in said and "written: arm.xml" in said
+    values = dict(
+        zip(
+            MACHINES, (tmp_path / "joints" / "arm.xml").read_text().split("<joint")[1:], strict=True
+        )
+    )
+    for name, machine in MACHINES.items():
+        words = dict(part.split("=") for part in values[name].split("/>")[0].split())
+        level = float(words["frictionloss"].strip('"'))
+        assert math.isclose(level, machine.coulomb.mean, rel_tol=1e-2)
+        assert (tmp_path / "joints" / name / "report.html").is_file()
+    assert set(json.loads((tmp_path / "joints" / "joints.json").read_text())) == {*MACHINES}
+    assert main([*command, "--joints", "elbw"]) == 2
+    assert "--joints elbw is not there. Did you mean 'elbow'?" in capsys.readouterr().err
+    assert main(["joints", "run.csv", "--model", "arm.urdf"]) == 2
+    assert "give --axes" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""Records without a drive, of velocity alone, of a servo without its torque."""
+
+import warnings
+
+import numpy as np
+import pytest
+from truth.plant import NSTATES, Plant, V, X, closed_loop, open_loop
+
+import dryfric_control as dfc
+
+pytestmark = pytest.mark.slow
+
+PENDULUM = Plant(mass=0.0224, viscous=0.45e-3, coulomb=4.1e-3, gravity=0.6927, stick_speed=1e-4)
+SLIDE = Plant(mass=2.0, viscous=15.0, coulomb=8.0, stick_speed=1e-4)
+SERVO = Plant(mass=0.02, viscous=0.3, coulomb=0.5, stick_speed=1e-3)
+TURNING = ("rad", "N m")
+SEEDS = range(8)
+
+
+def swinging(seed):
+    """A pendulum let go, seen by an encoder of 4000 counts for 20 s."""
+    start = np.zeros(NSTATES)
+    start[X] = -2.0 - 0.5 * np.random.default_rng(seed).random()
+    x = open_loop(PENDULUM, np.zeros(4000), 5e-3, 50, start)[:-1, X]
+    counts = 2.0 * np.pi / 4000
+    return dfc.Record(
+        5e-3 * np.arange(4000), None, counts * np.round(x / counts), units={"x": "rad"}
+    )
+
+
+def rolling(seed):
+    """A slide of which a noisy velocity was recorded, 1 % of the largest, for 8 s."""
+    rng = np.random.default_rng(seed)
+    t = 1e-3 * np.arange(8000)
+    tones, phases = np.array([6.0, 17.0, 2.3])[:, None] * t, rng.uniform(0.0, 6.0, 3)[:, None]
+    u = np.array([20.0, 12.0, 6.0]) @ np.sin(tones + phases)
+    v = open_loop(SLIDE, u, 1e-3, 20, np.zeros(NSTATES))[:-1, V]
+    return dfc.Record(t, u, None, channels={"v": v + 5e-3 * rng.standard_normal(t.size)})
+
+
+def hits(found, true):
+    """Relative errors, and whether 90 % intervals cover."""
+    ends = found.interval(0.9)
+    errors = {name: found.parameters[name] / value - 1.0 for name, value in true.items()}
+    return errors, {name: ends[name][0] <= true[name] <= ends[name][1] for name in true}
+
+
+def within(fits, true, most):
+    """Every fit within a relative error, and intervals that cover as often as they say."""
+    covered = []
+    for found in fits:
+        errors, inside = hits(found, true)
+        assert all(abs(error) < most for error in errors.values()), errors
+        covered += inside.values()
+    # Of intervals of 90 %, more than three quarters: two standard deviations of this few.
+    assert np.mean(covered) > 0.75
+
+
+def test_a_free_decay_is_fitted_in_long_free_runs():
+    axis = dfc.FrictionAxis(
+        mass=PENDULUM.mass, viscous=1e-3, coulomb=2e-3, units=TURNING, stick_speed=1e-3,
+        effects=(dfc.effects.Gravity(0.65),),
+    )  # fmt: skip
+    free = ("viscous", "coulomb", "gravity")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", dfc.FitWarning)  # twice the nominal level
+        fits = [dfc.fit(axis, swinging(seed), free=free) for seed in SEEDS]
+    true = {"viscous": 0.45e-3, "coulomb": 4.1e-3, "gravity.amplitude": 0.6927}
+    within(fits, true, 0.02)
+    # An eighth of the record each.
+    assert len(fits[0].training[0].windows) == 8
+
+
+def test_a_velocity_is_enough():
+    axis = dfc.FrictionAxis(mass=1.7, viscous=11.0, coulomb=9.5)
+    with pytest.warns(dfc.FitWarning, match="as record.decimated"):
+        fits = [dfc.fit(axis, rolling(seed)) for seed in SEEDS]
+    within(fits, {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}, 0.02)
+
+
+def test_a_position_beside_a_velocity_is_a_reading():
+    t = 1e-3 * np.arange(2000)
+    both = dfc.Record(t, np.cos(t), 1e-4 * np.round(1e4 * np.sin(3.0 * t)),
+                      channels={"v": 3.0 * np.cos(3.0 * t)})  # fmt: skip
+    assert rolling(0).integrated and not both.integrated and not swinging(0).integrated
+
+
+@pytest.fixture(scope="module")
+def followed():
+    """A position servo of 60 N m/rad: command and reading, no torque."""
+    t, none = 1e-3 * np.arange(10000), np.zeros(10000)
+    tones = np.array([3.1, 7.7, 19.0])[:, None] * t + np.array([0.3, 1.0, 4.0])[:, None]
+    command = np.array([0.6, 0.3, 0.1]) @ np.sin(tones)
+    command -= command[0]
+    counts = 2.0 * np.pi / 65536
+    x = closed_loop(
+        SERVO, command, 1e-3, 20, 60.0, 0.0, 0.0, 1e-3, 1e9, counts, none, none, none, none
+    )[1]
+    return dfc.Record(t, None, x, command, units={"x": "rad"})
+
+
+def test_a_servo_is_fitted_by_its_commands(followed):
+    axis = dfc.FrictionAxis(mass=0.015, viscous=0.2, coulomb=0.7, units=TURNING, stick_speed=1e-3)
+    true = {"mass": 0.02, "viscous": 0.3, "coulomb": 0.5}
+    known = followed.commanded(60.0)
+    assert known.notes == ("u is 60 (reference - x)",)
+    errors, _ = hits(dfc.fit(axis, known), true)
+    assert all(abs(error) < 0.02 for error in errors.values())
+
+    # Without the gain all forces are known over it.
+    unknown = followed.commanded()
+    assert unknown.units["u"] == "rad" and "only in ratio" in unknown.notes[-1]
+    with pytest.raises(ValueError, match="InputGain"):
+        dfc.fit(axis, unknown)
+    guessed = axis.replace(effects=(dfc.effects.InputGain(50.0),))
+    errors, _ = hits(dfc.fit(guessed, unknown), {n: 50.0 / 60.0 * v for n, v in true.items()})
+    assert all(abs(error) < 0.02 for error in errors.values())
+    with pytest.warns(dfc.FitWarning, match=r"input_gain"):
+        dfc.fit(guessed, unknown, free=("mass", "viscous", "coulomb", "input_gain"))
+
+
+def test_a_servo_needs_its_commands(followed):
+    with pytest.raises(ValueError, match="record has no reference: read the commands"):
+        swinging(0).commanded()
+    same = dfc.Record(followed.t, None, followed.x, followed.x)
+    with pytest.raises(ValueError, match="give the commands"):
+        same.commanded()

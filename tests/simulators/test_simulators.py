@@ -1,0 +1,310 @@
+"""Values in simulators' files: the numbers, the other bytes, what is lost, the motion."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from diagnosis_cases import among
+
+import dryfric_control as dfc
+from dryfric_control.__main__ import main
+from dryfric_control.model.friction_curve import friction_over_velocity
+
+DT = 2e-3
+T = DT * np.arange(4000)
+U = 3.0 * np.sin(2.0 * T) + 1.2 * np.sin(7.0 * T + 0.5)
+TURNING = ("rad", "N m")
+PLAIN = dfc.FrictionAxis(
+    mass=0.25, viscous=0.3, coulomb=1.2, stick_speed=1e-3, units=TURNING, name="elbow"
+)
+PEAK = PLAIN.replace(stribeck=dfc.Stribeck(0.4, 0.3), coulomb=(1.3, 1.1))
+
+# Comments, quotes of both kinds, blanks and brackets where a reader might stumble.
+MJCF = b"""<?xml version="1.0"?>\r
+<mujoco model="arm">
+  <!-- <joint name="elbow" damping="9"/> -->
+  <default><joint damping="5" frictionloss="7"/><default class="x > y"><joint armature="3"/></default></default>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="upper > lower">
+      <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/>
+      <joint   name='elbow'	axis="0 0 1"
+             damping = '0.05' class="x > y" />
+      <body pos="1 0 0">
+        <inertial pos="0 0 0" mass="1e-3" diaginertia="1e-3 1e-3 1e-3"/>
+        <joint name="slider" type="slide" axis="0 0 1" class="x > y"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="elbow" joint="elbow"/></actuator>
+</mujoco>
+"""
+URDF = b"""<robot name="arm">
+  <link name="a"/><link name="b"/>
+  <joint name="elbow" type="revolute">
+    <parent link="a"/><child link="b"/>
+    <limit effort="1" velocity="1" lower="-1" upper="1"/><dynamics friction='0.1'/>
+  </joint>
+  <joint name="wrist" type="continuous">
+    <parent link="b"/><child link="c"/>
+  </joint>
+  <transmission name="t"><joint name="elbow"/></transmission>
+</robot>
+"""
+MO = b"""model Arm "BearingFriction elbow(tau_pos=[0, 9])"
+  // BearingFriction elbow(tau_pos=[0, 8]);
+  Modelica.Mechanics.Rotational.Components.BearingFriction elbow(useSupport=false, tau_pos=[0, 1; 2, 3],
+    w(start=0)) "a bearing )" annotation (Placement(transformation(extent={{0,0},{1,1}})));
+  Modelica.Mechanics.Rotational.Components.BearingFriction wrist;
+end Arm;
+"""
+
+
+def record(axis, u=U):
+    return dfc.Record(T, u, axis.simulate(u, dt=DT).y[0], units={"x": "rad", "u": "N m"})
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return dfc.fit(PLAIN.replace(mass=0.2, coulomb=1.0), record(PLAIN))
+
+
+@pytest.fixture
+def arm(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_bytes(MJCF)
+    return path
+
+
+def test_mjcf_keeps_every_other_byte(arm):
+    dfc.to_mjcf(PLAIN, arm, load=0.05)
+    tag = (
+        b"<joint   name='elbow'\taxis=\"0 0 1\"\n             damping = '0.3' class=\"x > y\""
+        b' frictionloss="1.2" armature="0.2" />'
+    )
+    old = b"<joint   name='elbow'\taxis=\"0 0 1\"\n             damping = '0.05' class=\"x > y\" />"
+    assert MJCF.count(old) == 1
+    assert arm.read_bytes() == MJCF.replace(old, tag)
+
+
+def test_urdf_keeps_every_other_byte(tmp_path):
+    path, out = tmp_path / "arm.urdf", tmp_path / "out.urdf"
+    path.write_bytes(URDF)
+    found = dfc.to_urdf({"elbow": PLAIN, "wrist": PLAIN.replace(coulomb=0.5)}, path, out=out)
+    right = URDF.replace(b"friction='0.1'", b"friction='1.2' damping=\"0.3\"").replace(
+        b'"continuous">\n', b'"continuous">\n    <dynamics damping="0.3" friction="0.5"/>\n'
+    )
+    assert out.read_bytes() == right and path.read_bytes() == URDF
+    assert found.files == (out,)
+
+
+def test_modelica_keeps_every_other_byte(tmp_path):
+    path = tmp_path / "Arm.mo"
+    path.write_bytes(MO)
+    v = [-1.0, 1.0]
+    dfc.to_modelica({"elbow": PLAIN, "wrist": PLAIN}, path, velocities=v)
+    table = b"tau_pos=[0, 1.2; 1, 1.5]"
+    right = MO.replace(b"tau_pos=[0, 1; 2, 3]", table).replace(
+        b"w(start=0))", b"w(start=0), peak=1)"
+    )
+    right = right.replace(b"wrist;", b"wrist(" + table + b", peak=1);")
+    assert path.read_bytes() == right
+
+
+def test_modelica_states_a_stribeck_peak(tmp_path):
+    path = tmp_path / "Arm.mo"
+    path.write_bytes(MO)
+    axis = PEAK.replace(coulomb=1.2)
+    found = dfc.to_modelica({"elbow": axis}, path)
+    rows = np.array(found.values["elbow"]["table"])
+    at = rows[rows[:, 0] > 0.0]
+    friction = friction_over_velocity(axis, at[:, 0], 0.0)
+    np.testing.assert_allclose(at[:, 1], friction, rtol=0.02)  # of a table of 17 rows
+    assert rows[0, 1] == pytest.approx(1.4 * 1.2)
+
+
+def test_simscape_curve_is_that_of_the_axis(tmp_path):
+    """The blocks' own equation, written out, at the numbers of the script."""
+    axis = PEAK.replace(coulomb=1.2, name="arm/Elbow's friction")
+    found = dfc.to_simscape(axis, tmp_path / "f.m")
+    text = (tmp_path / "f.m").read_text()
+    assert text.count("set_param('arm/Elbow''s friction', ") == 4
+    p = {n: float(v) for n, v in re.findall(r"'(\w+)', '([-\d.e]+)'", text)}
+    w = np.linspace(0.01, 2.0, 200)
+    near = w / (math.sqrt(2.0) * p["brkwy_vel"])
+    curve = (
+        math.sqrt(2.0 * math.e) * (p["brkwy_trq"] - p["Col_trq"]) * near * np.exp(-(near**2))
+        + p["Col_trq"] * np.tanh(10.0 * w / p["brkwy_vel"])
+        + p["visc_coef"] * w
+    )
+    off = curve - friction_over_velocity(axis, w, 0.0)
+    # Stated by the result, over its own velocities; the shapes of the peaks differ.
+    assert np.sqrt(np.mean(off**2)) < 2.0 * found.friction_error["arm/Elbow's friction"] < 0.2
+    assert p["brkwy_trq"] > p["Col_trq"]
+
+
+def test_isaac_states_the_breakaway(tmp_path):
+    found = dfc.to_isaac({"elbow": PEAK}, tmp_path / "f.py", load=0.05)
+    space = {}
+    exec((tmp_path / "f.py").read_text(), space)
+    values = {name: one["elbow"] for name, one in space["JOINT_FRICTION"].items()}
+    assert values["friction"] == pytest.approx(1.4 * 1.2)
+    assert values["armature"] == pytest.approx(0.2)
+    assert values["dynamic_friction"] == pytest.approx(
+        found.values["elbow"]["dynamic_friction"], rel=1e-5
+    )
+    assert not any("breakaway" in one.what for one in found.lost)
+
+
+def test_values_are_least_squares_over_the_record(arm):
+    """By numpy, at the velocities of the simulation itself."""
+    run = PEAK.simulate(U, dt=DT)
+    v = run.y[1][np.abs(run.y[1]) > 0.02]
+    friction = friction_over_velocity(PEAK, v, 0.0)
+    c, d = np.linalg.lstsq(np.column_stack((np.sign(v), v)), friction, rcond=None)[0]
+    found = dfc.to_mjcf(PEAK, arm, velocities=v, load=0.05)
+    assert found.values["elbow"]["frictionloss"] == pytest.approx(c)
+    assert found.values["elbow"]["damping"] == pytest.approx(d)
+    off = friction - c * np.sign(v) - d * v
+    assert found.friction_error["elbow"] == pytest.approx(np.sqrt(np.mean(off**2)))
+    # What is lost adds up to the error: a peak, and half the difference of the levels.
+    parts = {one.what.split()[0]: one.error for one in found.lost}
+    assert parts.keys() == {"stribeck:", "Coulomb", "breakaway"}
+    assert parts["Coulomb"] == pytest.approx(0.1, rel=0.3)
+
+
+def test_a_fit_has_errors_and_free_runs(fitted, arm):
+    found = dfc.to_mjcf(fitted, arm, load=0.05)
+    values, errors = found.values["elbow"], found.standard_errors["elbow"]
+    assert values["frictionloss"] == pytest.approx(1.2, rel=1e-3)
+    assert errors["armature"] == pytest.approx(fitted.standard_errors["mass"], rel=1e-3)
+    assert errors["damping"] == pytest.approx(fitted.standard_errors["viscous"], rel=1e-3)
+    assert errors["frictionloss"] == pytest.approx(fitted.standard_errors["coulomb"], rel=1e-3)
+    whole, less = found.free_runs["elbow"]
+    assert less == pytest.approx(whole, rel=1e-6)  # nothing is lost of a plain axis
+    assert found.lost == ()
+    assert "written: arm.xml" in found.summary()
+
+
+def test_what_is_not_determined_is_said(arm):
+    """Input gain, mass, level and viscous coefficient scale with one another."""
+    free = ("mass", "viscous", "coulomb", "input_gain")
+    with pytest.warns(dfc.FitWarning):
+        found = dfc.fit(PLAIN.replace(mass=0.2), record(PLAIN), free=free)
+    written = dfc.to_mjcf(found, arm, load=0.05)
+    assert math.isinf(written.standard_errors["elbow"]["frictionloss"])
+    assert "(undetermined)" in written.summary()
+    assert "all values are divided by the gain" in written.lost[0].instead
+
+
+def test_values_are_those_under_the_recorded_drive(arm):
+    """A drive that is 25 % stronger than recorded: 1.25 u moves what u moves at forces over 1.25."""
+    gain = dfc.effects.InputGain(1.25)
+    stronger = PLAIN.replace(effects=(gain, dfc.effects.BiasForce(0.1)))
+    found = dfc.to_mjcf(stronger, arm, load=0.05)
+    values = found.values["elbow"]
+    assert values["frictionloss"] == pytest.approx(1.2 / 1.25)
+    assert values["damping"] == pytest.approx(0.3 / 1.25)
+    assert values["armature"] == pytest.approx(0.25 / 1.25 - 0.05)
+    bias = next(one for one in found.lost if one.what.startswith("bias_force"))
+    assert bias.error == pytest.approx(0.1 / 1.25)
+    alike = found.reduced["elbow"].replace(effects=(dfc.effects.BiasForce(0.08),))
+    np.testing.assert_allclose(
+        alike.simulate(U, dt=DT).y[0], stronger.simulate(U, dt=DT).y[0], atol=1e-6
+    )
+
+
+def test_effects_beyond_friction_are_listed_with_their_error(fitted, arm):
+    gap = dfc.effects.Backlash(gap=0.02, load_fraction=0.4)
+    axis = PLAIN.replace(effects=(gap, dfc.effects.Gravity(0.5), dfc.effects.BiasForce(0.1)))
+    found = dfc.fit(axis, record(axis), free=("coulomb",), starts=1)
+    lost = {one.what.split(":")[0]: one for one in dfc.to_mjcf(found, arm, load=0.0).lost}
+    assert lost["bias_force"].error == pytest.approx(0.1, rel=1e-6)
+    assert lost["gravity"].instead == "weight of the bodies" and lost["gravity"].unit == "N m"
+    assert lost["backlash"].unit == "rad" and 0.0 < lost["backlash"].error < 0.05
+
+
+def driven(mujoco, path, u, joint="elbow"):
+    """Positions of the joint in MuJoCo under a held torque."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep = DT
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    at = model.joint(joint).dofadr[0]
+    x = []
+    for one in u:
+        x.append(data.qpos[at])
+        data.qfrc_applied[at] = one
+        mujoco.mj_step(model, data)
+    return np.array(x)
+
+
+@pytest.mark.parametrize(("stiff", "most"), [(False, 4e-2), (True, 4e-3)])
+def test_round_trip_through_mujoco(arm, stiff, most):
+    """MuJoCo driven as the record against `simulate`; its friction is soft, see howto/simulator."""
+    mujoco = pytest.importorskip("mujoco")
+    text = arm.read_bytes().replace(
+        b'<joint name="slider" type="slide" axis="0 0 1" class="x > y"/>', b""
+    )
+    arm.write_bytes(text)
+    found = dfc.to_mjcf(PLAIN, arm, stiff=stiff)
+    # Of the bodies: 0.05 + 1e-3 + 1e-3 m^2 kg of the outer one.
+    assert found.values["elbow"]["armature"] == pytest.approx(0.25 - 0.052)
+    x = PLAIN.simulate(U, dt=DT).y[0]
+    off = driven(mujoco, arm, U) - x
+    assert np.sqrt(np.mean(off**2)) < most * np.std(x)
+
+
+def test_models_in_mujoco_are_changed_alike(arm):
+    mujoco = pytest.importorskip("mujoco")
+    spec = mujoco.MjSpec.from_file(str(arm))
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    for one in (spec, model):
+        dfc.to_mjcf({"elbow": PLAIN}, one, stiff=True)
+    dfc.to_mjcf({"elbow": PLAIN}, arm, stiff=True)
+    models = [spec.compile(), model, mujoco.MjModel.from_xml_path(str(arm))]
+    for name in ("dof_frictionloss", "dof_damping", "dof_armature", "dof_solref", "dof_solimp"):
+        one, *others = (getattr(each, name) for each in models)
+        for other in others:
+            np.testing.assert_allclose(one, other, rtol=1e-5)
+    assert models[0].dof_frictionloss[0] == pytest.approx(1.2)
+
+
+def test_a_body_with_more_inertia_than_the_axis_is_said(arm):
+    found = dfc.to_mjcf(PLAIN, arm, load=0.4)
+    assert found.values["elbow"]["armature"] == 0.0
+    assert found.lost[0].what.startswith("inertia 0.25") and found.lost[0].error == pytest.approx(
+        0.15
+    )
+
+
+@pytest.mark.slow
+def test_what_a_diagnosis_leaves_open_is_said(arm):
+    """A force that changes with a place that no effect has, and nothing that the model says of it."""
+    bump = 0.5 * np.sin(40.0 * PLAIN.simulate(U, dt=DT).y[0]) ** 8
+    x = PLAIN.simulate(U - bump, dt=DT).y[0]
+    measured = dfc.Record(T, U, x, units={"x": "rad", "u": "N m"})
+    with among("bias_force"):
+        found = dfc.diagnose(PLAIN, measured, jobs=1, progress=False)
+    assert found.verdict not in ("explained", "nothing to find")
+    written = dfc.to_mjcf({"elbow": found}, arm, load=0.0)
+    assert written.messages[0].startswith(
+        f"elbow: the verdict of the diagnosis is {found.verdict!r}"
+    )
+    assert f"warning: {written.messages[0]}" in written.summary()
+
+
+def test_command_line(fitted, arm, tmp_path, capsys):
+    fitted.save(tmp_path / "fit.json")
+    dfc.write_axis(PLAIN.replace(units=("m", "N")), tmp_path / "slide.toml")
+    files = [f"elbow={tmp_path / 'fit.json'}", f"slider={tmp_path / 'slide.toml'}"]
+    options = ["--model", str(arm), "--load", "elbow=0.05,slider=0.1"]
+    assert main(["simulator", *files, *options, "--out", str(tmp_path / "new.xml")]) == 0
+    assert "written: new.xml" in capsys.readouterr().out
+    assert arm.read_bytes() == MJCF
+    assert (tmp_path / "new.xml").read_bytes().count(b"frictionloss=") == 3
+    assert main(["simulator", *files[:1], "--model", str(tmp_path / "f.m"), "--stiff"]) == 2
+    assert "--stiff is for mjcf, not simscape" in capsys.readouterr().err
+    assert main(["simulator", str(tmp_path / "fit.json"), "--model", str(tmp_path / "f.m")]) == 0
+    assert "set_param('elbow'" in (tmp_path / "f.m").read_text()

@@ -465,7 +465,8 @@ def fit(
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
     for i, r in enumerate(records):
-        instance(f"record[{i}]" if len(records) > 1 else "record", r, Record)
+        name = f"record[{i}]" if len(records) > 1 else "record"
+        instance(name, r, Record, "see dfc.read_record")
     records = tuple(_coarser(axis, r) for r in records)
     window = _window(records) if window is None else window
     parts = [cut(r, window, hold) for r in records]

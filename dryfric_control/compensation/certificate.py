@@ -114,9 +114,6 @@ class TrackingCertificate(Result):
     friction_most : float
         What friction and its compensation may leave while the axis sticks, or slides against
         the reference [N].
-    ceiling : float
-        Bound of the error by the linear loop alone, whatever course friction takes within its
-        levels [m].
     known : tuple of str
         Effects that count as known: the certificate takes them as the nominal axis has them.
 
@@ -145,7 +142,6 @@ class TrackingCertificate(Result):
     drive_needed: float = 0.0
     limit: float = math.inf
     friction_most: float = 0.0
-    ceiling: float = math.inf
     known: tuple[str, ...] = ()
 
     @property
@@ -163,8 +159,7 @@ class TrackingCertificate(Result):
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
             f"at the worst axis; force left over at most {self.friction_left:.4g} {force} while "
-            f"the axis slides with the reference, {self.friction_most:.4g} {force} otherwise; "
-            f"whatever friction does, the error is below {length_text(self.ceiling, length)}"
+            f"the axis slides with the reference, {self.friction_most:.4g} {force} otherwise"
         )
         if self.known:
             yield f"known  taken to be as the nominal axis has them: {', '.join(self.known)}"
@@ -465,7 +460,7 @@ def certify_tracking(
     sliding, largest = sliding + moved, friction + fed + 2.0 * moved
     if not bounded:
         sliding = largest
-    half, needed, ceiling = 0.5 * loop.encoder_quantum, 0.0, 0.0
+    half, needed = 0.5 * loop.encoder_quantum, 0.0
     parts: dict[str, float] = {}
     gains = []
     for m, f, d in itertools.product(
@@ -478,7 +473,7 @@ def certify_tracking(
         one = loop_gains(radius, responses)
         gains.append(one)
         if radius >= 1.0:
-            parts, ceiling = {"unstable loop": math.inf}, math.inf
+            parts = {"unstable loop": math.inf}
             continue
         response = responses[..., 0]
         missed = quick = drive = 0.0
@@ -508,9 +503,6 @@ def certify_tracking(
         }
         if sum(made.values()) > sum(parts.values()):
             parts = made
-        free = 1.0 - one.l1 * laws.slope
-        every = one.l1 * largest + missed + reading
-        ceiling = max(ceiling, every / free if free > 0.0 else math.inf)
         slip = turning + sliding * float(np.abs(np.cumsum(response[:, 1])).max())
         asked = min(one.drive * sliding, c[kernel.KP] * sum(made.values()) + c[kernel.KD] * slip)
         needed = max(needed, asked + float(drive) + half * one.reading_drive)
@@ -529,8 +521,7 @@ def certify_tracking(
     return TrackingCertificate(
         tube, parts, float(sliding), nominal, worst, mu, learned,
         _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
-        needed, float(c[kernel.LIMIT]), float(largest),
-        float(ceiling) if math.isfinite(tube) else math.inf, loop.known,
+        needed, float(c[kernel.LIMIT]), float(largest), loop.known,
     )  # fmt: skip
 
 

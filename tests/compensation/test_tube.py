@@ -182,8 +182,6 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     most = level * ((1.0 + comp.mismatch) * (1.0 + (1.0 + comp.mismatch) * peak)
                     + 1.0 + peak + comp.correction)  # fmt: skip
     assert found.friction_most == pytest.approx(most)
-    ceiling = max(one[1] / left * most + one[2] for one in tubes)
-    assert found.ceiling == pytest.approx(ceiling, rel=1e-3)
     turning = found.parts["reversals"]
     assert found.tube - turning == pytest.approx(worst, rel=2e-2)
     assert turning >= 0.15 * found.parts["sliding"]

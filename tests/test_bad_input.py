@@ -1403,7 +1403,7 @@ rows(
 
 rows(
     "EndStop",
-    (dict(low=0.1, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
+    (dict(low=0.2, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
 )
 _WALL = AXIS.replace(effects=(dfc.effects.EndStop(-0.1, 0.1, 1e15),))
 CASES.append(

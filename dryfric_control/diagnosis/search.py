@@ -372,10 +372,15 @@ class Search:
             and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
         ]  # fmt: skip
 
-        def further(one: Proposal, fit: Solution, turns: int) -> Solution:
-            if turns:
-                return maximise(fit.problem, fit.z, FEW, problem.until, again=True)
-            return problem.fit(fit.axis, (*free, *one.free), noises_of(fit), FEW, each=each_of(fit))
+        def further(one: Proposal, fit: Solution, turns: int) -> Solution | None:
+            try:
+                if turns:
+                    return maximise(fit.problem, fit.z, FEW, problem.until, again=True)
+                names = (*free, *one.free)
+                return problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
+            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
+                self._fail("+".join(one.names), str(wrong))
+                return None
 
         def row(one: Proposal, fit: Solution) -> Row:
             worth = evidence(now, fit, [self.odds[n] for n in one.names])
@@ -394,6 +399,8 @@ class Search:
             new = problem.parallel(further, *zip(*some, strict=True)) if some else []
             ended = list[tuple[Proposal, Solution]]()
             for (p, _, turns), fit in zip(some, new, strict=True):
+                if fit is None:
+                    continue
                 if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns + FEW >= SOME:
                     ended.append((p, fit))
                 else:

@@ -510,8 +510,12 @@ class Likelihood:
         moved = z.copy()
         moved[j] += self.steps[j] if z[j] + self.steps[j] <= self.high[j] else -self.steps[j]
         direction = np.sign(states[2]).astype(np.int64)
+        try:
+            there = self.axis_at(moved, i)
+        except ValueError:
+            return False  # no such axis on this side
         found = []
-        for one in (axis, self.axis_at(moved, i)):
+        for one in (axis, there):
             arrays, a = one.arrays(1.0), np.empty(direction.size)
             accelerations(
                 arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u,

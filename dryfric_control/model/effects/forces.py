@@ -287,9 +287,9 @@ class EndStop(Effect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.low < self.high:
+        if not self.low <= self.high:
             raise ValueError(
-                f"end_stop.low = {self.low:g} must lie below end_stop.high = {self.high:g}: "
+                f"end_stop.low = {self.low:g} must not lie above end_stop.high = {self.high:g}: "
                 "exchange them, or put a stop that is never reached far away"
             )
 

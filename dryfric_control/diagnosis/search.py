@@ -122,7 +122,13 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
     """
     likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
     z, noises = likelihood.start(noises=noises_of(now)), slice(len(likelihood.names), None)
-    z[noises][::2] = [2.0 * math.log(LOWERED[0] * run.drive) for run in problem.runs]
+
+    def with_force(at: FloatArray, part: float) -> FloatArray:
+        at = at.copy()
+        at[noises][::2] = [2.0 * math.log(part * run.drive) for run in problem.runs]
+        return at
+
+    start = z = with_force(z, LOWERED[0])
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
             if p.name not in one.free or p.value(z[j]) == 0.0:
@@ -133,9 +139,11 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
                     p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
                 )
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
+    # What a large random force hides is not decided there.
+    z = min((start, z), key=lambda at: likelihood.tried(with_force(at, LOWERED[-1])).cost)
     held = likelihood.on(likelihood.runs)
     for part in LOWERED[1:]:
-        z[noises][::2] = [2.0 * math.log(part * run.drive) for run in problem.runs]
+        z = with_force(z, part)
         held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
         held.low[noises] = held.high[noises] = z[noises]
         z = maximise(held, z, FEW, problem.until, True).z.copy()
@@ -392,7 +400,7 @@ class Search:
         while fits:
             # The most promising go on; what can neither pay nor outdo the best is left.
             fits = sorted(
-                (one for one in fits if self._hopeful(now, *one[:2], top)),
+                (one for one in fits if self._hopeful(now, *one, top)),
                 key=lambda one: one[1].cost - AHEAD * one[1].promised,
             )
             some, fits = fits[:TOGETHER], fits[TOGETHER:]
@@ -461,11 +469,13 @@ class Search:
 
         return problem.parallel(one, rows)
 
-    def _hopeful(self, now: Solution, one: Proposal, fit: Solution, top: float) -> bool:
+    def _hopeful(self, now: Solution, one: Proposal, fit: Solution, turns: int, top: float) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one."""
         needed = sum(LEAST + self.odds[n] for n in one.names)
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
         gain = now.cost - fit.cost + AHEAD * fit.promised
+        if not turns:
+            gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
         return gain + max(prior, 0.0) > 0.5 * needed and gain > top - SLACK
 
     def without(self, now: Model, name: str) -> Model:

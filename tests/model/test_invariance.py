@@ -494,7 +494,7 @@ def counted_in(units):
     with (
         mock.patch.object(motion, "LONGEST", rest),
         mock.patch.object(windows, "LONGEST", rest),
-        mock.patch.object(likelihood.prepare, "__defaults__", (None, block, None)),
+        mock.patch.object(likelihood.prepare, "__defaults__", (None, block)),
     ):
         yield
 

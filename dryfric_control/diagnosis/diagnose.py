@@ -197,8 +197,8 @@ def diagnose(
                 on_update(step, tuple(causes))
 
         problem = Problem(
-            axis, tuple(prepare(r, axis=axis) for r in records), known, tolerance, hold=hold,
-            jobs=jobs, until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
+            axis, tuple(prepare(r) for r in records), known, tolerance, hold=hold, jobs=jobs,
+            until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
         )  # fmt: skip
         return _diagnosed(problem, records, windows, window, tell, begun + limit)
 

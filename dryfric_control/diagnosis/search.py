@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.candidates import (
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
-from dryfric_control.diagnosis.problem import FEW, LAST, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ENOUGH,
@@ -40,7 +40,6 @@ from dryfric_control.diagnosis.thresholds import (
     TOGETHER,
     WALKED,
 )  # fmt: skip
-from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
@@ -115,26 +114,6 @@ def begun(
     return maximise(likelihood, z, turns, problem.until, quick)
 
 
-def continued(
-    problem: Problem, likelihood: Likelihood, z: FloatArray, parts: Sequence[float]
-) -> FloatArray:
-    """Parameters fitted at random forces held at parts of the drive, one after the other."""
-    held, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
-    for part in parts:
-        z = with_force(likelihood, z, part)
-        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
-        held.low[noises] = held.high[noises] = z[noises]
-        z = maximise(held, z, FEW, problem.until, True).z
-    return z
-
-
-def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
-    """Coordinates with the random force a part of the drive."""
-    z = z.copy()
-    z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
-    return z
-
-
 def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
     """Fit of a proposal from a large random force, lowered by continuation.
 
@@ -142,7 +121,14 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
     ridges that slopes do not cross: its own parameters are walked along first.
     """
     likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-    start = z = with_force(likelihood, likelihood.start(noises=noises_of(now)), LOWERED[0])
+    z, noises = likelihood.start(noises=noises_of(now)), slice(len(likelihood.names), None)
+
+    def with_force(at: FloatArray, part: float) -> FloatArray:
+        at = at.copy()
+        at[noises][::2] = [2.0 * math.log(part * run.drive) for run in problem.runs]
+        return at
+
+    start = z = with_force(z, LOWERED[0])
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
             if p.name not in one.free or p.value(z[j]) == 0.0:
@@ -154,10 +140,13 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
                 )
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     # What a large random force hides is not decided there.
-    z = min(
-        (start, z), key=lambda at: likelihood.tried(with_force(likelihood, at, LOWERED[-1])).cost
-    )
-    z = continued(problem, likelihood, z, LOWERED[1:])
+    z = min((start, z), key=lambda at: likelihood.tried(with_force(at, LOWERED[-1])).cost)
+    held = likelihood.on(likelihood.runs)
+    for part in LOWERED[1:]:
+        z = with_force(z, part)
+        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
+        held.low[noises] = held.high[noises] = z[noises]
+        z = maximise(held, z, FEW, problem.until, True).z.copy()
     return maximise(likelihood, z, FEW, problem.until, True)
 
 
@@ -252,10 +241,7 @@ class Search:
     _view: Linearised | None = None
 
     def alone(self) -> Solution:
-        """The nominal structure with its base fitted, from two starts and from the nominal values.
-
-        The prior has a narrow valley at the nominal values, which continuation must not see.
-        """
+        """The nominal structure with its base fitted, from two starts."""
         problem = self.problem
         axis, nominal = problem.believed, problem.nominal
         speed = problem.scales.length / problem.scales.time
@@ -264,16 +250,8 @@ class Search:
         other = {"coulomb": 0.2 * level, "viscous": nominal["viscous"] + 0.8 * level / speed}
         other = {n: v for n, v in other.items() if n in problem.base}
         starts = [axis, with_values(axis, list(other), list(other.values()))] if other else [axis]
-
-        def fit(start: FrictionAxis, held: bool) -> Solution:
-            if held:
-                return problem.fit(start)
-            open_minded = problem.likelihood(start, wonder=False)
-            z = continued(problem, open_minded, open_minded.start(), LOWERED)
-            return maximise(problem.likelihood(start), z, LAST, problem.until)
-
-        rows = [(axis, True), *((one, False) for one in starts)]
-        return min(problem.parallel(fit, *zip(*rows, strict=True)), key=cost_of)
+        fits = problem.parallel(problem.fit, starts)
+        return min(fits, key=cost_of)
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays."""

@@ -93,7 +93,7 @@ def by_likelihood(
     windows = problem.windows
     records, hold = [w.record for w in windows], windows[0].hold
     length = block_length(records) if block is None else block
-    runs = [prepare(r, block=length, axis=nominal) for r in records]
+    runs = [prepare(r, block=length) for r in records]
     n = len(problem.names)
 
     def noises_alone(z: FloatArray) -> Solution:

@@ -124,7 +124,7 @@ class Run:
     floor : float
         Lower bound of the variance of a reading.
     drive : float
-        RMS of the input, or force that the motion requires: the scale of the random force.
+        RMS of the input, the scale of the random force.
     """
 
     record: Record
@@ -138,27 +138,17 @@ class Run:
     drive: float
 
 
-def prepare(
-    record: Record,
-    active: BoolArray | None = None,
-    block: float = _BLOCK,
-    axis: FrictionAxis | None = None,
-) -> Run:
-    """A record prepared for the filter; all samples active by default, `block` in s.
-
-    `axis`: of it follows the scale of forces where the drive is too small to move it.
-    """
+def prepare(record: Record, active: BoolArray | None = None, block: float = _BLOCK) -> Run:
+    """A record prepared for the filter; all samples active by default, `block` in s."""
     n = len(record)
     size = max(1, round(block / record.dt))
     edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
     floor = (record.quantum or 0.0) ** 2 / 12.0 * NORMAL
     floor = max(floor, (1e-9 * record.range) ** 2)
-    drive = float(np.sqrt(np.mean(record.u**2)))
-    if axis is not None and drive <= axis.coulomb.mean:
-        drive = max(drive, axis.mass * float(np.sqrt(np.mean(record.derivatives().a ** 2))))
+    drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
     active = np.ones(n, bool) if active is None else active
     rest = rest_times(record)
-    return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive or 1.0)
+    return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive)
 
 
 @dataclass(frozen=True, eq=False)

@@ -242,6 +242,15 @@ def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str,
     return {name: _joint(f"result[{name!r}]", one) for name, one in named.items()}
 
 
+def require_units(label: str, joint: Joint, *right: tuple[str, str]) -> None:
+    """Refuse an axis in other units than a joint may have; `label` names the joint."""
+    if joint.axis.units not in right:
+        raise ValueError(
+            f"{label} is in {' or '.join(map(str, right))}, and the axis has units = "
+            f"{joint.axis.units}: convert the record as it is read, see dfc.Scaling"
+        )
+
+
 def _joint(name: str, result: Any) -> Joint:
     nothing = ((), np.empty((0, 0)), 0.0)
     if isinstance(result, FrictionAxis):

@@ -15,6 +15,7 @@ from dryfric_control.simulators.joint_values import (
     SimulatorValues,
     described,
     joints_of,
+    require_units,
 )
 
 FloatArray = NDArray[np.float64]
@@ -113,12 +114,7 @@ def to_modelica(
         )
     joints = joints_of(result, joint, list(there))
     for name, one in joints.items():
-        wanted = _UNITS[there[name][1].decode()]
-        if one.axis.units != wanted:
-            raise ValueError(
-                f"component {name!r} is in {wanted}, and the axis has units = {one.axis.units}: "
-                "convert the record as it is read, see dfc.Scaling"
-            )
+        require_units(f"component {name!r}", one, _UNITS[there[name][1].decode()])
     found = described(_MODELICA, joints, velocities)
     for name in sorted(joints, key=lambda one: -there[one].start()):
         values = found.values[name]

@@ -21,6 +21,7 @@ from dryfric_control.simulators.joint_values import (
     described,
     joints_of,
     require_loads,
+    require_units,
     straight,
 )
 from dryfric_control.simulators.xml_text import Element, applied, attributes_set, elements
@@ -160,12 +161,7 @@ def _check(name: str, joint: Joint, kind: str | None) -> None:
     """Refuse a joint of several axes or another unit; a class may set the kind (None)."""
     if kind is not None and kind not in _UNITS:
         raise ValueError(f"joint {name!r} is a {kind} joint: friction is of one axis each")
-    right = [_UNITS[kind]] if kind else [*_UNITS.values()]
-    if joint.axis.units not in right:
-        raise ValueError(
-            f"joint {name!r} is in {' or '.join(map(str, right))}, and the axis has units = "
-            f"{joint.axis.units}: convert the record as it is read, see dfc.Scaling"
-        )
+    require_units(f"joint {name!r}", joint, *([_UNITS[kind]] if kind else _UNITS.values()))
 
 
 def _computed(path: Path, joints: Mapping[str, Joint]) -> dict[str, float]:

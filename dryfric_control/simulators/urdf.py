@@ -14,6 +14,7 @@ from dryfric_control.simulators.joint_values import (
     SimulatorValues,
     described,
     joints_of,
+    require_units,
     straight,
 )
 from dryfric_control.simulators.xml_text import applied, attributes_set, child_added, elements
@@ -99,12 +100,7 @@ def to_urdf(
         raise ValueError(f"model {path.name} has no revolute, continuous or prismatic joint")
     joints = joints_of(result, joint, list(there))
     for name, one in joints.items():
-        wanted = _UNITS[tags[there[name]].attributes["type"]]
-        if one.axis.units != wanted:
-            raise ValueError(
-                f"joint {name!r} is in {wanted}, and the axis has units = {one.axis.units}: "
-                "convert the record as it is read, see dfc.Scaling"
-            )
+        require_units(f"joint {name!r}", one, _UNITS[tags[there[name]].attributes["type"]])
     found = described(_URDF, joints, velocities)
     edits = []
     for name, values in found.values.items():

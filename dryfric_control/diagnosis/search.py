@@ -277,6 +277,8 @@ class Search:
             r for r in (self.round(now) if room > 0 else ())
             if not r.reason and r.evidence > 0.0 and len(r.names) <= room
         ]  # fmt: skip
+        # What fits no better than one with fewer parameters gains nothing over it on unseen data.
+        good = [r for r in good if not any(_simpler(o, r) for o in good)]
         if not good:
             return None
         top = max(r.evidence for r in good)
@@ -566,6 +568,12 @@ class Search:
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
     return tuple(n for n in free if n.startswith(f"{name}."))
+
+
+def _simpler(one: Row, other: Row) -> bool:
+    """Whether a row has fewer parameters than another and fits as well."""
+    fewer = len(one.fit.problem.names) < len(other.fit.problem.names)
+    return fewer and one.fit.cost <= other.fit.cost
 
 
 def _assumptions(row: Row) -> tuple[int, float, float]:

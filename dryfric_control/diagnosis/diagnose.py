@@ -21,13 +21,20 @@ from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
 from dryfric_control.diagnosis.causes import hardly_determined
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
-from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter, straight
+from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
 from dryfric_control.diagnosis.problem import LAST, SOME, Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
 from dryfric_control.diagnosis.search import Model, Search, evidence
-from dryfric_control.diagnosis.thresholds import ANSWER, LEAST_WINDOWS, RIVALS, SOONEST, WINDOW
+from dryfric_control.diagnosis.thresholds import (
+    ANSWER,
+    ENOUGH,
+    LEAST_WINDOWS,
+    RIVALS,
+    SOONEST,
+    WINDOW,
+)
 from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
@@ -236,10 +243,13 @@ def _answered(
 ) -> Diagnosis:
     """Judge what a model explains and describe it; only what is needed if interrupted or late."""
     problem, unit = search.problem, search.problem.believed.units[1]
+    references = {"nominal axis": problem.nominal_fit.cost}
+    if not problem.imposed:
+        references["straight line"] = problem.straight_line.cost
     problem = search.problem = replace(problem, until=end)
     tell("all data", model.causes)
     final = model.fit
-    if not (interrupted or late):
+    if not (interrupted or late or final.promised < ENOUGH):
         final = problem.fit(
             final.axis, problem.free_of(final), noises_of(final), LAST, each=each_of(final)
         )
@@ -258,9 +268,6 @@ def _answered(
         )
         records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in records]
         windows = [cut(r, window, problem.hold) for r in records]
-    references = {"nominal axis": problem.reference(problem.believed).cost}
-    if not problem.imposed:
-        references["straight line"] = straight(problem).cost
     rivals = search.alternatives(model)
     causes = causes_of(search, model, final, rivals)
     tell("replays", model.causes)
@@ -337,7 +344,7 @@ def _answered(
 def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model, bool]:
     """Search for causes; whether it was interrupted."""
     search = Search(problem, tell)
-    search.now = Model(problem.reference(problem.believed))
+    search.now = Model(problem.nominal_fit)
     recorded = problem.runs
     try:
         begun = search.alone()

@@ -30,8 +30,6 @@ from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 FloatArray = NDArray[np.float64]
@@ -54,7 +52,8 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
         if white and any(np.std(e) > HEARD * force for e in off):
             found[width] = runs
     if problem.imposed or len(found) == 1:
-        return replace(problem, runs=tuple(recorded)) if not problem.imposed else problem
+        same = problem.imposed or problem.runs == tuple(recorded)
+        return problem if same else replace(problem, runs=tuple(recorded))
     shift = fit.values().get(SHIFT)
 
     def cost(runs: tuple[Run, ...]) -> float:
@@ -64,7 +63,8 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
     costs = dict(zip(found, problem.parallel(cost, found.values()), strict=True))
     enough = min(costs.values()) + SLACK
     widths = [width for width, cost in costs.items() if cost < enough]
-    return replace(problem, runs=found[max(widths) if most else min(widths)])
+    runs = found[max(widths) if most else min(widths)]
+    return problem if runs == problem.runs else replace(problem, runs=runs)
 
 
 def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
@@ -100,18 +100,12 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     return None
 
 
-def straight(problem: Problem) -> Solution:
-    """The straight line: the axis without drive and friction, only its noises fitted."""
-    line = FrictionAxis(mass=problem.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
-    return problem.reference(line, idle=True)
-
-
 def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | None:
     """The problem in the view of the force, where a straight line beats every model.
 
     None where the drive moves the axis, or does not follow the force that the motion requires.
     """
-    line, samples = straight(problem).cost, problem.samples
+    line, samples = problem.straight_line.cost, problem.samples
     if begun.cost <= line + BEHIND * samples:
         return None
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)

@@ -103,8 +103,9 @@ def far_above(found: Sequence[FloatArray], squares: Sequence[FloatArray]) -> boo
     several times the usual one.  `found`: mean square errors of each record, each shape
     (nwindows,); `squares`: those of replays, as in `usual_rms`.
     """
+    beyond = math.exp(_BEYOND)
     above = [
-        np.maximum(one - replays.max(axis=0, initial=0.0), 0.0)
+        np.maximum(one - beyond * replays.max(axis=0, initial=0.0), 0.0)
         for one, replays in zip(found, squares, strict=True)
     ]
     return bool(np.sqrt(np.concatenate(above).mean()) > _SEVERAL * usual_rms(squares))

@@ -22,6 +22,7 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, put
+from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ FloatArray = NDArray[np.float64]
 BIAS = "bias_force"
 #: Iterations of a first look at a proposal, of a fit that compares, of the last fit, and of one
 #: of the noises alone.
-FEW, SOME, LAST, NOISES = 4, 15, 30, 8
+FEW, SOME, LAST, NOISES = 4, 15, 30, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +155,17 @@ class Problem:
             axis, (), runs, hold=self.hold, scales=self.scales, shift=self.shift or 0.0
         )
         return maximise(problem, problem.start(1.0, noises), NOISES, self.until)
+
+    @cached_property
+    def nominal_fit(self) -> Solution:
+        """The nominal axis, only its noises fitted."""
+        return self.reference(self.believed)
+
+    @cached_property
+    def straight_line(self) -> Solution:
+        """The axis without drive and friction, only its noises fitted."""
+        line = FrictionAxis(mass=self.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
+        return self.reference(line, idle=True)
 
     def constant(self, name: str) -> bool:
         """Whether a parameter only adds a force of which every record has its own."""

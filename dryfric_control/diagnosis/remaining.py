@@ -86,8 +86,9 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
         pushed = np.clip(pushed, -size, size)
         force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SECTION, pushed.size)))
         sizes.append(found.random_force(i))
-        for k in range(min(_LAGS, pushed.size - 1) + 1):
-            lags[k] += float(pushed[k:] @ pushed[: pushed.size - k])
+        last = min(_LAGS, pushed.size - 1) + 1
+        length = pushed.size + last
+        lags[:last] += np.fft.irfft(np.abs(np.fft.rfft(pushed, length)) ** 2, length)[:last]
         count += int(sliding.sum())
     frequency, spectrum = force[0]
     edges = np.unique(np.geomspace(1, frequency.size, _KEPT + 1).astype(int))

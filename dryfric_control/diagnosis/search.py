@@ -37,7 +37,6 @@ from dryfric_control.diagnosis.thresholds import (
     PROPOSALS,
     SLACK,
     STRONG,
-    TOGETHER,
     WALKED,
 )  # fmt: skip
 from dryfric_control.estimation.parameters import values_of, with_values
@@ -250,8 +249,9 @@ class Search:
         other = {"coulomb": 0.2 * level, "viscous": nominal["viscous"] + 0.8 * level / speed}
         other = {n: v for n, v in other.items() if n in problem.base}
         starts = [axis, with_values(axis, list(other), list(other.values()))] if other else [axis]
-        fits = problem.parallel(problem.fit, starts)
-        return min(fits, key=cost_of)
+        fits = problem.parallel(lambda one: problem.fit(one, turns=FEW), starts)
+        best = min(fits, key=cost_of)
+        return maximise(best.problem, best.z, SOME, problem.until, again=True)
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays."""
@@ -374,7 +374,17 @@ class Search:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
-        some = problem.parallel(first, proposals)
+        single = [p for p in proposals if len(p.names) == 1]
+        looked = dict(zip(single, problem.parallel(first, single), strict=True))
+        falls = {p.names[0]: now.cost - f.cost for p, f in looked.items() if f is not None}
+        # Joined causes are looked at if they promise more than one of them reached alone.
+        joined = [
+            p for p in proposals
+            if len(p.names) > 1 and p.predicted > max(falls.get(n, 0.0) for n in p.names)
+        ]  # fmt: skip
+        looked |= zip(joined, problem.parallel(first, joined), strict=True)
+        proposals = [*single, *joined]
+        some = [looked[p] for p in proposals]
         # What no machine can have must not outdo what it may.
         fits = [
             (p, f, 0) for p, f in zip(proposals, some, strict=True)
@@ -400,12 +410,19 @@ class Search:
 
         rows, top, held = list[Row](), -math.inf, {p.names: p.held for p, _, _ in fits}
         while fits:
-            # The most promising go on; what can neither pay nor outdo the best is left.
+            # The most promising go on; what can neither pay nor outdo the best is left, and
+            # joined causes of which one alone fits better: the next round begins there.
+            seen = [(r.names, r.fit.cost) for r in rows] + [(p.names, f.cost) for p, f, _ in fits]
             fits = sorted(
-                (one for one in fits if self._hopeful(now, *one, top)),
+                (
+                    one
+                    for one in fits
+                    if self._hopeful(now, *one, top)
+                    and not any({*n} < {*one[0].names} and c <= one[1].cost for n, c in seen)
+                ),
                 key=lambda one: one[1].cost - AHEAD * one[1].promised,
             )
-            some, fits = fits[:TOGETHER], fits[TOGETHER:]
+            some, fits = fits[:1], fits[1:]
             new = problem.parallel(further, *zip(*some, strict=True)) if some else []
             ended = list[tuple[Proposal, Solution]]()
             for (p, _, turns), fit in zip(some, new, strict=True):
@@ -486,6 +503,8 @@ class Search:
         axis = problem.less(fit.axis, name)
         rest = [n for n in problem.free_of(fit) if n not in now.own(name)]
         causes = [c for c in now.causes if c != name]
+        if not causes and frozenset() in self._rounds:
+            return Model(self._rounds[frozenset()][0])
         if not holds(problem.believed, name):
             rest, causes = renumbered(rest, name), renumbered(causes, name)
         return Model(begun(problem, axis, rest, fit, SOME), tuple(causes))

@@ -162,7 +162,7 @@ def _imposed(problem: Problem, final: Solution) -> Judged:
 
     The floor is the part of it that changes from sample to sample.
     """
-    nominal = problem.reference(problem.believed)
+    nominal = problem.nominal_fit
     blocks: list[list[float]] = [[], [], []]
     for run, before, after in zip(
         final.problem.runs, nominal.point.out, final.point.out, strict=True

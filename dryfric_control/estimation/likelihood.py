@@ -412,38 +412,44 @@ class Likelihood:
             return [(j - n) // 2]
         return list(range(len(self.runs))) if self.place[j] < 0 else [self.place[j]]
 
-    def terms(self, z: FloatArray, point: Point, sides: int = 2) -> tuple[FloatArray, FloatArray]:
+    def terms(
+        self, z: FloatArray, point: Point, sides: int = 2, noises: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of each block, without the prior.
 
-        `sides`: 2 for central differences of the parameters, 1 for one-sided ones at half
-        the cost, 0 for a linear recursion where a parameter acts as a force.
+        `sides`: 2 for central differences, 1 for one-sided ones at half the cost, 0 for a
+        linear recursion where a parameter acts as a force.  `noises`: of these alone.
 
         Returns
         -------
         gradients : ndarray, shape (nblocks, ncoordinates)
         information : ndarray, shape (nblocks, ncoordinates, ncoordinates)
         """
-        return self.with_slopes(z, point, sides)[:2]
-
-    def with_slopes(
-        self, z: FloatArray, point: Point, sides: int = 2
-    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-        """`terms`, and the slopes of each record, shape (ncoordinates, 2, n)."""
-        all_g, all_h, kept = [], [], []
+        all_g, all_h, n = [], [], len(self.names)
         for i, run in enumerate(self.runs):
             slope = np.zeros((self.size, 2, len(run.record)))
             blocks = run.edges.size - 1
             g, h = np.zeros((blocks, self.size)), np.zeros((blocks, self.size, self.size))
             exact = np.zeros((blocks, self.size))
-            own = [j for j in range(self.size) if i in self._touches(j)]
+            a, b = n + 2 * i, n + 2 * i + 1
+            own = [j for j in range(n if noises else 0, self.size) if i in self._touches(j)]
+            # Both noises together scale the variances and hardly change the innovations; a
+            # reading's noise that is at its bound is not searched.
+            scaled = self.low[b] < self.high[b] and (sides < 2 or z[b] <= self.low[b])
+            if scaled:
+                own.remove(b)
             found = self.map(lambda j: self.slope(z, point, i, j, slope[j], sides), own)  # noqa: B023
             for j, rise in zip(own, found, strict=True):
                 exact[:, j] = rise
+            if scaled:
+                slope[b] = -slope[a]
+                slope[b, 1, point.out[i][1] > 0.0] += 0.5
             compiled.normal_terms(point.out[i], run.active, run.edges, slope, g, h)
+            if scaled:
+                exact[:, b] = g[:, a] + g[:, b] - exact[:, a]
             all_g.append(exact)
             all_h.append(h)
-            kept.append(slope)
-        return np.concatenate(all_g), np.concatenate(all_h), kept
+        return np.concatenate(all_g), np.concatenate(all_h)
 
     def slope(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray, sides: int = 2
@@ -478,7 +484,6 @@ class Likelihood:
             if np.isfinite(out).all():
                 ends[side], widths[side] = out, abs(moved[j] - z[j])
         wide = sum(widths)
-        self.bends[j] = np.nan
         if wide == 0.0:
             return np.zeros(run.edges.size - 1)
         compiled.slopes(here, ends[0], ends[1], widths[0], widths[1], slope)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import NOISE_REACH, Likelihood, Point
+from dryfric_control.estimation.likelihood import Likelihood, Point
 from dryfric_control.estimation.solution import Solution
 
 FloatArray = NDArray[np.float64]
@@ -23,9 +23,9 @@ _NEAR, _CLOSE = 3.0, 30.0
 _ITERATIONS = 40
 # Factor of the difference steps where the cost is rough.
 _WIDER = 4.0
-# Iterations of the initial search for the noises alone, the change of their logarithms that
-# ends it, and the difference step.
-_NOISE_TURNS, _NOISE_ENOUGH, _NOISE_WIDE = 6, 0.3, 0.2
+# Iterations of the initial search for the noises alone, and the change of their logarithms that
+# ends it.
+_NOISE_TURNS, _NOISE_ENOUGH = 8, 0.3
 # Ratio of actual to predicted fall above which damping is reduced, below which it is raised,
 # and the least damping from which it is raised.
 _TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
@@ -57,32 +57,23 @@ def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArr
 
 
 def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """Noises for fixed parameters, by Newton's method for each.
+    """Noises for fixed parameters, by scoring.
 
     Found first, as with a much too large random force the readings say little about the
     parameters.
     """
-    n = len(problem.names)
     for _ in range(_NOISE_TURNS):
+        gradients, information = problem.terms(z, point, 1, noises=True)
+        g, h = gradients.sum(axis=0), problem.bent(information.sum(axis=0))
+        free, size = _searched(problem, z, g, h)
+        if not free.size:
+            break
+        unit = h[np.ix_(free, free)] / np.outer(size, size) + 1e-3 * np.eye(free.size)
+        step = within_reach(unit, g[free] / size, problem.reach(free, size)) / size
         new = z.copy()
-        for j in range(n, problem.size):
-            if problem.low[j] == problem.high[j]:
-                continue
-            run = problem.runs[(j - n) // 2]
-            costs, widths = [], []
-            for sign in (-1.0, 1.0):
-                moved = z.copy()
-                moved[j] = np.clip(z[j] + sign * _NOISE_WIDE, problem.low[j], problem.high[j])
-                widths.append(abs(moved[j] - z[j]))
-                costs.append(compiled.cost(problem.innovations(moved, (j - n) // 2)[0], run.active))
-            if not np.all(np.isfinite(costs)):
-                continue
-            slope = (costs[1] - costs[0]) / sum(widths)
-            here = compiled.cost(point.out[(j - n) // 2], run.active)
-            bend = (sum(costs) - 2.0 * here) / _NOISE_WIDE**2 if min(widths) > 0.0 else 0.0
-            step = -slope / max(bend, abs(slope) / NOISE_REACH, 1e-300)
-            new[j] = np.clip(z[j] + step, problem.low[j], problem.high[j])
-        tried = problem.at(new)
+        new[free] += step
+        new = np.clip(new, problem.low, problem.high)
+        tried = problem.tried(new)
         if not tried.cost < point.cost:
             break
         moved_by = float(np.max(np.abs(new - z)))
@@ -90,6 +81,15 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
         if moved_by < _NOISE_ENOUGH:
             break
     return z, point
+
+
+def _searched(
+    problem: Likelihood, z: FloatArray, g: FloatArray, h: FloatArray
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Coordinates that are not held at a bound and matter, and the roots of their information."""
+    held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
+    free = np.flatnonzero(~held & (np.diag(h) > 1e-12))
+    return free, np.sqrt(np.diag(h)[free])
 
 
 def _promised(unit: FloatArray, slope: FloatArray) -> float:
@@ -176,11 +176,8 @@ def maximise(
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
         h = problem.bent(h) + np.diag(prior_h)
-        held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
-        held |= np.diag(h) <= 1e-12
-        free = np.flatnonzero(~held)
+        free, size = _searched(problem, z, g, h)
         inner = h[np.ix_(free, free)]
-        size = np.sqrt(np.diag(inner))
         unit, slope = inner / np.outer(size, size), g[free] / size
         promised = _promised(unit, slope)
         if time.monotonic() > until:
@@ -202,10 +199,14 @@ def maximise(
             step = np.zeros(problem.size)
             step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
             new = np.clip(z + step, problem.low, problem.high)
+            by = (new - z)[free] * size
+            predicted = -float(slope @ by + 0.5 * by @ unit @ by)
+            if predicted < _PROMISED:
+                break
             new_point = problem.tried(new)
             if new_point.cost < point.cost:
-                fall, by = point.cost - new_point.cost, (new - z)[free] * size
-                kept = fall / max(-float(slope @ by + 0.5 * by @ unit @ by), 1e-300)
+                fall = point.cost - new_point.cost
+                kept = fall / predicted
                 if kept > _TRUSTED:
                     damping = max(0.1 * damping, 1e-9)
                 linear = linear and kept >= _MISTRUSTED

@@ -54,8 +54,8 @@ _FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
 _MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
 _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
 # A drive above the breakaway level by less than the first number, in standard deviations of
-# the random force, may be noise of the recorded input: the mean stays at rest.  Beyond the
-# second number it moves.
+# the random force averaged since it exceeds that level, may be noise of the recorded input: the
+# mean stays at rest.  Beyond the second number it moves.
 _MAY_HOLD = (1.5, 3.0)
 # Margin to breakaway, in standard deviations of the random force, beyond which it is excluded.
 _SAFE = 7.0
@@ -203,16 +203,25 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
 
 
 @step.internal
-def _doubted(plant, held, t, x, v, rest, deviation):
-    """Excess of the drive over breakaway that may be noise of the recorded input."""
+def _beyond(plant, held, t, x, v, rest):
+    """Excess of the drive over what friction can hold, with its sign; 0 if it holds."""
     w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
-    beyond = s * w - step.breakaway_level(plant, t, x, w, s, rest)
-    sure, certain = _MAY_HOLD
-    doubt = (certain * deviation - beyond) / ((certain - sure) * deviation)
-    if beyond <= 0.0 or doubt <= 0.0:
+    level = step.breakaway_level(plant, t, x, w, s, rest)
+    beyond = s * w - level
+    if beyond <= 0.0:
         return 0.0
-    return s * beyond * min(doubt, 1.0) * (1.0 + 1e-9)
+    # A level that grows with the load falls with the drive.
+    less = level - step.breakaway_level(plant, t, x, w - s * beyond, s, rest)
+    return s * beyond * beyond / max(beyond - less, 1e-3 * beyond)
+
+
+@step.internal
+def _doubted(excess, deviation):
+    """Part of an excess of the drive over breakaway that may be noise of the recorded input."""
+    sure, certain = _MAY_HOLD
+    doubt = (certain * deviation - abs(excess)) / ((certain - sure) * deviation)
+    return excess * min(max(doubt, 0.0), 1.0) * (1.0 + 1e-9)
 
 
 @step.internal
@@ -376,6 +385,7 @@ def _innovations(
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
         two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
     row, side, kept = 0, 0.0, False
+    over, pulled = 1, 0.0
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
@@ -406,6 +416,8 @@ def _innovations(
             if play and not on_load:
                 variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
+        if not near:
+            pulled = 0.0
         if kept:
             # Advance the drive; the axis stays at rest.
             rest = memory[step.REST] + dt
@@ -422,7 +434,11 @@ def _innovations(
             drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
             doubt = 0.0
             if not sliding:
-                doubt = _doubted(plant, step.held_force(drive), t, x, v, rest, deviation)
+                excess = _beyond(plant, step.held_force(drive), t, x, v, rest)
+                over = over + 1 if excess * pulled > 0.0 else 1
+                pulled = excess
+                # Noise of so many samples has a smaller mean.
+                doubt = _doubted(excess, deviation / math.sqrt(over))
             if not plain:
                 # This also advances the drive.
                 count[0] = 0

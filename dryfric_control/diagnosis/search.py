@@ -39,6 +39,7 @@ from dryfric_control.diagnosis.thresholds import (
     STRONG,
     WALKED,
 )  # fmt: skip
+from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
 from dryfric_control.estimation.solution import Solution
@@ -113,6 +114,26 @@ def begun(
     return maximise(likelihood, z, turns, problem.until, quick)
 
 
+def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
+    """Coordinates with the random force a part of the drive."""
+    z = z.copy()
+    z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
+    return z
+
+
+def continued(
+    problem: Problem, likelihood: Likelihood, z: FloatArray, parts: Sequence[float]
+) -> FloatArray:
+    """Parameters fitted at random forces held at parts of the drive, one after the other."""
+    held, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
+    for part in parts:
+        z = with_force(likelihood, z, part)
+        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
+        held.low[noises] = held.high[noises] = z[noises]
+        z = maximise(held, z, SOME, problem.until, True).z
+    return z
+
+
 def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
     """Fit of a proposal from a large random force, lowered by continuation.
 
@@ -120,14 +141,7 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
     ridges that slopes do not cross: its own parameters are walked along first.
     """
     likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-    z, noises = likelihood.start(noises=noises_of(now)), slice(len(likelihood.names), None)
-
-    def with_force(at: FloatArray, part: float) -> FloatArray:
-        at = at.copy()
-        at[noises][::2] = [2.0 * math.log(part * run.drive) for run in problem.runs]
-        return at
-
-    start = z = with_force(z, LOWERED[0])
+    start = z = with_force(likelihood, likelihood.start(noises=noises_of(now)), LOWERED[0])
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
             if p.name not in one.free or p.value(z[j]) == 0.0:
@@ -139,13 +153,10 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
                 )
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     # What a large random force hides is not decided there.
-    z = min((start, z), key=lambda at: likelihood.tried(with_force(at, LOWERED[-1])).cost)
-    held = likelihood.on(likelihood.runs)
-    for part in LOWERED[1:]:
-        z = with_force(z, part)
-        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
-        held.low[noises] = held.high[noises] = z[noises]
-        z = maximise(held, z, FEW, problem.until, True).z.copy()
+    z = min(
+        (start, z), key=lambda at: likelihood.tried(with_force(likelihood, at, LOWERED[-1])).cost
+    )
+    z = continued(problem, likelihood, z, LOWERED[1:])
     return maximise(likelihood, z, FEW, problem.until, True)
 
 
@@ -175,6 +186,16 @@ def cost_of(fit: Solution) -> float:
 def prior_of(fit: Solution) -> float:
     """Prior cost of a fit."""
     return fit.problem.prior(fit.z)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A proposal while it is fitted; `hope`: fall of the cost that another step may bring."""
+
+    proposal: Proposal
+    fit: Solution
+    hope: float
+    turns: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +261,10 @@ class Search:
     _view: Linearised | None = None
 
     def alone(self) -> Solution:
-        """The nominal structure with its base fitted, from two starts."""
+        """The nominal structure with its base fitted, from the nominal values and by continuation.
+
+        The prior has a narrow valley at the nominal values, which continuation must not see.
+        """
         problem = self.problem
         axis, nominal = problem.believed, problem.nominal
         speed = problem.scales.length / problem.scales.time
@@ -249,26 +273,53 @@ class Search:
         other = {"coulomb": 0.2 * level, "viscous": nominal["viscous"] + 0.8 * level / speed}
         other = {n: v for n, v in other.items() if n in problem.base}
         starts = [axis, with_values(axis, list(other), list(other.values()))] if other else [axis]
-        fits = problem.parallel(lambda one: problem.fit(one, turns=FEW), starts)
-        best = min(fits, key=cost_of)
+
+        def fit(start: FrictionAxis, held: bool) -> Solution:
+            if held:
+                return problem.fit(start, turns=FEW)
+            open_minded = problem.likelihood(start, wonder=False)
+            z = continued(problem, open_minded, open_minded.start(), LOWERED)
+            return maximise(problem.likelihood(start), z, FEW, problem.until)
+
+        rows = [(axis, True), *((one, False) for one in starts)]
+        best = min(problem.parallel(fit, *zip(*rows, strict=True)), key=cost_of)
         return maximise(best.problem, best.z, SOME, problem.until, again=True)
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays."""
-        seen = set[frozenset[str]]()
-        while frozenset(now.causes) not in seen and not self.problem.late:
+        seen = dict[frozenset[str], float]()
+        # A model that is found again likelier than before is searched again.
+        while now.fit.cost < seen.get(frozenset(now.causes), math.inf) - SLACK:
+            if self.problem.late:
+                break
             self.now = now
-            seen.add(frozenset(now.causes))
+            seen[frozenset(now.causes)] = now.fit.cost
             step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
             self.tell(step, now.causes)
-            row = self.best(now)
-            if row is not None:
+            row, there = self.best(now), self.refound(now)
+            if there is not None:
+                now = there
+            elif row is not None:
                 now = Model(row.fit, (*now.causes, *row.names))
                 now = self.pruned(now)
             elif now.causes:
                 self.tell("exchange", now.causes)
                 now = self.exchanged(now)
         return now
+
+    def refound(self, now: Model) -> Model | None:
+        """The model likelier than before, from where the likeliest fit with no cause ended.
+
+        What is likelier with a cause at no amount is a better fit of the model itself.
+        """
+        rows = self.round(now) if len(now.causes) < MOST else []
+        row = min(rows, key=lambda r: r.fit.cost, default=None)
+        if row is None or not row.reason or row.fit.cost > now.fit.cost - SLACK:
+            return None
+        there = Model(row.fit, (*now.causes, *row.names))
+        for name in reversed(row.names):
+            there = self.without(there, name)
+        return there if there.fit.cost < now.fit.cost - SLACK else None
 
     def best(self, now: Model) -> Row | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
@@ -287,7 +338,7 @@ class Search:
     def round(self, now: Model) -> list[Row]:
         """Proposals beside a model, fitted."""
         key = frozenset(now.causes)
-        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + 1.0:
+        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + SLACK:
             return self._rounds[key][1]
         rows = self._translated(now.fit, self._fitted(now.fit, self._proposals(now)))
         if not now.causes:
@@ -376,18 +427,18 @@ class Search:
 
         single = [p for p in proposals if len(p.names) == 1]
         looked = dict(zip(single, problem.parallel(first, single), strict=True))
-        falls = {p.names[0]: now.cost - f.cost for p, f in looked.items() if f is not None}
+        alone = {p.names[0]: now.cost - f.cost for p, f in looked.items() if f is not None}
         # Joined causes are looked at if they promise more than one of them reached alone.
         joined = [
             p for p in proposals
-            if len(p.names) > 1 and p.predicted > max(falls.get(n, 0.0) for n in p.names)
+            if len(p.names) > 1 and p.predicted > max(alone.get(n, 0.0) for n in p.names)
         ]  # fmt: skip
         looked |= zip(joined, problem.parallel(first, joined), strict=True)
         proposals = [*single, *joined]
         some = [looked[p] for p in proposals]
         # What no machine can have must not outdo what it may.
-        fits = [
-            (p, f, 0) for p, f in zip(proposals, some, strict=True)
+        waiting = [
+            Look(p, f, f.promised) for p, f in zip(proposals, some, strict=True)
             if f is not None
             and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
         ]  # fmt: skip
@@ -408,54 +459,45 @@ class Search:
             reason = next(filter(None, reasons), "")
             return Row(one.names, one.free, fit, worth, one.predicted, reason)
 
-        rows, top, held = list[Row](), -math.inf, {p.names: p.held for p, _, _ in fits}
-        while fits:
-            # The most promising go on; what can neither pay nor outdo the best is left, and
+        rows, top = list[Row](), -math.inf
+        while True:
+            # The most promising goes on; what can neither pay nor outdo the best is left, and
             # joined causes of which one alone fits better: the next round begins there.
-            seen = [(r.names, r.fit.cost) for r in rows] + [(p.names, f.cost) for p, f, _ in fits]
-            fits = sorted(
-                (
-                    one
-                    for one in fits
-                    if self._hopeful(now, *one, top)
-                    and not any({*n} < {*one[0].names} and c <= one[1].cost for n, c in seen)
-                ),
-                key=lambda one: one[1].cost - AHEAD * one[1].promised,
-            )
-            some, fits = fits[:1], fits[1:]
-            new = problem.parallel(further, *zip(*some, strict=True)) if some else []
-            ended = list[tuple[Proposal, Solution]]()
-            for (p, _, turns), fit in zip(some, new, strict=True):
-                if fit is None:
-                    continue
-                if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns + FEW >= SOME:
-                    ended.append((p, fit))
-                else:
-                    fits.append((p, fit, turns + FEW))
-            if ended:
-                found = problem.parallel(row, *zip(*ended, strict=True))
-                rows += self._restored(now, found, held)
+            reached = [(r.names, r.fit.cost) for r in rows]
+            reached += [(one.proposal.names, one.fit.cost) for one in waiting]
+            waiting = [
+                one for one in waiting
+                if self._hopeful(now, one, top) and not any(
+                    {*names} < {*one.proposal.names} and cost <= one.fit.cost
+                    for names, cost in reached
+                )
+            ]  # fmt: skip
+            if not waiting:
+                return rows
+            last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)
+            waiting.remove(last)
+            one, fit = last.proposal, further(last.proposal, last.fit, last.turns)
+            if fit is None:
+                continue
+            turns = last.turns + FEW
+            if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
+                best = max((r.evidence for r in rows if not r.reason), default=0.0)
+                rows.append(self._restored(now, row(one, fit), best, one.held))
                 falls = [now.cost - r.fit.cost for r in rows if not r.reason and r.evidence > 0.0]
                 top = max(falls, default=-math.inf)
-        return rows
+            else:
+                hope = min(fit.promised, last.fit.cost - fit.cost)
+                waiting.append(Look(one, fit, hope, turns))
 
-    def _restored(
-        self, now: Solution, rows: list[Row], held: dict[tuple[str, ...], FrictionAxis | None]
-    ) -> list[Row]:
-        """Rows with the base back at nominal where that may decide which one is best."""
-        problem = self.problem
-        top = max((r.evidence for r in rows if not r.reason), default=0.0)
-
-        def one(row: Row) -> Row:
-            if row.reason or row.evidence + prior_of(row.fit) < max(top, 0.0):
-                return row
-            fit = restored(problem, row.fit, held[row.names])
-            if fit is row.fit:
-                return row
-            worth = evidence(now, fit, [self.odds[n] for n in row.names])
-            return replace(row, fit=fit, evidence=worth)
-
-        return problem.parallel(one, rows)
+    def _restored(self, now: Solution, row: Row, top: float, start: FrictionAxis | None) -> Row:
+        """The row with the base back at nominal where that may decide which one is best."""
+        if row.reason or row.evidence + prior_of(row.fit) < max(top, 0.0):
+            return row
+        fit = restored(self.problem, row.fit, start)
+        if fit is row.fit:
+            return row
+        worth = evidence(now, fit, [self.odds[n] for n in row.names])
+        return replace(row, fit=fit, evidence=worth)
 
     def _translated(self, now: Solution, rows: list[Row]) -> list[Row]:
         """The rows, those that act as the best one does fitted again from where that one ended.
@@ -488,12 +530,13 @@ class Search:
 
         return problem.parallel(one, rows)
 
-    def _hopeful(self, now: Solution, one: Proposal, fit: Solution, turns: int, top: float) -> bool:
+    def _hopeful(self, now: Solution, look: Look, top: float) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one."""
+        one, fit = look.proposal, look.fit
         needed = sum(LEAST + self.odds[n] for n in one.names)
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
-        gain = now.cost - fit.cost + AHEAD * fit.promised
-        if not turns:
+        gain = now.cost - fit.cost + AHEAD * look.hope
+        if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
         return gain + max(prior, 0.0) > 0.5 * needed and gain > top - SLACK
 
@@ -503,11 +546,11 @@ class Search:
         axis = problem.less(fit.axis, name)
         rest = [n for n in problem.free_of(fit) if n not in now.own(name)]
         causes = [c for c in now.causes if c != name]
-        if not causes and frozenset() in self._rounds:
-            return Model(self._rounds[frozenset()][0])
         if not holds(problem.believed, name):
             rest, causes = renumbered(rest, name), renumbered(causes, name)
-        return Model(begun(problem, axis, rest, fit, SOME), tuple(causes))
+        less = begun(problem, axis, rest, fit, SOME)
+        before = self._rounds.get(frozenset(causes))
+        return Model(less if before is None else min(less, before[0], key=cost_of), tuple(causes))
 
     def pruned(self, now: Model) -> Model:
         """Backward elimination: causes without evidence beside the others go, worst first."""

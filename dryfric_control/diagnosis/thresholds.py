@@ -18,7 +18,7 @@ SAME_FORCE = 1e-3
 # WALKED: factors of its parameters that are tried at first.
 LOWERED, WALKED = (0.3, 0.1, 0.03), ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))
 # Full fits: slack within which a proposal is fitted on, the ratio of what it may still gain to
-# what its last step promised, and the promise that ends a fit.
+# what its last step brought and promises, and the promise that ends a fit.
 SLACK, AHEAD, ENOUGH = 8.0, 5.0, 0.05
 # Evidence: log-likelihood that a cause must bring, and difference below which two are equal.
 LEAST, EQUAL = 6.0, 4.0

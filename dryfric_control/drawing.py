@@ -145,13 +145,21 @@ def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "
 
 
 def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
-    """Fit the scale to what comes after the start."""
+    """Fit the scale to what comes after the start, and state what of the start it cuts off."""
     late = t >= _START
     if late.any():
         low = min(float(one[late].min()) for one in signals)
         high = max(float(one[late].max()) for one in signals)
         room = 0.06 * (high - low) or 1.0
         ax.set_ylim(low - room, high + room)
+        for end, bound in ((np.min, low - room), (np.max, high + room)):
+            extreme = float(end([end(one) for one in signals]))
+            if (extreme - bound) * (bound - 0.5 * (low + high)) > 0.0:
+                ax.text(
+                    0.01, 0.04 if end is np.min else 0.96, f"start clipped: {extreme:.3g}",
+                    transform=ax.transAxes, ha="left", va="bottom" if end is np.min else "top",
+                    fontsize="x-small", bbox={"fc": "w", "ec": "none", "alpha": 0.8, "pad": 1.0},
+                )  # fmt: skip
 
 
 def legend_above(ax: Any) -> None:

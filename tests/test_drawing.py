@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control import presets
+from dryfric_control import demo_figures, presets
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.evidence import evidence
 from dryfric_control.diagnosis.report import figures as diagnosis_figures
@@ -113,18 +113,50 @@ def test_start_of_the_estimate_does_not_set_the_scale():
     assert np.max(run.estimate.y[0]) >= 1000.0
 
 
+def test_a_start_beyond_the_scale_is_stated():
+    run = presets.clutch_experiment(duration=1.0)
+    velocity = run.plot(what="speed").axes[0, 0]
+    assert [text.get_text() for text in velocity.texts] == [
+        f"start clipped: {run.estimate.y[1].min():.3g}"
+    ]
+    assert run.estimate.y[1].min() < velocity.get_ylim()[0]
+    friction = run.plot(what="friction").axes[1, 0]
+    assert not friction.texts  # nothing of it is cut off
+
+
 def test_position_shows_its_start_and_the_loop_its_blocks():
     run = presets.clutch_experiment(duration=0.5)
     (inset,) = run.plot(what="position").axes[0, 0].child_axes
     t, estimate = inset.lines[1].get_data()
     assert t[0] == 0.0 and t[-1] == pytest.approx(0.15)
-    np.testing.assert_array_equal(estimate, run.estimate.y[0][: t.size])
+    # Before the first reading it is where it was started.
+    assert estimate[0] == presets.FIRST_ESTIMATE
+    np.testing.assert_array_equal(estimate[1:], run.estimate.y[0][: t.size - 1])
     drawn = figures.draw_block_diagram(title="loop").axes[0, 0]
     words = " ".join(text.get_text() for text in drawn.texts)
     for block in ("filter", "controller", "axis with dry", "encoder", "PI observer"):
         assert block in words
     # An arrow ends at each box, and two leave the page.
     assert sum(getattr(text, "arrow_patch", None) is not None for text in drawn.texts) == 9
+
+
+def test_figures_of_the_paper_name_what_its_own_name():
+    axis = presets.clutch_actuator()
+    drawn = demo_figures.marked_friction(axis).axes[0, 0]
+    words = [text.get_text() for text in drawn.texts]
+    assert {"$F_s$", "$F_c$", r"$\Sigma$"} <= set(words)
+    system = demo_figures.draw_system()
+    words = {text.get_text() for ax in system.axes.ravel() for text in ax.texts}
+    assert {"toothed rack", "spring 1", "spring 2", "bevel", "encoder"} <= words
+    # Lines of boxes at the rim of the axes are whole.
+    machine = dfc.plot_state_machine(axis).axes[0, 0]
+    low, high = machine.get_xlim()
+    assert all(low < box.get_bbox().x0 and box.get_bbox().x1 < high for box in boxes(machine))
+
+
+def boxes(ax):
+    """Boxes of the modes."""
+    return [patch for patch in ax.patches if hasattr(patch, "get_bbox")]
 
 
 def test_observed_loop_draws_what_is_asked():

@@ -802,7 +802,7 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
     return False, d, 1.0
 
 
-@internal
+@internal(inline="always")
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     """Move over an interval that contains switches or needs more than one step."""
     sigma = plant.numbers[STICK_SPEED]
@@ -936,7 +936,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
 
 
-@internal
+@internal(inline="always")
 def _advance_rigid(plant, drive, t0, h, memory, events, count):
     """Move an axis without inner states, see `advance`."""
     x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
@@ -970,7 +970,7 @@ def _rigid_task(
 @functools.cache
 def rigid_task():
     """Function that moves an axis without inner states, compiled on first use."""
-    return cfunc(TASK_CALL, cache=True)(_rigid_task)
+    return cfunc(TASK_CALL, cache=True, error_model="numpy")(_rigid_task)
 
 
 @internal

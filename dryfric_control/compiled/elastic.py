@@ -634,7 +634,7 @@ def _stop(d, memory, scratch):
     return stop if stops and stop > CLOSE * d else d
 
 
-@internal
+@internal(inline="always")
 def _until(plant, drive, t, d, shortest, memory, scratch, events, count):
     """Until when motor and load, apart, are to be moved, and the motor's lead then.
 
@@ -654,7 +654,7 @@ def _until(plant, drive, t, d, shortest, memory, scratch, events, count):
     return d, lead
 
 
-@internal
+@internal(inline="always")
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`.
 
@@ -805,7 +805,7 @@ def _settle(plant, force, t, memory):
         memory[DEFLECTION] = pull / plant.numbers[CONTACT_STIFFNESS]
 
 
-@internal
+@internal(inline="always")
 def _advance_structure(plant, drive, t0, h, memory, events, count):
     """Move an axis with inner states, see `advance`."""
     kind = plant.integers[STRUCTURE]
@@ -816,7 +816,7 @@ def _advance_structure(plant, drive, t0, h, memory, events, count):
     return _advance_inner(plant, drive, t0, h, memory, events, count)
 
 
-@internal
+@internal(inline="always")
 def _outputs_structure(plant, drive, t, memory):
     """Velocity of the motor, friction force and mode of the load."""
     kind = plant.integers[STRUCTURE]
@@ -852,4 +852,4 @@ def _inner_task(
 @functools.cache
 def inner_task():
     """Function that moves an axis with inner states, compiled on first use."""
-    return cfunc(TASK_CALL, cache=True)(_inner_task)
+    return cfunc(TASK_CALL, cache=True, error_model="numpy")(_inner_task)

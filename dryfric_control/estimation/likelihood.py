@@ -344,6 +344,8 @@ class Likelihood:
         hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse_masses(axis, record.dt)
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
+        # One type of array, whether shifted or not: the filter is compiled for each.
+        u.setflags(write=False)
         out, state = np.zeros((2, len(record))), np.zeros((6, len(record)))
         for start, end in run.pieces:
             here = slice(start, end)

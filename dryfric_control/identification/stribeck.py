@@ -392,6 +392,8 @@ def _branches(
 
 def _replayed(loop: LoopReplay) -> Ripple | None:
     y, record = loop.response.y, loop.record
+    if np.ptp(y[5]) == 0.0:  # held by its friction all along
+        return None
     return ripple(Record(record.t, y[4], y[5], record.reference, quantum=record.quantum or 0.0))
 
 

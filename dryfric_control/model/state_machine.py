@@ -66,7 +66,7 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
     axis = axis.effective()
     force = "w" if any(e.action != "axis" for e in effects) else "u"
     one.set_axis_off()
-    one.set_xlim(0.0, 1.0)
+    one.set_xlim(-0.01, 1.01)  # room for the lines of the boxes
     one.set_ylim(0.0, 1.0)
     one.set_title(f"{axis.name}: modes and switching", loc="left")
     for mode, rows in _modes(axis, force).items():

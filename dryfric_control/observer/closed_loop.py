@@ -96,6 +96,8 @@ class ObservedLoop(Result):
         Outputs x, v, F, mode, u, y; with located switches.
     estimate : ObserverResponse
         Outputs xhat, vhat, Fhat, what, mode.
+    start : float
+        Position from which the observer started, before its first reading [m].
     """
 
     axis: FrictionAxis
@@ -103,6 +105,7 @@ class ObservedLoop(Result):
     reference: Array
     plant: SimulationResponse
     estimate: ObserverResponse
+    start: float
 
     @property
     def score(self) -> EstimateScore:
@@ -263,7 +266,8 @@ def simulate_observed_loop(
         switching=switching,
         encoder_quantum=quantum,
     )
-    return ObservedLoop(axis, design, r, plant, estimate)
+    start = float(plant.y[5, 0] if xhat0 is None else xhat0)
+    return ObservedLoop(axis, design, r, plant, estimate, start)
 
 
 def observed_loop(

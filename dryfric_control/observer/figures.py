@@ -54,6 +54,8 @@ class Run(Protocol):
     def plant(self) -> Response: ...
     @property
     def estimate(self) -> Response: ...
+    @property
+    def start(self) -> float: ...
 
 
 def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPlot:
@@ -185,7 +187,7 @@ def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.Cont
     Notes
     -----
     The first 0.1 s do not count for the scales; the band is the plant at rest.  The inset
-    shows the first 0.15 s, in which the estimate comes from where it started.
+    shows the first 0.15 s, with the position from which the observer started.
     """
     axes = axes_of(ax, 2)
     axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")
@@ -193,9 +195,12 @@ def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.Cont
     first = run.plant.t <= _FIRST
     inset = axes[0].inset_axes((0.055, 0.40, 0.25, 0.46))
     inset.plot(run.plant.t[first], run.plant.y[0][first], "k", linewidth=1.0)
-    inset.plot(run.plant.t[first], run.estimate.y[0][first], "C0.--", linewidth=1.0, ms=3)
+    # Before its first reading the observer is where it was started.
+    t, estimate = np.r_[0.0, run.plant.t[first]], np.r_[run.start, run.estimate.y[0][first]]
+    inset.plot(t, estimate, "C0.--", linewidth=1.0, ms=3)
+    inset.plot(0.0, run.start, "C0o", ms=4, clip_on=False)
     inset.set_xlim(-0.03 * _FIRST, _FIRST)
-    inset.set_title("start", fontsize="x-small", pad=2.0)
+    inset.set_title(f"observer starts at {run.start:.4g}", fontsize="x-small", pad=2.0)
     inset.tick_params(labelsize="x-small")
     return control_plot(axes)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
+from dryfric_control import presets
 from dryfric_control.identification import (
     FitWarning,
     fit,
@@ -19,6 +20,8 @@ from dryfric_control.identification import (
     ripple,
     slow_ramp_experiment,
 )
+from dryfric_control.identification.replay import replay_loop
+from dryfric_control.identification.stribeck import _replayed
 from dryfric_control.records.record import Record
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -322,3 +325,11 @@ def test_a_peak_shows_where_velocities_differ(options, told):
     places = PLACES[PLACES < 0.9 * record.x.max()]
     error = max(np.max(np.abs(found(places, s) / level(places, s) - 1.0)) for s in (1, -1))
     assert (error > 0.05) == told
+
+
+def test_a_peak_that_holds_the_axis_ends_no_search():
+    """Of the peaks that are tried some keep the replay at rest: it has no ripple."""
+    axis = presets.clutch_actuator()
+    ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
+    held = axis.replace(coulomb=10.0)
+    assert _replayed(replay_loop(held, ramp.record, ramp.controller)) is None

@@ -1,0 +1,113 @@
+"""Figures 1, 3 and 5 of the paper, as the demo draws them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import control as ct
+import numpy as np
+
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.identification import CoulombIdentification, SlowRamp
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.observer.figures import draw_block_diagram
+
+
+def marked_friction(axis: FrictionAxis) -> ct.ControlPlot:
+    """Friction over velocity with Fs, Fc and Sigma (Fig. 1)."""
+    drawn = axis.plot_friction()
+    one = drawn.axes[0, 0]
+    places = np.mean(axis.travel or (0.0, 0.0))
+    breakaway, level = axis.breakaway(places, 1), axis.coulomb(places, 1)
+    left, sigma = one.get_xlim()[0], axis.stick_speed
+    for force, name in ((breakaway, r"$F_s$"), (level, r"$F_c$")):
+        one.plot([left, 0.0], [force, force], ":", color="0.3", lw=1.0)
+        one.text(0.96 * left, force, name, va="bottom", ha="left")
+    for s, name in ((-1, r"$-\Sigma$"), (1, r"$\Sigma$")):
+        low = -axis.breakaway(places, -1) if s < 0 else breakaway
+        one.plot([s * sigma, s * sigma], [0.0, low], ":", color="0.3", lw=1.0)
+        one.text(s * sigma, 0.0, name, va="bottom" if s < 0 else "top", ha="center")
+    return drawn
+
+
+def _spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
+    """A zigzag between two points, its name in the middle."""
+    a, b = np.array(start), np.array(end)
+    along = b - a
+    across = 0.16 * np.array([-along[1], along[0]]) / np.hypot(*along)
+    part = np.r_[0.0, np.linspace(0.15, 0.85, 9), 1.0]
+    side = np.r_[0.0, 0.0, np.resize([1.0, -1.0], 7), 0.0, 0.0]
+    ax.plot(*(a[:, None] + along[:, None] * part + across[:, None] * side), "k", lw=1.1)
+    side_by_side = "right" if along[0] == 0.0 else "center"
+    ax.text(*(0.5 * (a + b) - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
+
+
+def _wall(ax: Any, x: float, y: float, across: bool) -> None:
+    """The frame, hatched."""
+    from matplotlib.patches import Rectangle
+
+    width, height = (0.9, 0.14) if across else (0.14, 0.9)
+    corner = (x - width / 2, y - height / 2)
+    ax.add_patch(Rectangle(corner, width, height, fc="w", ec="k", hatch="////"))
+
+
+def draw_kinematics(ax: Any) -> None:
+    """Motor, toothed rack, two springs and a bevel: the system of the paper's Fig. 3."""
+    from matplotlib.patches import Circle, Polygon, Rectangle
+
+    ax.set(xlim=(0.0, 9.6), ylim=(1.4, 5.2), aspect="equal")
+    ax.set_axis_off()
+    ax.add_patch(Circle((3.8, 3.62), 0.75, fc="0.95", ec="k"))
+    ax.add_patch(Circle((3.8, 3.62), 0.1, fc="k"))
+    ax.text(3.8, 4.5, "motor and pinion, torque u", ha="center", va="bottom", fontsize="small")
+    ax.add_patch(Rectangle((2.0, 2.05), 4.0, 0.65, fc="0.9", ec="k"))
+    teeth = np.linspace(2.0, 6.0, 41)
+    ax.plot(teeth, 2.7 + 0.17 * (np.arange(41) % 2), "k", lw=1.0)
+    ax.text(4.0, 2.36, "toothed rack", ha="center", va="center", fontsize="small")
+    ax.annotate("", (3.0, 1.75), (2.0, 1.75), arrowprops={"arrowstyle": "-|>", "color": "k"})
+    ax.text(3.1, 1.75, "x", ha="left", va="center", fontsize="small")
+    _wall(ax, 0.3, 2.37, across=False)
+    _spring(ax, (0.37, 2.37), (2.0, 2.37), "spring 1")
+    # The bevel moves with the rack: where spring 1 is compressed, spring 2 is not.
+    ax.add_patch(Polygon([(6.0, 2.05), (9.0, 2.05), (9.0, 2.2), (6.0, 3.2)], fc="0.75", ec="k"))
+    ax.text(6.9, 2.36, "bevel", ha="center", va="center", fontsize="small")
+    ax.add_patch(Circle((7.6, 2.84), 0.17, fc="w", ec="k"))
+    _spring(ax, (7.6, 4.7), (7.6, 3.01), "spring 2")
+    _wall(ax, 7.6, 4.77, across=True)
+
+
+def draw_system() -> ct.ControlPlot:
+    """Kinematic diagram of the actuator above the closed loop in which it runs (Fig. 3)."""
+    import matplotlib.pyplot as plt
+
+    figure, (top, bottom) = plt.subplots(
+        2, figsize=(7.0, 6.4), height_ratios=(1.0, 1.0), layout="constrained"
+    )
+    draw_kinematics(top)
+    title_above(top, "clutch actuator: motor, rack, two springs, bevel")
+    draw_block_diagram(bottom)
+    return control_plot(axes_of([top, bottom], 2))
+
+
+def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
+    """Levels found over the crawl as recorded, and those of the simulated bench (Fig. 5)."""
+    drawn = levels.plot(title="Coulomb level over the travel: crawl, levels found, truth")
+    one, record = drawn.axes[0, 0], ramp.record
+    some = slice(None, None, max(1, len(record) // 10_000))
+    one.plot(
+        record.x[some],
+        record.u[some],
+        "--",
+        color=MEASURED,
+        lw=0.8,
+        zorder=0,
+        label="crawl, measured",
+    )
+    x = np.linspace(*levels.travel, 201)
+    for s in (1, -1):
+        truth = s * ramp.axis.coulomb(x, s)
+        one.plot(x, truth, "k:", lw=1.2, label="truth" if s > 0 else None)
+    one.set_xlabel(f"position [{ramp.axis.units[0]}]")
+    legend_above(one)
+    title_above(one, one.get_title(loc="left"))
+    return drawn

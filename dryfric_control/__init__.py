@@ -2,7 +2,7 @@
 
 import sys
 
-from dryfric_control import presets
+from dryfric_control import datasets, presets
 from dryfric_control._version import __version__
 from dryfric_control.compensation import Compensation, design_compensation, load_compensation
 from dryfric_control.diagnosis import (
@@ -86,6 +86,7 @@ __all__ = [
     "Stribeck",
     "__version__",
     "axis_block",
+    "datasets",
     "design_compensation",
     "design_pi_observer",
     "diagnose",

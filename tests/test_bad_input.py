@@ -115,7 +115,13 @@ def magnet(**changes: Any) -> Any:
 
 def content(name: str, text: Any) -> Callable[..., Any]:
     """A call that reads a file with this text."""
-    reader = {".toml": dfc.read_axis, ".json": dfc.load_design, ".log": dfc.read_bam}.get(
+    readers = {
+        ".toml": dfc.read_axis,
+        ".json": dfc.load_design,
+        ".log": dfc.read_bam,
+        "emps.csv": dfc.datasets.emps,
+    }
+    reader = readers.get(name) or readers.get(
         name[name.rindex(".") :] if name != "run.json" else "", dfc.read_record
     )
 
@@ -277,6 +283,7 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Experiment.to_csv": (lambda **k: experiment().to_csv(**k), dict(path="plan.csv")),
     "Experiment.plot": (lambda **k: experiment().plot(**k), {}),
+    "datasets.emps": (dfc.datasets.emps, dict(path="DATA_EMPS.mat")),
     "presets.clutch_observer": (presets.clutch_observer, {}),
     "presets.clutch_controller": (presets.clutch_controller, {}),
     "presets.crawl_and_steps": (presets.crawl_and_steps, {}),
@@ -295,7 +302,7 @@ PUBLIC = {
     name: getattr(space, name)
     for space in (dfc, dfc.effects, dfc.laws)
     for name in space.__all__
-    if name not in ("effects", "laws", "presets")
+    if name not in ("datasets", "effects", "laws", "presets")
 }
 
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
@@ -1015,6 +1022,12 @@ CASES += [
     Case("read_bam", dict(path="/nowhere/log.json"), "no file", "log.json", kind=FileNotFoundError),
     Case("read_bam", dict(path=3), "file name", "3"),
 ]
+CASES += [
+    Case("datasets.emps", dict(path="/nowhere/DATA_EMPS.mat"), "download", "no file",
+         kind=FileNotFoundError),
+    Case("datasets.emps", dict(path=3), "file name", "3"),
+]  # fmt: skip
+files("datasets.emps", ("emps.csv", columns(T, U, X), "not the EMPS record", "read_record"))
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 files(
     "read_axis",
@@ -1659,6 +1672,7 @@ def test_sound_calls_are_sound():
         ".save",
         "fit",
         "presets",
+        "datasets",
         "Fit",
         "export_",
         "to_mjcf",

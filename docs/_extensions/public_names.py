@@ -6,7 +6,7 @@ import inspect
 from typing import TYPE_CHECKING
 
 import dryfric_control
-from dryfric_control import effects, laws, presets
+from dryfric_control import datasets, effects, laws, presets
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -30,7 +30,9 @@ RESULTS = (
 
 def public_names() -> list[str]:
     """Every name a user may rely on, below `dryfric_control`."""
-    names = [name for name in dryfric_control.__all__ if name not in ("effects", "laws", "presets")]
+    rooms = ("datasets", "effects", "laws", "presets")
+    names = [name for name in dryfric_control.__all__ if name not in rooms]
+    names += [f"datasets.{name}" for name in datasets.__all__]
     names += [f"effects.{name}" for name in effects.__all__]
     names += [f"laws.{name}" for name in laws.__all__]
     ready = inspect.getmembers(presets, inspect.isfunction)

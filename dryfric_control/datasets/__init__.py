@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import BiasForce
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import existing_file
 
@@ -55,7 +56,7 @@ def belt_stage_axis() -> FrictionAxis:
     >>> dfc.datasets.belt_stage_axis().mass
     2.4
     """
-    return FrictionAxis(mass=2.4, viscous=12.0, coulomb=9.0, name="belt stage")
+    return FrictionAxis(mass=2.4, viscous=12.0, coulomb=CoulombMap.of(9.0), name="belt stage")
 
 
 def emps(path: str | os.PathLike[str]) -> Record:
@@ -128,6 +129,6 @@ def emps_axis() -> FrictionAxis:
     3.16
     """
     return FrictionAxis(
-        mass=95.11, viscous=203.5, coulomb=20.39, effects=BiasForce(force=3.16),
-        name="EMPS linear drive",
+        mass=95.11, viscous=203.5, coulomb=CoulombMap.of(20.39),
+        effects=(BiasForce(force=3.16),), name="EMPS linear drive",
     )  # fmt: skip

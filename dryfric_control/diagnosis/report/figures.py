@@ -13,12 +13,12 @@ from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
 from dryfric_control.diagnosis.report.findings import Findings, plain
 from dryfric_control.diagnosis.report.wording import (
     WAYS,
+    gain_of,
     headline,
     level_table,
     records_text,
     shown_record,
     summary_lines,
-    times_smaller,
 )
 from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.drawing import axes_of, control_plot, legend_above
@@ -58,17 +58,14 @@ _MARKS = {1: ">", -1: "<"}
 _MEDIAN = "median"
 # Points of the lines of the Coulomb level.
 _LEVEL_POINTS = 49
-# Bars of candidates: error reduction of free runs that is worth a bar, and the range of the
-# scale, at least.
-_WORTH, _LEAST_TIMES = 1.05, 1.5
-# Marks on that scale, as many as there is room for.
-_FINE = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0)
-_COARSE = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
+# Marks on the scale of the bars of candidates, as many as there is room for, and its name.
+_MARKS_OF_GAIN = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 _MOST_TICKS = 6
+MEASURE = "gain of log-likelihood, one-step predictions"
 # Where no candidate earns a bar.
 _NO_BAR = (
-    "No candidate alone reduces the error by more than refitting mass, viscous friction and "
-    "Coulomb level does."
+    "No candidate alone gains more than chance over refitting mass, viscous friction and "
+    "Coulomb level."
 )
 
 
@@ -400,36 +397,22 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
 
 
 def falls(d: Findings) -> dict[str, float]:
-    """What every candidate gains alone, by id, the most first, as `measure` names it.
+    """What every candidate gains alone, by id, the most first: `MEASURE`.
 
     Against the axis with its base parameters fitted, or where that was not tried
     the worst candidate.
     """
     table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
     reference = d.scores.get("", max(table.values(), default=0.0))
-    order = sorted(table, key=table.__getitem__)
-    if d.references:
-        # One step errs hardly less with a cause than without: all of them together show it.
-        half = 0.5 * sum(map(len, (d.record, *d.others)))
-        return {slug: half * (reference - table[slug]) for slug in order}
-    return {slug: times_smaller(reference - table[slug]) for slug in order}
-
-
-def measure(d: Findings) -> str:
-    """Name of what `falls` gives: that by which causes were chosen."""
-    if d.references:
-        return "gain of log-likelihood, one-step predictions"
-    return "error reduction of free runs (factor)"
-
-
-def worth(d: Findings) -> float:
-    """What a candidate must gain for a bar: more than chance, or visibly."""
-    return LEAST if d.references else _WORTH
+    return {
+        slug: gain_of(d, reference - table[slug]) for slug in sorted(table, key=table.__getitem__)
+    }
 
 
 def any_bar(d: Findings) -> bool:
-    """Whether a candidate alone does visibly better than other base parameters."""
-    return max(falls(d).values(), default=0.0) >= worth(d)
+    """Whether a candidate alone does more than chance, where there is something to find."""
+    found = d.verdict != "nothing to find"
+    return found and max(falls(d).values(), default=0.0) >= LEAST
 
 
 def no_bar_text(d: Findings) -> str:
@@ -442,7 +425,7 @@ def no_bar_text(d: Findings) -> str:
 def top(d: Findings, named: set[str]) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
     times = falls(d)
-    best = [slug for slug, value in times.items() if value >= worth(d)][:_BARS]
+    best = [slug for slug, value in times.items() if value >= LEAST][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
 
@@ -451,7 +434,7 @@ def others_text(d: Findings) -> str:
     times = falls(d)
     named = {slug for cause in d.causes for slug in (cause.effect, *cause.alternatives)}
     shown = top(d, named)
-    better = [slug for slug, value in times.items() if slug not in shown and value >= worth(d)]
+    better = [slug for slug, value in times.items() if slug not in shown and value >= LEAST]
     rest = [slug for slug in times if slug not in shown and slug not in better]
     lines = []
     if better:
@@ -464,7 +447,7 @@ def others_text(d: Findings) -> str:
 
 def draw_candidates(d: Findings, ax: Any) -> None:
     """What every candidate gains as the only cause."""
-    ax.set_xlabel(textwrap.fill(measure(d), 24))
+    ax.set_xlabel(f"{textwrap.fill(MEASURE, 24)} [1]")
     if not any_bar(d):
         words = "no candidate had to be tried"
         if falls(d):
@@ -486,7 +469,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
             what, style = "alternative", {"color": "#56B4E9", "hatch": "///"}
         else:
             what, style = "other candidate", {"color": "0.8"}
-        if value < worth(d):
+        if value < LEAST:
             # Alone it does no better than other base parameters: no bar to the left,
             # which would read as if it did harm beside the others.
             if len(d.causes) > 1:
@@ -508,12 +491,11 @@ def draw_candidates(d: Findings, ax: Any) -> None:
         tick.set_weight("bold" if slug in rank else "normal")
     ax.axvline(1.0, color="k", lw=0.8)
     ax.set_ylim(max(len(times), _ROWS) - 0.4, -0.6)
-    # Bars that are next to nothing shall look it.
-    most = max(1.05 * max(times.values()), _LEAST_TIMES)
+    most = 1.05 * max(times.values())
     ax.set_xscale("log")
     ax.set_xlim(1.0, most)
     marks = [1.0]
-    for mark in _FINE if most < 4.0 else _COARSE:
+    for mark in _MARKS_OF_GAIN:
         if mark <= most and mark > marks[-1] * most ** (1.0 / _MOST_TICKS):
             marks.append(mark)
     ax.set_xticks(marks, [f"{mark:g}" for mark in marks])

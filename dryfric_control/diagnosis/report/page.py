@@ -22,6 +22,7 @@ from dryfric_control.diagnosis.report.findings import (
     parameter_texts,
     plain,
 )
+from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.drawing import control_plot
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.store.axis_file import axis_text
@@ -94,7 +95,7 @@ def _found(d: Findings) -> dict[str, Any]:
         "causes": [_cause(d, cause) for cause in d.main_causes],
         "corrections": [_cause(d, cause) for cause in d.small_corrections],
         "small": f"{100.0 * SMALL:g}",
-        "one_step": bool(d.references),  # the likelihood decided
+        "check": wording.check_text(d),
         "gain_title": wording.gain_title(d).capitalize(),
         "gain": wording.gain_text(d),
         "unexplained": wording.places_text(d) if d.unexplained.significant else "",
@@ -104,16 +105,15 @@ def _found(d: Findings) -> dict[str, Any]:
 
 
 def _cause(d: Findings, cause: Cause) -> dict[str, Any]:
-    values = (cause.held_out_gain, *cause.interval)
-    # A factor of one step is near one, and counts at each of many samples.
-    number = "{:.5g}".format if d.references else plain
-    times, low, high = (number(wording.times_smaller(value)) for value in values)
+    gain, low, high = (
+        plain(wording.gain_of(d, value)) for value in (cause.held_out_gain, *cause.interval)
+    )
     return {
         "title": cause.title,
         "effect": cause.effect,
         "parameters": parameter_texts(cause, d.axis),
         "meaning": wording.meaning(d, cause),
-        "reduction": f"{times} ({low} to {high})",
+        "gain": f"{gain} ({low} to {high})",
         "alternatives": ", ".join(map(titles_of, cause.alternatives)) or "none",
         "explanation": cause.explanation,
         "experiment": cause.experiment,
@@ -230,15 +230,14 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     times = figures.falls(d)
     if figures.any_bar(d):
         best = next(iter(times))
-        no_better = f"below {figures.worth(d):g}: chance" if d.references else "1: no better"
         pictures.append(
             _picture(
                 lambda ax: figures.draw_candidates(d, ax),
-                f"Bars: {figures.measure(d)}, of each candidate alone; the "
+                f"Bars: {figures.MEASURE}, of each candidate alone; the "
                 f"longest: {titles_of(best)}, {plain(times[best])}.",
-                f"{figures.measure(d).capitalize()}: the best candidates, each as the only cause, "
+                f"{figures.MEASURE.capitalize()}: the best candidates, each as the only cause, "
                 "compared with an axis whose mass, viscous friction and Coulomb level alone are "
-                f"refitted ({no_better}). {figures.others_text(d)}",
+                f"refitted (below {LEAST:g}: chance). {figures.others_text(d)}",
             )
         )
     elif times:

@@ -38,15 +38,24 @@ _MOVED = 0.01
 WAYS = ((1, "forwards"), (-1, "backwards"))
 
 
-def times_smaller(gain: float) -> float:
-    """Error reduction (factor) that a fall of the mean log score is.
+def gain_of(d: Findings, fall: float) -> float:
+    """Gain of log-likelihood that a fall of the mean score of a sample is.
 
-    Notes
-    -----
-    The score log(1 + (error/noise)^2 / 4) falls by 2 log(q) where the error,
-    counted together with the noise, becomes q times smaller.
+    One step errs hardly less with a cause than without: all of them together show it.
     """
-    return math.exp(0.5 * gain)
+    return 0.5 * sum(map(len, (d.record, *d.others))) * fall
+
+
+def check_text(d: Findings) -> str:
+    """What to check on the machine, in one sentence."""
+    if d.main_causes:
+        cause = d.main_causes[0]
+        return f"{cause.title}: {cause.experiment[:1].lower()}{cause.experiment[1:]}"
+    if d.unexplained.significant:
+        return f"what happens where the error is largest: {places_text(d)}."
+    if d.causes or d.varies:
+        return "the values above, against data sheets and a second record."
+    return "nothing, as long as it moves as in this record; other motions are not tested."
 
 
 def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> FloatArray:
@@ -208,10 +217,7 @@ def next_steps(d: Findings) -> list[str]:
     """What to do with a diagnosis, a line each."""
     steps = []
     if d.verdict == "nothing to find":
-        steps.append(
-            "Use the nominal axis as it is, for motions like those in this record; other motions "
-            "are not tested."
-        )
+        steps.append("Use the nominal axis as it is, for motions like those in this record.")
     elif d.causes:
         steps.append("Use the axis with the causes instead of the nominal one, see below.")
     if d.unexplained.significant:
@@ -291,6 +297,7 @@ def summary_lines(d: Findings) -> list[str]:
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.unexplained.significant:
         lines.append("unexplained: " + places_text(d))
+    lines.append(f"check on the machine: {check_text(d)}")
     lines += further_lines(d)
     lines += [f"warning: {message}" for message in d.messages]
     if d.next_experiment is not None:

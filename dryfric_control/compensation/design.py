@@ -551,6 +551,8 @@ def design_compensation(
     noise = positive("noise", noise)
     if correction is not None:
         correction = positive("correction", correction, zero=True)
+    if bandwidth is not None:
+        bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     check_pace(axis, dt)
     acting, tuning = tuned.rigid(axis), tuned.tuning_of(law, axis)
     numbers = acting.arrays(dt).numbers
@@ -561,9 +563,7 @@ def design_compensation(
         most_step = noise * level / quantum if quantum and level else math.inf
         filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
     highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt + filter_time)
-    w = min(highest, tuned.FASTEST / dt)
-    if bandwidth is not None:
-        w = positive("bandwidth", bandwidth, unit="rad/s")
+    w = min(highest, tuned.FASTEST / dt) if bandwidth is None else bandwidth
     if w * dt > 0.5:
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"

@@ -207,8 +207,8 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "hybrid_filter": (dfc.hybrid_filter, dict(axis=AXIS)),
     "design_compensation": (dfc.design_compensation, dict(axis=AXIS, dt=DT)),
     "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
-    "export_c": (dfc.export_c, dict(obj=AXIS, folder="/dev/null/no")),
-    "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="/nowhere/axis.fmu")),
+    "export_c": (dfc.export_c, dict(obj=AXIS, folder="new")),
+    "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="axis.fmu")),
     "to_mjcf": (dfc.to_mjcf, dict(result=AXIS, model="/nowhere/arm.xml")),
     "to_urdf": (dfc.to_urdf, dict(result=AXIS, model="/nowhere/arm.urdf")),
     "to_modelica": (dfc.to_modelica, dict(result=AXIS, model="/nowhere/Arm.mo")),
@@ -422,6 +422,13 @@ rows(
     ("FrictionAxis", dict(coulomb=True), "level"),
     ("FrictionAxis", dict(coulomb=()), "pair"),
     ("FrictionAxis", dict(coulomb=(8.0, NAN)), "finite", "minus"),
+    ("FrictionAxis", dict(coulomb=(1.0, -1.0)), "magnitude", "minus"),
+    ("FrictionAxis", dict(coulomb=(1.0, 2.0, 3.0)), "level"),
+    ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, 2.0]), travel=None), "give travel"),
+    ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
+    ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
+    ("FrictionAxis", dict(effects=2 * (dfc.effects.InputDelay(0.1),)), "more than one delay"),
+    ("FrictionAxis", dict(effects=2 * (dfc.effects.Presliding(1e-5),)), "more than one contact"),
     ("FrictionAxis", dict(stribeck=0.3), "dfc.Stribeck"),
     ("FrictionAxis", dict(stribeck=(0.3, 0.01)), "dfc.Stribeck"),
     ("FrictionAxis", dict(travel=(0.1, 0.1)), "low to high"),
@@ -478,6 +485,7 @@ rows(
 )
 _FAST = AXIS.replace(viscous=1e12)  # N s/um taken for N s/m, say
 _SHARP = AXIS.replace(stribeck=dfc.Stribeck(0.3, 1e-13))
+_STIFF = functools.partial(AXIS.replace(viscous=5000.0).mode_ss, 1, DT, "euler")
 for _name, _says, _call in (
     ("FrictionAxis.simulate", "viscous", lambda: _FAST.simulate([0.0], DT)),
     ("FrictionAxis.simulate", "stribeck.speed", lambda: _SHARP.simulate([0.0], DT)),
@@ -498,6 +506,8 @@ rows(
     ("FrictionAxis.mode_ss", dict(at=0.1), "position, velocity"),
     ("FrictionAxis.mode_ss", dict(at=(NAN, 0.1)), NUMBER, "at"),
     ("FrictionAxis.mode_ss", dict(at=(0.0, -0.1)), "sign of the mode", "at"),
+    ("FrictionAxis.mode_ss", dict(at=(0.1, 0.2, 3.0, 4.0)), "position, velocity", "at"),
+    ("FrictionAxis.mode_ss", {}, "lower dt", "viscous / mass", _STIFF),
     ("AxisStepper.step", dict(u=[1.0, 2.0]), NUMBER),
     ("CoulombMap", dict(plus=[]), "constant level"),
     ("CoulombMap", dict(plus="8"), "coefficients"),
@@ -531,6 +541,7 @@ rows(
 # ---------------------------------------------------------- loops and blocks
 rows(
     ("PositionController", dict(span=0), "1 to 8"),
+    ("PositionController", dict(span=9), "1 to 8"),
     ("PositionController", dict(span=2.5), "1 to 8"),
     ("PositionController", dict(span="2"), "1 to 8"),
     ("PositionController", dict(span=True), "1 to 8"),
@@ -577,6 +588,14 @@ rows(
     ("parameter", dict(logarithmic=None), "True or False"),
     ("Effect", dict(stiffness=None), NUMBER, "spring.stiffness"),
     ("Effect", dict(rest=[0.0, 1.0]), NUMBER),
+    ("Inertia", dict(factor=0.0), "must lie between 1e-09 and inf", "inertia.factor"),
+    ("StribeckPeak", dict(speed=0.0), "must lie between", "stribeck.speed"),
+    ("Cogging", dict(period=0.0), "must lie between", "cogging.period"),
+    ("Presliding", dict(distance=0.0), "must lie between", "presliding.distance"),
+    ("Backlash", dict(gap=0.0), "must lie between", "backlash.gap"),
+    ("Backlash", dict(load_fraction=0.0), "must lie between", "backlash.load_fraction"),
+    ("Backlash", dict(load_fraction=1.0), "must lie between", "backlash.load_fraction"),
+    ("Compliance", dict(stiffness=0.0), "must lie between", "compliance.stiffness"),
     ("register_effect", dict(slug=""), "lower-case word"),
     ("register_effect", dict(slug="a b"), "lower-case word"),
     ("register_effect", dict(slug=3), "lower-case word"),
@@ -610,9 +629,23 @@ for _slug, _cls in REGISTRY.items():
             (_cls.__name__, {_field.name: "1.0 N"}, NUMBER, _says),
         )
         if math.isfinite(_low):
-            rows((_cls.__name__, {_field.name: _low - 1.0}, "must lie between", _says))
+            rows(
+                (
+                    _cls.__name__,
+                    {_field.name: math.nextafter(_low, -INF)},
+                    "must lie between",
+                    _says,
+                )
+            )
         if math.isfinite(_high):
-            rows((_cls.__name__, {_field.name: _high + 1.0}, "must lie between", _says))
+            rows(
+                (
+                    _cls.__name__,
+                    {_field.name: math.nextafter(_high, INF)},
+                    "must lie between",
+                    _says,
+                )
+            )
 
 # ------------------------------------------------------------------ records
 WRAPPED = np.mod(40.0 * T, 2.0 * np.pi)
@@ -670,15 +703,19 @@ rows(
     ("Record.split", dict(parts=True), "fraction", "split"),
     ("Record.split", dict(parts="half"), "convert it", "fractions"),
     ("Record.split", dict(parts=5000), "2 or more"),
+    ("Record.split", dict(parts=[0.9999, 0.0001]), "at least 2", "holds"),
+    ("Record.split", dict(parts=[]), "empty", "fractions"),
     ("Record.blocks", dict(seconds=1e-3), "fewer than 2", "0.001"),
     ("Record.decimated", dict(factor=0), "at least 1"),
     ("Record.decimated", dict(factor=2.0), "whole number"),
+    ("Record.decimated", dict(factor=True), "whole number"),
     ("Record.decimated", dict(factor=N), "fewer than 2", "2000"),
     ("Record.resampled", dict(dt=5.0), "it takes"),
     ("Record.derivatives", dict(window=4), "odd"),
     ("Record.derivatives", dict(window=3), "at least 5"),
     ("Record.derivatives", dict(window=9999), "at most"),
     ("Record.derivatives", dict(window=5.0), "odd"),
+    ("Record.derivatives", dict(window=True), "odd"),
     ("Record.read", dict(positions=X[:5]), "give one each", "positions"),
     ("Record.read", dict(positions=nan_at(X)), "remove these samples", "positions"),
     ("Record.compare", dict(name="w"), "it has v", "'w'"),
@@ -959,6 +996,8 @@ rows(
     ("design_compensation", dict(law="magic"), "learned"),
     ("design_compensation", dict(gains=3.0), "kp, ki, kd"),
     ("design_compensation", dict(gains=(0.0, 1.0, 1.0)), POSITIVE),
+    ("design_compensation", dict(gains=(1.0, 2.0)), "kp, ki, kd"),
+    ("design_compensation", dict(gains=(1e9, 1.0, 1.0)), "lower", "unstable"),
     ("design_compensation", dict(limit=5.0), "breakaway friction force"),
     ("design_compensation", dict(mismatch=1.0), "below 1"),
     ("design_compensation", dict(correction=math.nan), "finite number"),
@@ -969,12 +1008,27 @@ for _export in ("export_c", "export_fmu"):
         (_export, dict(obj=2.0), "FrictionAxis"),
         (_export, dict(name="2 fast"), "no C identifier"),
         (_export, dict(name="switch"), "taken in C"),
+        (_export, dict(name="dfc_axis"), "taken in C"),
+        (_export, dict(name="na\u00efve"), "no C identifier"),
+        (
+            _export,
+            dict(obj=AXIS.replace(name="2 x")),
+            r"pass name=.* or axis.replace\(name=",
+            "2_x",
+        ),
+        (
+            _export,
+            dict(obj=AXIS.replace(effects=(dfc.effects.InputDelay(30.0),))),
+            "late by",
+            "30 s",
+        ),
     )
 rows(
     ("export_c", dict(precision="half"), "double"),
     ("export_c", dict(folder=3.0), "path"),
     ("export_fmu", dict(version="1.0"), "2.0"),
     ("export_fmu", dict(path="axis.zip"), "ends in .fmu"),
+    ("export_fmu", dict(path="nowhere/axis.fmu"), "make it first", "nowhere"),
     ("export_fmu", dict(path=3.0), "path"),
 )
 
@@ -1049,6 +1103,9 @@ rows(
     ("to_isaac", dict(load=None), "give load"),
     ("to_simscape", dict(result=AXIS.replace(units=("counts", "V"))), "the blocks take", "units"),
     ("motion_profile", dict(points=[0.0, NAN]), "finite"),
+    ("motion_profile", dict(points=[[0.0, 1.0]]), "shape"),
+    ("motion_profile", dict(points=1e12), "units of points", "points"),
+    ("motion_profile", dict(unit="rad", velocity=0.0), "rad/s", "velocity"),
     ("motion_profile", dict(jerk=1e-30), "check the units", "jerk"),
     ("motion_profile", dict(dwell=-1.0), NOT_NEGATIVE),
     ("motion_profile", dict(dwell=[0.0, 0.0, 0.0]), "one each"),
@@ -1082,6 +1139,8 @@ rows(
     ("run_batch", dict(cases=[1.0]), r"dict\(enumerate"),
     ("run_batch", dict(cases={NAN: 1.0}), "finite numbers, text", "cases"),
     ("run_batch", dict(settings=3), "mapping of names"),
+    ("run_batch", dict(settings={"x": X}), "finite numbers", "settings"),
+    ("run_batch", dict(store="nowhere/a.jsonl"), "make it first"),
     ("diagnose_batch", dict(records=3), "mapping of names"),
     ("diagnose_batch", dict(records=[X]), "read_record", r"records\[0\]"),
     ("diagnose_batch", dict(window=60.0), "choose"),
@@ -1134,6 +1193,7 @@ rows(
     ("fit", dict(free=(3,)), "names such as"),
     ("fit", dict(free=3), "names such as"),
     ("fit", dict(free=("spring.mass",)), "it has"),
+    ("fit", dict(free=("cogging",)), "neutral", "cogging"),
     ("fit", dict(free=("coulomb", "coulomb_plus")), "one or the other"),
     ("Fit.bootstrap", dict(repeats=0), "at least 1"),
     ("Fit.plot", dict(ax=3), "2 axes"),
@@ -1159,6 +1219,7 @@ for _name in ("fit", "diagnose"):
     )
 rows(
     ("diagnose", dict(window=0.5), "shorter window"),
+    ("diagnose", dict(record=[]), "at least one", "list of records"),
     ("diagnose", dict(on_update=True), "function of a step"),
     ("next_experiment", dict(rivals=3), "sequence of FrictionAxis"),
     ("next_experiment", dict(rivals=["a"]), "FrictionAxis"),

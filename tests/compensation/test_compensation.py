@@ -503,29 +503,6 @@ def test_a_changed_file_is_refused(comp, tmp_path, name, value, named):
         dfc.load_compensation(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"axis": 1.0}, "axis"),
-        ({"dt": 0.0}, "dt"),
-        ({"encoder_quantum": -1e-6}, "encoder_quantum"),
-        ({"input_delay": np.nan}, "input_delay"),
-        ({"bandwidth": 1e4}, "bandwidth"),
-        ({"law": "magic"}, "law"),
-        ({"gains": (1.0, 2.0)}, "gains"),
-        ({"gains": (0.0, 1.0, 1.0)}, "gains"),
-        ({"limit": 0.0}, "limit"),
-        ({"tolerance": -1.0}, "tolerance"),
-        ({"learning": -1.0}, "learning"),
-        ({"mismatch": 1.0}, "mismatch"),
-        ({"gains": (1e9, 1.0, 1.0)}, "unstable"),
-    ],
-)
-def test_bad_arguments_are_named(change, named):
-    with pytest.raises(ValueError, match=named):
-        dfc.design_compensation(**({"axis": NOMINAL} | change))
-
-
 def test_a_bad_sample_leaves_the_stepper_as_it_was(comp):
     stepper = comp.controller.stepper()
     with pytest.raises(ValueError, match="vref"):

@@ -159,29 +159,7 @@ def test_it_keeps_silent_unless_asked_or_in_a_notebook(capfd, monkeypatch, shell
 # -- bad input ---------------------------------------------------------------------
 
 
-def moving(seconds):
-    t = DT * np.arange(round(seconds / DT))
-    return dfc.Record(t, np.sin(t), 0.1 + 1e-6 * np.round(5e4 * np.sin(9.0 * t)))
-
-
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "options", "message"),
-    [
-        (("axis", moving(5)), {}, "axis must be a FrictionAxis, got 'axis'"),
-        ((AXIS, np.zeros(100)), {}, "record must be a Record .*got a value of type ndarray"),
-        ((AXIS, moving(2)), {}, "record lasts 2 s.*give at least 10 windows"),
-        ((AXIS, moving(5)), {"window": -1.0}, "window must be"),
-        ((AXIS, moving(5)), {"window": "long"}, "window must be"),
-        ((AXIS, moving(5)), {"window": 1e-3}, "window = 0.001 s is 1 samples"),
-        ((AXIS, moving(5)), {"hold": "second"}, 'hold must be "zero" or "first"'),
-    ],
-)
-def test_bad_input_is_refused_by_name(arguments, options, message):
-    with pytest.raises(ValueError, match=message):
-        diagnose(*arguments, **options)
 
 
 def test_a_record_without_motion_is_refused():

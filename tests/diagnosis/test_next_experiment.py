@@ -302,35 +302,3 @@ def test_report_file_and_figure(tmp_path):
     plot = experiment.plot()
     assert isinstance(plot, ct.ControlPlot)
     assert "[m]" in np.ravel(plot.axes)[0].get_ylabel()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"axis": None}, "axis must be a FrictionAxis"),
-        ({"rivals": [1.0]}, "rivals must hold FrictionAxis"),
-        ({"rivals": 3}, "rivals must be a sequence"),
-        ({"record": "run.csv"}, "record must be a Record"),
-        ({"names": ["spring"]}, "names must hold 2"),
-        ({"names": ["spring", "spring"]}, "names must hold 2 different"),
-        ({"limits": (0.0, 1.0)}, "limits must be Limits"),
-    ],
-)
-def test_bad_arguments_are_named(change, message):
-    machine, rival, record, _ = spring_or_gravity()
-    given = {"axis": machine, "rivals": [rival], "record": record} | change
-    with pytest.raises(ValueError, match=message):
-        next_experiment(**given)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"travel": (1.0, 0.0)}, "travel must run from low to high"),
-        ({"drive": 0.0}, "limits.drive"),
-        ({"speed": -1.0}, "limits.speed"),
-    ],
-)
-def test_bad_limits_are_named(change, message):
-    with pytest.raises(ValueError, match=message):
-        Limits(**({"travel": (0.0, 1.0), "drive": 1.0, "speed": 1.0} | change))

@@ -161,22 +161,3 @@ def test_three_wrong_parameters_cost_more_than_one_cause():
     values = (scaled.mass, scaled.viscous, 8.0 / 1.15)
     off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
     assert problem.prior(np.concatenate((off, z[3:]))) > 20.0
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"known": ("masss",)}, "known: 'masss' is no base parameter"),
-        ({"tolerance": {"viscous": -1.0}}, "tolerance"),
-        ({"known": ("mass",), "tolerance": {"mass": 0.1}}, "mass"),
-        ({"time_limit": 0.0}, "time_limit"),
-    ],
-)
-def test_bad_knowledge_is_refused(settings, words):
-    with pytest.raises(ValueError, match=words):
-        dfc.diagnose(AXIS, noisy(AXIS, 5, 1.0), **settings)
-
-
-def test_no_records_are_refused():
-    with pytest.raises(ValueError, match="list of records is empty"):
-        dfc.diagnose(AXIS, [])

@@ -240,29 +240,6 @@ def test_a_law_without_c_is_refused(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"obj": 3}, "obj must be a FrictionAxis"),
-        ({"precision": "half"}, 'precision must be one of "double", "single"'),
-        ({"name": "2fast"}, "is no C identifier"),
-        ({"name": "a-b"}, "is no C identifier"),
-        ({"name": "naïve"}, "is no C identifier"),
-        ({"name": "switch"}, "is taken in C"),
-        ({"name": "dfc_axis"}, "is taken in C"),
-        ({"obj": AXIS.replace(name="2 x axis")}, r"pass name=.* or axis.replace\(name=...\)"),
-        ({"dt": -1.0}, "dt must be"),
-        ({"obj": AXIS.replace(effects=(E.InputDelay(30.0),))}, "the drive is late by 30 s"),
-        ({"folder": None}, "folder must be a path"),
-    ],
-)
-def test_bad_input_is_named_and_nothing_is_written(tmp_path, given, words):
-    arguments = {"obj": AXIS, "folder": tmp_path / "new"} | given
-    with pytest.raises(ValueError, match=words):
-        export_c(**arguments)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_name_for_people_becomes_one_for_c(tmp_path):
     files = export_c(AXIS.replace(name="belt stage (left)"), tmp_path)
     assert files[0].name == "belt_stage_left_.h"

@@ -308,24 +308,6 @@ def test_the_same_object_gives_the_same_token():
     assert Model(made, "3.0").token == Model(made, "3.0").token != Model(made, "2.0").token
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"version": "1.0"}, 'version must be "3.0" or "2.0"'),
-        ({"path": "stage.zip"}, "must be a file that ends in .fmu"),
-        ({"path": "nowhere/stage.fmu"}, "make it first"),
-        ({"path": None}, "path must be a file name"),
-        ({"name": "2 fast"}, "is no C identifier"),
-        ({"obj": "stage"}, "obj must be a FrictionAxis"),
-    ],
-)
-def test_bad_input_is_named_and_nothing_is_written(tmp_path, monkeypatch, given, words):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=words):
-        export_fmu(**({"obj": STAGE, "path": "stage.fmu"} | given))
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_no_compiler_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(ValueError, match="there is no C compiler"):

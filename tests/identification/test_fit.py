@@ -356,33 +356,6 @@ def test_same_seed_same_answer_in_parallel():
     assert runs[0].parameters == runs[1].parameters
 
 
-@pytest.mark.parametrize(
-    ("free", "words"),
-    [
-        (("masse",), "'masse' is no parameter"),
-        ((), "free is empty"),
-        (("mass", "mass"), "more than once"),
-        (("coulomb", "coulomb_plus"), "one or the other"),
-        (("spring.stifness",), "has no parameter 'stifness'"),
-        (("cogging",), "no neutral value"),
-    ],
-)
-def test_bad_names_are_refused(free, words):
-    case = truth.make_null(2, "short")
-    with pytest.raises(ValueError, match=words):
-        fit(axis_of(case), record_of(case), free=free)
-
-
-def test_bad_windows_are_refused():
-    record = record_of(truth.make_null(2, "short"))
-    with pytest.raises(ValueError, match="window"):
-        cut(record, window=2e-3)
-    with pytest.raises(ValueError, match="hold"):
-        cut(record, hold="second")
-    with pytest.raises(ValueError, match="record must be a Record"):
-        cut(np.zeros(10))
-
-
 def test_values_go_in_and_come_out():
     axis = dfc.FrictionAxis(
         mass=1.0, viscous=0.4, coulomb=dfc.CoulombMap([2.0, 1.0], [3.0]), travel=(0.0, 1.0)

@@ -183,36 +183,6 @@ def test_reference_filter_is_a_butterworth_low_pass():
     assert gain[2] == pytest.approx(0.01, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda a: dfc.axis_block(a, 0.0), "dt must be more than zero"),
-        (lambda a: dfc.switched_axis(a, -1.0), "dt"),
-        (lambda a: dfc.supervisor(a, np.nan), "dt must be a finite number"),
-        (lambda a: dfc.encoder(-1e-6, DT), "quantum must be zero or more"),
-        (lambda a: dfc.encoder(1e-6, 0.0), "dt"),
-        (lambda a: dfc.reference_filter(0.0, DT), "bandwidth must be more than zero"),
-        (lambda a: dfc.reference_filter(4000.0, DT), "Nyquist"),
-        (lambda a: dfc.reference_filter(20.0, DT, order=0), "order must be a whole number"),
-        (lambda a: dfc.position_controller(a, 0.0, DT), "bandwidth"),
-        (lambda a: dfc.position_controller(a, 500.0, DT), "too high for dt"),
-        (lambda a: dfc.position_controller(a, 5.0, DT, limit=-1.0), "limit must be more"),
-        (lambda a: dfc.PositionController(1.0, 0.0, 0.0, DT, span=9), "span must be"),
-        (lambda a: dfc.PositionController(-1.0, 0.0, 0.0, DT), "kp must be more"),
-        (lambda a: dfc.PositionController(1.0, 0.0, np.nan, DT), "kd must be a finite"),
-        (
-            lambda a: dfc.simulate_loop(
-                a, dfc.PositionController(1.0, 0.0, 0.0, DT), [0.0] * 5, disturbance=[0.0] * 4
-            ),
-            "disturbance has 4 samples",
-        ),
-    ],
-)
-def test_bad_blocks_are_refused_by_name(axis, call, words):
-    with pytest.raises(ValueError, match=words):
-        call(axis)
-
-
 def test_parameters_that_change_nothing_are_refused(axis):
     """Also through a system all of whose parts have none; those of a user's own part pass."""
     t, block = np.arange(5) * DT, dfc.axis_block(axis, DT)

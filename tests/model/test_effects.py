@@ -349,45 +349,6 @@ def test_every_effect_tells_what_it_is():
         assert len(fields(cls)) >= 1
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: dfc.effects.Spring(-1.0), "spring.stiffness must lie between 0 and inf N/m"),
-        (lambda: dfc.effects.Spring(math.nan), "spring.stiffness must be a finite number"),
-        (lambda: dfc.effects.Cogging(1.0, 0.0), "cogging.period"),
-        (lambda: dfc.effects.InputDelay(-1e-3), "input_delay.delay"),
-        (lambda: dfc.effects.register_effect(type("A", (dfc.effects.Effect,), {})), "slug must be"),
-        (
-            lambda: dfc.effects.register_effect(type("A", (dfc.effects.Effect,), {"slug": "a"})),
-            "action must be",
-        ),
-        (
-            lambda: dfc.effects.register_effect(
-                type("A", (dfc.effects.Effect,), {"slug": "a", "action": "force"})
-            ),
-            "needs a static method law",
-        ),
-        (
-            lambda: dfc.effects.register_effect(
-                type("A", (dfc.effects.Effect,), {"slug": "a", "action": "axis"})
-            ),
-            "needs a method alter",
-        ),
-        (lambda: dfc.effects.Inertia(0.0), "inertia.factor must lie between 1e-09 and inf"),
-        (lambda: dfc.effects.StribeckPeak(0.3, 0.0), "stribeck.speed must lie between"),
-        (
-            lambda: dfc.effects.register_effect(
-                type("A", (dfc.effects.Effect,), {"slug": "spring", "action": "delay"})
-            ),
-            "belongs to Spring",
-        ),
-    ],
-)
-def test_bad_effects_are_refused_by_name(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()
-
-
 def test_limits_and_dead_zones_within_noise_are_none():
     rng = np.random.default_rng(3)
     u = 10.0 * np.sin(np.arange(5000) * 1e-2)

@@ -478,22 +478,6 @@ def test_simulate_is_the_same_run_behind_one_interface(law):
 # --- the door -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("law", "arguments", "name"),
-    [
-        (Tanh, {"speed": 0.0}, "speed"),
-        (Karnopp, {"band": -1e-3}, "band"),
-        (Dahl, {"stiffness": math.inf}, "stiffness"),
-        (LuGre, {"stiffness": 1e4, "damping": math.nan}, "damping"),
-        (LuGre, {"stiffness": "stiff", "damping": 1.0}, "stiffness"),
-        (Sign, {"tolerance": 0.0}, "tolerance"),
-    ],
-)
-def test_bad_parameters_are_refused_by_name(law, arguments, name):
-    with pytest.raises(ValueError, match=f"{law.__name__}.{name} must be"):
-        law(**arguments)
-
-
 @each_law
 def test_laws_are_immutable(law):
     with pytest.raises(dataclasses.FrozenInstanceError):

@@ -126,21 +126,6 @@ def test_a_pendulum_has_the_closed_loop_poles_it_was_given():
     assert np.max(np.abs(np.abs(poles) - np.exp(-10.0 * DT))) > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("at", "message"),
-    [
-        (0.1, r"at must be \(position, velocity\)"),
-        ((0.1, 0.2, 3.0, 4.0), r"at must be \(position, velocity\)"),
-        (("here", 0.1), r"at\[0\] must be a number"),
-        ((0.0, float("nan")), r"at\[1\] must be a finite number"),
-        ((0.0, -0.1), r"at\[1\] = -0\.1 moves against mode \+1"),
-    ],
-)
-def test_bad_points_are_named(at, message):
-    with pytest.raises(ValueError, match=message):
-        dfc.FrictionAxis(**STAGE).mode_ss(1, at=at)
-
-
 LATE = {
     "a delay of whole samples": (fx.InputDelay(delay=5e-3),),
     "a delay of part of a sample": (fx.InputDelay(delay=0.4e-3),),

@@ -111,10 +111,3 @@ def test_it_draws_in_axes_given():
     assert isinstance(drawn, ct.ControlPlot)
     assert drawn.figure is figure and np.ravel(drawn.axes)[0] is ax
     assert plt.get_fignums() == [figure.number]
-
-
-def test_wrong_arguments_are_named():
-    with pytest.raises(ValueError, match="axis must be a FrictionAxis, got float"):
-        dfc.plot_state_machine(8.0)
-    with pytest.raises(ValueError, match="ax must hold 1 axes"):
-        dfc.plot_state_machine(an_axis(), ax=plt.subplots(2)[1])

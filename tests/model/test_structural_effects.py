@@ -468,36 +468,6 @@ def test_the_first_window_settles_under_its_load(effects, u):
 # --- refusals -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: dfc.effects.Presliding(0.0), "presliding.distance must lie between"),
-        (lambda: dfc.effects.Presliding(math.nan), "presliding.distance must be a finite number"),
-        (lambda: dfc.effects.Backlash(0.0, 0.5), "backlash.gap must lie between"),
-        (lambda: dfc.effects.Backlash(-1e-4, 0.5), "backlash.gap must lie between"),
-        (lambda: dfc.effects.Backlash(1e-4, 0.0), "backlash.load_fraction must lie between"),
-        (lambda: dfc.effects.Backlash(1e-4, 1.0), "backlash.load_fraction must lie between"),
-        (lambda: dfc.effects.Compliance(0.0, 1.0, 0.5), "compliance.stiffness must lie between"),
-        (lambda: dfc.effects.Compliance(1e4, -1.0, 0.5), "compliance.damping must lie between"),
-        (
-            lambda: dfc.effects.Compliance(1e4, 1.0, 1.5),
-            "compliance.load_fraction must lie between",
-        ),
-        (lambda: axis_with(BACKLASH, COMPLIANCE), r"more than one transmission \(backlash, comp"),
-        (lambda: axis_with(PRESLIDING, PRESLIDING), "more than one contact"),
-        (
-            lambda: axis_with(PRESLIDING).simulate([1.0, 1.0], DT, law=dfc.laws.Sign()),
-            "has no place for the effect 'presliding'",
-        ),
-        (lambda: dfc.switched_axis(axis_with(BACKLASH), DT), "take axis_block"),
-        (lambda: dfc.supervisor(axis_with(COMPLIANCE), DT), "take axis_block"),
-    ],
-)
-def test_bad_use_is_refused_by_name(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()
-
-
 def test_without_a_coulomb_level_there_is_no_contact():
     u = shaken(200)
     one = axis_with(PRESLIDING, coulomb=0.0).simulate(u, DT)

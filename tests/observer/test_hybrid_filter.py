@@ -448,25 +448,6 @@ def test_any_signals_leave_it_finite(seed, drive, reading, quantum, dt, walk):
     assert np.isfinite(estimate.log_likelihood).all()
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"dt": 0.0}, "dt must be more than zero"),
-        ({"encoder_quantum": 0.0}, "encoder_quantum must be more than zero"),
-        ({"excess": -1.0}, "excess must be more than zero"),
-        ({"excess_speed": 0.0}, "excess_speed must be more than zero"),
-        ({"level_walk": -0.1}, "level_walk must be zero or more"),
-        ({"force_noise": 0.0}, "force_noise must be more than zero"),
-        ({"mass_error": "much"}, "mass_error must be a number"),
-        ({"axis": 3}, "axis must be a FrictionAxis"),
-        ({"axis": stage(coulomb=0.0)}, "axis has no Coulomb friction"),
-    ],
-)
-def test_bad_arguments_are_named(changes, message):
-    with pytest.raises(ValueError, match=message):
-        dfc.hybrid_filter(**({"axis": stage()} | changes))
-
-
 def test_bad_samples_leave_the_stepper_as_it_was():
     stepper = dfc.hybrid_filter(stage()).stepper()
     twin = stepper.filter.stepper()

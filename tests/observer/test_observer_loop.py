@@ -20,7 +20,6 @@ from dryfric_control.observer import (
     observe,
     observed_loop,
     score_estimate,
-    simulate_observed_loop,
     switch_delays,
 )
 from dryfric_control.observer.baselines import FilteredDifference, OneModeObserver
@@ -345,27 +344,11 @@ def test_results_show_themselves(run, design):
 # --- borders --------------------------------------------------------------------------
 
 
-def test_sampling_times_must_agree(design):
-    controller = presets.clutch_controller(2e-3)
-    axis = presets.clutch_actuator()
-    with pytest.raises(ValueError, match=r"controller.dt = 0.002 s and design.dt = 0.001 s"):
-        simulate_observed_loop(axis, controller, design, [0.0, 1.0])
-    with pytest.raises(ValueError, match=r"controller.dt"):
-        observed_loop(axis, controller, design)
-    with pytest.raises(ValueError, match=r"controller.dt"):
-        monte_carlo(design, controller, [0.0, 1.0], quantum=1.0, stribeck_speed=1.0)
-
-
 def test_divergence_is_counted():
     rows = np.full((4, 5), 0.01)
     rows[1, 0], rows[2, 0] = np.nan, 1e4
     found = MonteCarlo((), {"one": rows}, "inc", 100.0)
     assert found.diverged == {"one": 2}
-
-
-def test_monte_carlo_refuses_no_runs(design):
-    with pytest.raises(ValueError, match="runs must be a whole number of at least 1, got 0"):
-        presets.clutch_monte_carlo(design, runs=0)
 
 
 def test_monte_carlo_takes_estimators_of_ones_own(design):

@@ -343,23 +343,6 @@ def test_inputs_are_left_alone(clutch):
     np.testing.assert_array_equal(y, kept[1])
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"u": [0.0, 1.0]}, "u has 2 samples and y 3"),
-        ({"y": [0.0, np.nan, 0.0]}, "y holds 1 value"),
-        ({"switching": "printed"}, "switching must be one of reading, paper, filippov"),
-        ({"encoder_quantum": -1.0}, "encoder_quantum must be zero or more"),
-        ({"xhat0": np.inf}, "xhat0 must be a finite number"),
-        ({"vhat0": "fast"}, "vhat0 must be a number"),
-    ],
-)
-def test_bad_input_is_refused(clutch, change, text):
-    arguments = {"u": [0.0] * 3, "y": [0.0] * 3} | change
-    with pytest.raises(ValueError, match=text):
-        observe(clutch[0], arguments.pop("u"), arguments.pop("y"), **arguments)
-
-
 def test_stepper_refuses_what_is_no_number_and_stays_as_it_was(clutch):
     design, u, y = clutch
     first, second = ObserverStepper(design), ObserverStepper(design)

@@ -509,20 +509,6 @@ def test_decimals_make_a_quantum():
     assert dfc.Record(T, U, np.sin(11 * T) + 3.0 * np.sin(40 * T)).quantum is None
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"u": U > 0}, "u holds true and false"),
-        ({"x": X > 0}, "x holds true and false"),
-        ({"quantum": 1e50}, r"quantum = 1e\+50 is larger than the range of x"),
-        ({"unwrap": 1e-9}, "unwrap = 1e-09 is shorter than twice most steps of x"),
-    ],
-)
-def test_what_cannot_be_is_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        dfc.Record(**({"t": T, "u": U, "x": X} | changes))
-
-
 def test_a_gain_makes_no_numbers_of_true_and_false():
     with pytest.raises(ValueError, match="u holds true and false"):
         dfc.read_record({"t": T, "u": U > 0, "x": X}, gain=2.0)

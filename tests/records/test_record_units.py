@@ -157,29 +157,6 @@ def test_every_channel_has_a_gain():
     assert record.units["x"] == "m" and record.raw["x"] == ("counts", 1e-6)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"gain": {"y": 1.0}}, "'y' is no channel"),
-        ({"gain": {"reference": 1.0}}, "takes the gain of x"),
-        ({"gain": {"x": 0.0}}, r"gain\['x'\] must be finite and not zero"),
-        ({"gain": {"x": math.nan}}, r"gain\['x'\] must be a finite number"),
-        ({"gear_ratio": 0.0}, "gear_ratio must be more than zero"),
-        ({"counts_per_turn": -4096}, "counts_per_turn must be more than zero"),
-        ({"load_encoder": 1}, "load_encoder must be True or False"),
-        ({"torque_constant": 1.0, "force_constant": 1.0}, "both given"),
-    ],
-)
-def test_a_bad_scaling_is_told(options, message):
-    with pytest.raises(ValueError, match=message):
-        dfc.Scaling(**options)
-
-
-def test_a_gain_for_a_channel_that_is_not_there_is_told():
-    with pytest.raises(ValueError, match="has no channel 'v'; it has t, u, x"):
-        dfc.read_record({"t": T, "u": U, "x": X}, gain={"v": 2.0})
-
-
 # -- records and axes ------------------------------------------------------------------------------
 
 LOOP = dfc.PositionController.from_bandwidth(AXIS, 20.0, dt=1e-3)

@@ -127,31 +127,6 @@ def test_other_files_are_refused_and_left_alone(tmp_path, content, words):
     assert store.read_bytes() == content and function.seen == []
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (dict(function=3), "function must be callable"),
-        (dict(cases=[1.0]), r"cases must be a mapping.*dict\(enumerate"),
-        (dict(cases={object(): 1.0}), "cases must be finite numbers, text"),
-        (dict(cases={math.nan: 1.0}), "cases must be finite numbers.*nan"),
-        (dict(settings=3), "settings must be a mapping"),
-        (dict(settings={"x": np.zeros(2)}), "settings must be finite numbers"),
-        (dict(jobs=0), "jobs must be a whole number other than 0"),
-        (dict(jobs=1.5), "jobs must be"),
-        (dict(store=3), "store must be the path of a file"),
-        (dict(store="."), "is a folder: name a file in it"),
-        (dict(store="nowhere/a.jsonl"), "does not exist: make it first"),
-    ],
-)
-def test_bad_arguments_are_told_before_any_work(tmp_path, monkeypatch, options, words):
-    monkeypatch.chdir(tmp_path)
-    function = Counted()
-    arguments = dict(function=function, cases=CASES, store="store.jsonl", progress=False) | options
-    with pytest.raises(ValueError, match=words):
-        dfc.run_batch(**arguments)
-    assert function.seen == [] and list(tmp_path.iterdir()) == []
-
-
 def test_a_result_that_json_cannot_hold_is_told():
     with pytest.raises(ValueError, match='numbers, text, lists or dicts, got ndarray for case "a"'):
         dfc.run_batch(np.atleast_1d, {"a": 1.0}, progress=False)
@@ -472,19 +447,3 @@ def test_records_in_a_list_are_numbered(bench, monkeypatch):
     monkeypatch.setattr(module, "_found", lambda *given: given[-1][1][0].t[-1])
     found = dfc.diagnose_batch(axis, [*records.values()], progress=False)
     assert found == {i: record.t[-1] for i, record in enumerate(records.values())}
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (dict(axis=3), "axis must be a FrictionAxis"),
-        (dict(records=3), "records must be a mapping"),
-        (dict(records=[3]), r"records\[0\] must be a Record"),
-        (dict(window=9.0), "window = 9 s"),
-        (dict(hold="second"), '"zero" or "first"'),
-    ],
-)
-def test_bad_batches_of_records_are_told(bench, options, words):
-    axis, records = bench
-    with pytest.raises(ValueError, match=words):
-        dfc.diagnose_batch(**dict(axis=axis, records=records, progress=False) | options)

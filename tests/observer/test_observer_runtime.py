@@ -16,7 +16,6 @@ from dryfric_control import presets
 from dryfric_control.observer import (
     ObserverStepper,
     design_pi_observer,
-    load_design,
     observe,
     pi_observer,
 )
@@ -193,13 +192,6 @@ def test_faces_agree_with_delay_lag_and_input_effects():
     assert block.nstates > pi_observer(design_pi_observer(axis(), DT)).nstates
     run = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
     assert np.abs(run.outputs - whole.y).max() < 1e-9
-
-
-def test_a_design_read_back_observes_the_same(tmp_path, clutch):
-    design, u, y = clutch
-    design.save(tmp_path / "observer.json")
-    again = load_design(tmp_path / "observer.json")
-    np.testing.assert_array_equal(observe(again, u, y).y, observe(design, u, y).y)
 
 
 # --- closed forms ---------------------------------------------------------------------

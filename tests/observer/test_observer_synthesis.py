@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import json
 
 import numpy as np
 import pytest
-from dryfric_control.effects import Spring
 
 from dryfric_control import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.observer import design_pi_observer, load_design
+from dryfric_control.observer import design_pi_observer
 from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices
 from dryfric_control.observer.memory import allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.scaling import Scales, scales_of
@@ -363,47 +361,6 @@ def test_a_decay_that_no_gain_reaches_is_refused():
 def test_an_axis_without_coulomb_friction_needs_an_uncertainty():
     with pytest.raises(ValueError, match="uncertainty has no default"):
         design_pi_observer(reference_axis(coulomb=0.0), DT)
-
-
-def test_saved_design_comes_back_bit_by_bit(tmp_path):
-    axis = reference_axis(
-        effects=(Spring(stiffness=20.0),), travel=(0.0, 1.0), coulomb=CoulombMap([8.0, 0.1], 7.0)
-    )
-    design = design_pi_observer(axis, DT, method="path", window=2, encoder_quantum=1e-6)
-    file = tmp_path / "observer.json"
-    design.save(file)
-    again = load_design(file)
-    for name in ("node_gains", "state_scale", "lyapunov", "lyapunov_decay"):
-        assert np.array_equal(getattr(again, name), getattr(design, name))
-    assert again.axis == design.axis
-    assert again.certificate == design.certificate
-    assert again.summary() == design.summary()
-    assert [path.name for path in tmp_path.iterdir()] == ["observer.json"]
-
-
-def test_damaged_and_foreign_files_are_refused(tmp_path):
-    file = tmp_path / "observer.json"
-    design_pi_observer(reference_axis(), DT).save(file)
-    text = file.read_text()
-    good = json.loads(text)
-
-    def refused(content, words):
-        file.write_text(content)
-        with pytest.raises(ValueError, match=words):
-            load_design(file)
-
-    refused(text[: len(text) // 2], "damaged: not readable")
-    refused("[1, 2]", "no observer design")
-    refused(json.dumps(good | {"format": "other"}), "no observer design")
-    refused(json.dumps(good | {"version": 3}), "version 3")
-    refused(json.dumps(good | {"form": "filtered"}), "form must be one of")
-    # the same gains in the other form prove something else
-    refused(json.dumps(good | {"form": "prediction"}), "condition fails|does not decrease")
-    refused(json.dumps({k: v for k, v in good.items() if k != "gamma"}), "damaged.*gamma")
-    refused(json.dumps(good | {"node_gains": [[1.0, 2.0]]}), "node_gains")
-    refused(json.dumps(good | {"gamma": "large"}), "damaged")
-    gains = [[value * 1.5 for value in row] for row in good["node_gains"]]
-    refused(json.dumps(good | {"node_gains": gains}), "condition fails")
 
 
 def test_a_design_equals_itself_and_may_be_a_key():

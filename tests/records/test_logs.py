@@ -43,6 +43,13 @@ def same(record):
 
 #: Headings of a log, separated by ";", and those taken as t, u, x and the reference.
 HEADINGS = {
+    "commanded current": ("t;i_cmd;x", "t i_cmd x"),
+    "measured and commanded torque": ("time;torque_act;q_meas;q_des;tau_cmd",
+                                      "time torque_act q_meas q_des"),
+    "the commanded position is no input": ("t;u;x;position_command", "t u x position_command"),
+    "counts beside a position": ("t;u;pos_act;pos_cmd;encoder", "t u pos_act pos_cmd"),
+    "behind the name a unit": ("t_s;i_cmd_A;pos_act_m;pos_cmd_m;i_meas_foo",
+                               "t_s i_cmd_A pos_act_m pos_cmd_m"),
     "Franka": ("time;q;dq;tau_J", "time tau_J q"),
     "Franka, commanded too": ("time;q;q_d;dq;tau_J;tau_J_d", "time tau_J q q_d"),
     "a joint by number": ("time;q3;dq3;q3_tau_J", "time q3_tau_J q3"),
@@ -140,6 +147,7 @@ def test_headings_of_logs_are_recognised(case):
         ("t;q1;q2;tau1;tau2", "'tau1', 'tau2' could each be u; say which.*or one joint: joint="),
         ("t;force;torque;x", "'force', 'torque' could each be u; say which: columns=.*"),
         ("t;u;imu.gyro.x", "no column recognised as x"),
+        ("t;iq;tau;x", "could each be u"),
         ("t;tau_m;x", "no column recognised as u"),
         ("t;load (5);x", "no column recognised as u"),
         ("t;u;motor_position", "no column recognised as x"),

@@ -61,50 +61,11 @@ def test_what_programs_write_is_read(tmp_path, case):
     same(dfc.read_record(write(tmp_path, TEXTS[case])))
 
 
-# Headings of time, input and position, and of what else there is, as drives and loggers write them.
-HEADINGS = {
-    "commanded current": "t,i_cmd,x",
-    "current of a servo drive": "Time,iq,theta",
-    "the measured current goes first": "t,current,pos_act,pos_cmd,i_cmd",
-    "measured and commanded current": "t,iq_meas,actual_position,target_position,iq_ref",
-    "measured and commanded torque": "time,torque_act,q_meas,q_des,tau_cmd",
-    "torque alone": "time,tau,q",
-    "commanded torque": "t,torque_cmd,enc",
-    "voltage": "t,u_cmd,angle",
-    "CiA 402": "t,Torque actual value,Position actual value,Position demand value,Target torque",
-    "camel case": "time,TorqueFeedback,ActualPosition,PositionCommand,TorqueCommand",
-    "the commanded position is no input": "t,u,x,position_command",
-    "encoder counts beside a position": "t,u,pos_act,pos_cmd,encoder",
-    "behind the name a unit": "t_s,i_cmd_A,pos_act_m,pos_cmd_m,i_meas_foo",
-}
-
-
-@pytest.mark.parametrize("case", HEADINGS)
-def test_usual_headings_are_recognised(case):
-    headings = HEADINGS[case].split(",")
-    values = [T, U, X, X + 1e-3, U + 1.0]
-    record = dfc.read_record(dict(zip(headings, values, strict=False)))
-    same(record)
-    assert (record.reference is None) == (len(headings) < 4)
-
-
-@pytest.mark.parametrize("headings", ["t,i_cmd,torque_cmd,x", "t,iq,tau,x"])
-def test_headings_that_could_both_be_the_input_are_refused(headings):
-    with pytest.raises(ValueError, match="could each be u; say which"):
-        dfc.read_record(dict(zip(headings.split(","), [T, U, U, X], strict=True)))
-
-
 def test_of_two_commanded_positions_none_is_the_reference(tmp_path):
     table = "t,u,x,target_position,position_demand\n" + rows(T, U, X, X, X)
     record = dfc.read_record(write(tmp_path, table))
     assert record.reference is None
     assert record.notes == ("left out: 'target_position', 'position_demand'",)
-
-
-def test_a_motor_torque_is_no_angle_in_metres():
-    """tau_m was split as a torque in metres, once tau was known."""
-    with pytest.raises(ValueError, match="no column recognised as u; available: .*'tau_m'"):
-        dfc.read_record({"t": T, "tau_m": U, "x": X})
 
 
 def test_a_row_of_units_is_used(tmp_path):
@@ -166,16 +127,6 @@ def test_one_channel_per_file(tmp_path):
         dfc.read_record({"u": paired["u"], "x": late})
     with pytest.raises(ValueError, match="has 3 numbers; a file of one channel"):
         dfc.read_record({"t": T, "u": U, "x": write(tmp_path, rows(T, U, X), "three.t")})
-
-
-def test_a_gap_may_be_filled_as_advised(tmp_path):
-    keep = (T < 0.1) | (T > 0.12)
-    path = write(tmp_path, "t,u,x\n" + rows(T[keep], U[keep], X[keep]))
-    with pytest.raises(ValueError, match="max_gap="):
-        dfc.read_record(path, dt=1e-3)
-    assert len(dfc.read_record(path, dt=1e-3, max_gap=0.05)) == N
-    with pytest.raises(ValueError, match="give dt= too"):
-        dfc.read_record(path, max_gap=0.05)
 
 
 def test_gzip(tmp_path):

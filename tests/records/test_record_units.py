@@ -55,11 +55,6 @@ def test_an_unknown_unit_is_never_taken_with_factor_1(role, unit):
                         ) if role != "reference" else si_unit(role, unit)  # fmt: skip
 
 
-def test_a_slip_of_case_is_told():
-    with pytest.raises(ValueError, match="Did you mean 'mm'"):
-        dfc.read_record({"t": T, "u": U, "x [MM]": X})
-
-
 @pytest.mark.parametrize(("role", "unit"), [("x", "N"), ("u", "mm"), ("u", "rad"), ("v", "m")])
 def test_a_unit_of_another_quantity_is_refused(role, unit):
     with pytest.raises(ValueError, match=f"{role} cannot be in '{unit}', a unit of"):

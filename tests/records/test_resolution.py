@@ -39,13 +39,6 @@ def test_an_axis_that_stands_still_may_be_read():
     assert np.ptp(still.x) <= 2e-3
 
 
-def test_a_path_that_is_none_is_refused():
-    with pytest.raises(ValueError, match=r"positions has 3 samples but the record has 2000"):
-        record().read(np.zeros(3), np.random.default_rng(0))
-    with pytest.raises(ValueError, match=r"positions has .* not finite"):
-        record().read(np.full(T.size, np.nan), np.random.default_rng(0))
-
-
 @pytest.mark.parametrize("path", [np.r_[:2000] % 500 * 1.0, np.full(2000, np.inf)])
 def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
     """The record was blamed: "the encoder wraps around", "x has values that are not finite"."""

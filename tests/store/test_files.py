@@ -177,6 +177,9 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("axis", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
         (("dt",), 0.0, "dt must be more than zero"),
         (("dt",), 1.0, "changed: the gain condition fails"),
+        # the same gains in the other form prove something else
+        (("form",), "prediction", "condition fails|does not decrease"),
+        (("form",), "filtered", "form must be one of"),
         (("decay",), 1.5, "decay must be at most 1"),
         (("noise",), -1e-6, "noise must be zero or more"),
         (("encoder_quantum",), -1e-6, "encoder_quantum must be zero or more"),

@@ -1,7 +1,11 @@
 """What holds for every test and every example of a docstring."""
 
+import os
 from collections import Counter
 from collections.abc import Iterator
+
+# Before numpy is loaded: workers that share the cores would each wait for the threads of BLAS.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 

@@ -960,12 +960,7 @@ rows(
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
     ("design_pi_observer", dict(coulomb="8"), "level"),
     ("design_pi_observer", dict(coulomb=-8.0), "magnitude"),
-    (
-        "design_pi_observer",
-        dict(integral_modes=(0, 2)),
-        r"must be 0, \+1 or -1",
-        "mode",
-    ),
+    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0, \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
     (
@@ -1106,9 +1101,7 @@ for _method in ("mode_matrices", "error_dynamics"):
         (f"ObserverDesign.{_method}", dict(mode=2), r"0, \+1 or -1"),
         (f"ObserverDesign.{_method}", dict(mode=None), r"0, \+1"),
     )
-rows(
-    ("observe", dict(u=[0.0]), "one of each", "u"),
-)
+rows(("observe", dict(u=[0.0]), "one of each", "u"))
 for _loop in ("observed_loop", "simulate_observed_loop"):
     rows(
         (_loop, dict(bandwidth=9000.0), "lower it"),
@@ -1232,9 +1225,7 @@ rows(
     ("Experiment.to_csv", {}, "read its description", "no reference"),
     ("Experiment.plot", dict(ax=3), "2 axes"),
 )
-rows(
-    ("presets.clutch_monte_carlo", dict(runs=0), "at least 1"),
-)
+rows(("presets.clutch_monte_carlo", dict(runs=0), "at least 1"))
 
 
 # ---------------------------------------- arguments that mean the same everywhere
@@ -1290,9 +1281,7 @@ rows(
 )
 for _name in ("FrictionAxis.simulate", "Law", "observe"):
     rows(*((_name, dict(u=bad), mend) for bad, mend in SAMPLES))
-rows(
-    *(("observe", dict(y=bad), mend) for bad, mend in SAMPLES),
-)
+rows(*(("observe", dict(y=bad), mend) for bad, mend in SAMPLES))
 
 
 # -------------------------------------------------------------------- tests
@@ -1423,10 +1412,7 @@ SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
     "time in us": (lambda: dfc.Record(1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
     "input clipped": (lambda: dfc.Record(T, CLIPPED, X), "clipped.*force that acted"),
     "glitch": (lambda: dfc.Record(T, U, JUMP), "masked: 1 jump"),
-    "irregular time in ms": (
-        lambda: dfc.Record.from_irregular(1e3 * T, U, X),
-        "milliseconds",
-    ),
+    "irregular time in ms": (lambda: dfc.Record.from_irregular(1e3 * T, U, X), "milliseconds"),
     "mapping, time in ms": (
         lambda: dfc.read_record({"t": 1e3 * T, "u": U, "x": X}),
         "milliseconds",

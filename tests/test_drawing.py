@@ -52,10 +52,7 @@ def plots():
             what: (lambda what=what, **k: run.plot(what=what, **k), 1 if what == "maps" else 2)
             for what in ("maps", "position", "speed", "friction", "mode")
         },
-        "monte_carlo": (
-            presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot,
-            4,
-        ),
+        "monte_carlo": (presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot, 4),
     }
 
 

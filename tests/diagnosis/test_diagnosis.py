@@ -171,10 +171,7 @@ def test_a_record_without_motion_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hidden", "seed", "alternatives"),
-    [("coulomb", 1, ())],
-)
+@pytest.mark.parametrize(("hidden", "seed", "alternatives"), [("coulomb", 1, ())])
 def test_what_does_the_same_as_one_wrong_base_parameter_is_stated(hidden, seed, alternatives):
     case = make_case(hidden, seed, "short")
     found = diagnose(believed(case), record(case), jobs=1)

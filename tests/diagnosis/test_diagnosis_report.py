@@ -315,10 +315,7 @@ def test_force_residual_is_behind_the_drive_and_before_the_encoder(effects, smoo
 
 @pytest.mark.parametrize(
     "effect",
-    [
-        dfc.effects.Backlash(gap=1e-3, load_fraction=0.5),
-        dfc.effects.Presliding(distance=5e-5),
-    ],
+    [dfc.effects.Backlash(gap=1e-3, load_fraction=0.5), dfc.effects.Presliding(distance=5e-5)],
     ids=lambda effect: effect.slug,
 )
 def test_what_is_no_force_is_left_out_and_said_so(effect, smoothed_away, found):

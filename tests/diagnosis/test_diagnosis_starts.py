@@ -32,10 +32,7 @@ def test_the_run_before_tells_for_how_long_an_axis_has_been_at_rest(seed):
 
 @pytest.mark.parametrize(
     ("slug", "effect", "seed"),
-    [
-        ("compliance", dfc.effects.Compliance, 2),
-        ("presliding", dfc.effects.Presliding, 3),
-    ],
+    [("compliance", dfc.effects.Compliance, 2), ("presliding", dfc.effects.Presliding, 3)],
 )
 def test_what_moves_elastically_has_rested_all_the_while(slug, effect, seed):
     # The readings move; told by them alone, eight and sixteen windows of eighty come out wrong.

@@ -129,7 +129,7 @@ def test_a_model_behind_a_straight_line_explains_nothing():
     ("slug", "condition", "seed"),
     [
         # The drive crosses its dead zone where the samples on which causes are compared are not.
-        ("dead_zone", "10-bit", 2),
+        ("dead_zone", "10-bit", 2)
     ],
 )
 def test_a_cause_that_acts_rarely_is_named(slug, condition, seed):

@@ -30,11 +30,7 @@ def test_both_causes_of_a_pair_are_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("effects", "seed", "condition"),
-    [
-        (("input_gain",), 7, "exact"),
-        (("input_gain",), 4, "short"),
-    ],
+    ("effects", "seed", "condition"), [(("input_gain",), 7, "exact"), (("input_gain",), 4, "short")]
 )
 def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
     # The very same machine; one cause is plainer than three.

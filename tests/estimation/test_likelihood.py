@@ -15,10 +15,7 @@ from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.estimation.force_view import ForceView, prepare_force
-from dryfric_control.estimation.likelihood import (
-    Likelihood,
-    prepare,
-)
+from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import _inverse
 from dryfric_control.model.effects.naming import class_of

@@ -330,8 +330,11 @@ def designed(method, spec, units=Units()):
     )
 
 
-@pytest.mark.parametrize("spec", SPECS)
-@pytest.mark.parametrize("method", ["paper", "slack", "path", "dwell"])
+@pytest.mark.parametrize(
+    ("method", "spec"),
+    [*((method, "amplitudes") for method in ("paper", "slack", "path", "dwell")),
+     ("slack", "sensor"), ("path", "nothing")],
+)  # fmt: skip
 @pytest.mark.parametrize("units", ABROAD)
 def test_synthesis(method, spec, units):
     old, new = designed(method, spec), designed(method, spec, units)

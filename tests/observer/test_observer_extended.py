@@ -16,7 +16,6 @@ from dryfric_control.observer import (
     design_pi_observer,
     load_design,
     observe,
-    observed_loop,
     pi_observer,
     simulate_observed_loop,
 )
@@ -211,21 +210,6 @@ def test_faces_agree_with_every_effect(rule):
     assert np.abs((there.outputs - whole.y) / scale).max() < 1e-9
     assert np.abs((steps - whole.y) / scale).max() < 1e-9
     assert set(np.unique(whole.mode)) == {-1, 0, 1}
-
-
-def test_closed_loop_of_blocks_agrees_with_the_compiled_one():
-    plant = axis(
-        *TOGETHER, dfc.effects.InputGain(gain=0.9), dfc.effects.ActuatorLag(time_constant=4e-3)
-    )
-    controller = dfc.PositionController.from_bandwidth(axis(), 15.0, DT, limit=60.0)
-    design = design_of(plant)
-    reference = np.repeat([0.0, 0.1, -0.1], 300)
-    run = simulate_observed_loop(plant, controller, design, reference, quantum=QUANTUM)
-    loop = observed_loop(plant, controller, design, quantum=QUANTUM)
-    there = ct.input_output_response(loop, DT * np.arange(900), reference, np.zeros(loop.nstates))
-    for name, row in zip(("xhat", "vhat", "Fhat", "what", "mode_hat"), run.estimate.y, strict=True):
-        outputs = there.outputs[loop.find_output(name)]
-        assert np.abs(outputs - row).max() <= 1e-9 * max(np.abs(row).max(), 1e-12), name
 
 
 def test_a_design_with_effects_survives_storage_and_check(tmp_path):

@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control import presets
-from dryfric_control.observer import (
-    ObserverStepper,
-    design_pi_observer,
-    observe,
-    pi_observer,
-)
+from dryfric_control.observer import ObserverStepper, design_pi_observer, observe
 
 matplotlib.use("Agg")
 
@@ -161,39 +156,6 @@ def test_observer_is_the_textbook_version(rule, vhat0, options):
 # --- one kernel, three faces ----------------------------------------------------------
 
 
-@each_rule
-def test_block_record_and_stepper_agree(clutch, rule):
-    design, u, y = clutch
-    whole = observe(design, u, y, xhat0=1000.0, switching=rule, encoder_quantum=1.0)
-    block = pi_observer(design, switching=rule, encoder_quantum=1.0)
-    start = np.zeros(block.nstates)
-    start[0] = 1000.0
-    run = ct.input_output_response(block, whole.t, np.vstack([u, y]), start)
-    observer = ObserverStepper(design, xhat0=1000.0, switching=rule, encoder_quantum=1.0)
-    steps = np.array([observer.step(a, b) for a, b in zip(u, y, strict=True)]).T
-    # The same compiled functions: nothing but their order in memory differs.
-    scale = np.abs(whole.y).max(axis=1, keepdims=True)
-    assert np.abs((run.outputs - whole.y) / scale).max() < 1e-9
-    assert np.abs((steps - whole.y) / scale).max() < 1e-9
-
-
-def test_faces_agree_with_delay_lag_and_input_effects():
-    effects = (
-        dfc.effects.InputDelay(delay=2.6e-3),
-        dfc.effects.ActuatorLag(time_constant=4e-3),
-        dfc.effects.InputGain(gain=0.9),
-        dfc.effects.Spring(stiffness=20.0),
-    )
-    plant = axis(effects=effects)
-    u, y, _ = record(plant, n=1500)
-    design = design_pi_observer(plant, DT, encoder_quantum=1e-5)
-    whole = observe(design, u, y, xhat0=0.0)
-    block = pi_observer(design)
-    assert block.nstates > pi_observer(design_pi_observer(axis(), DT)).nstates
-    run = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
-    assert np.abs(run.outputs - whole.y).max() < 1e-9
-
-
 # --- closed forms ---------------------------------------------------------------------
 
 
@@ -235,37 +197,6 @@ def test_stuck_friction_is_the_net_force():
 
 
 # --- effects --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [
-        dfc.effects.Spring(stiffness=60.0),
-        dfc.effects.BiasForce(force=3.0),
-        dfc.effects.Cogging(amplitude=3.0, period=0.02),
-        dfc.effects.InputGain(gain=0.7),
-        dfc.effects.DeadZone(width=3.0),
-        dfc.effects.InputDelay(delay=12.3e-3),
-        dfc.effects.ActuatorLag(time_constant=12e-3),
-        dfc.effects.QuadraticDrag(drag=60.0),
-        dfc.effects.LoadDependence(coefficient=0.4),
-        dfc.effects.TimePeriodic(amplitude=3.0, frequency=9.0),
-    ],
-    ids=lambda effect: effect.slug,
-)
-def test_an_effect_the_observer_knows_helps(effect):
-    """The drive's own reversals keep a wrong force from being learned away."""
-    plant = axis(effects=(effect,))
-    u, _, run = record(plant)
-    late = slice(500, None)
-
-    def friction_error(own):
-        design = design_pi_observer(own, DT, discretization="zoh", encoder_quantum=1e-6)
-        estimate = observe(design, u, run.y[0], encoder_quantum=1e-6)
-        slip = run.mode[late] != 0
-        return np.mean(np.abs(estimate.y[2, late] - run.y[2, late])[slip])
-
-    assert friction_error(plant) < 0.35 * friction_error(plant.replace(effects=()))
 
 
 # --- the mode -------------------------------------------------------------------------

@@ -132,19 +132,6 @@ def test_response_is_a_time_response_of_python_control():
     assert list(frame.columns) == ["time", "u", "x", "v", "F", "mode"]
 
 
-def test_stepper_walks_the_same_path_as_simulate():
-    rng = np.random.default_rng(3)
-    u = 12.0 * rng.standard_normal(500)
-    axis = plain(viscous=5.0, effects=(dfc.effects.Spring(100.0), dfc.effects.InputDelay(2.5e-3)))
-    resp = axis.simulate(u, DT, x0=0.01, v0=0.1)
-    plant = axis.stepper(DT, x0=0.01, v0=0.1)
-    for k in range(499):
-        assert (plant.x, plant.v) == (resp.y[0, k], resp.y[1, k])
-        plant.step(u[k])
-    assert plant.time == pytest.approx(499 * DT)
-    assert plant.mode in (0, 1, -1)
-
-
 def test_stuck_position_does_not_drift():
     axis = plain(stick_speed=1e-3)
     rng = np.random.default_rng(0)

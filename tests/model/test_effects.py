@@ -1,7 +1,7 @@
 """Every effect against its equation, integrated by someone else."""
 
 import math
-from dataclasses import dataclass, fields, make_dataclass
+from dataclasses import fields, make_dataclass
 
 import numpy as np
 import pytest
@@ -158,17 +158,6 @@ def test_asymmetry_along_the_travel_is_that_of_two_levels():
     assert set(one.mode) == {0.0, 1.0, -1.0}
 
 
-def test_coulomb_asymmetry_shifts_each_direction():
-    axis = axis_with(dfc.effects.CoulombAsymmetry(1.25))
-    for s in (1.0, -1.0):
-        resp = axis.simulate([0.0, 0.0], DT, v0=s)
-        assert resp.y[2, 0] == pytest.approx(s * (COULOMB + 1.25 * s), rel=1e-15)
-        hold = axis.simulate([s * (COULOMB + 1.25 * s) * 0.999] * 3, DT)
-        assert hold.mode[-1] == 0
-        go = axis.simulate([s * (COULOMB + 1.25 * s) * 1.001] * 3, DT)
-        assert go.mode[-1] == s
-
-
 def test_spring_alone_swings_at_its_frequency():
     axis = dfc.FrictionAxis(
         mass=2.0, viscous=0.0, coulomb=0.0, effects=(dfc.effects.Spring(200.0),)
@@ -267,28 +256,6 @@ def test_axis_effects_are_parameters_of_a_fit():
     assert values_of(moved, names).tolist() == [1.0, 0.3]
     after = with_values(moved, names, [1.2, 0.4]).effective()
     assert (after.mass, after.stribeck) == (1.2 * MASS, dfc.Stribeck(0.4, 0.02))
-
-
-def test_user_effect_runs_like_a_built_in_one():
-    @dfc.effects.register_effect
-    @dataclass(frozen=True)
-    class Magnet(dfc.effects.Effect):
-        strength: float = dfc.effects.parameter("N m^2", "pull", bounds=(0.0, 10.0))
-        slug = "test_magnet"
-        action = "force"
-
-        @staticmethod
-        def law(t, x, v, u, level, direction, rest, p):
-            return p[0] / (0.2 + x) ** 2
-
-    try:
-        resp = axis_with(Magnet(0.1)).simulate(np.full(201, 9.0), DT, x0=0.01, v0=0.5)
-        _, v = slide(lambda t: 9.0, lambda t, x, v: 0.1 / (0.2 + x) ** 2)
-        np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
-        with pytest.raises(ValueError, match="test_magnet.strength must lie between 0 and 10"):
-            Magnet(11.0)
-    finally:
-        REGISTRY.pop("test_magnet", None)
 
 
 def declared(count, law, shared=False):

@@ -64,17 +64,6 @@ def test_a_sample_of_the_simulation_has_these_slopes(name, side):
     assert np.max(np.abs(got - expected) / scale) < 0.02 * np.max(left_out)
 
 
-@each_case
-def test_slopes_of_the_acceleration(name):
-    """python-control's own linearisation of the mode, at a step it needs chosen."""
-    axis = made(name)
-    x, v, u = 0.0135, 0.03, 25.0
-    linear = axis.mode_ss(1, at=(x, v, u))
-    expected = ct.linearize(axis.mode(1), [x, v], [u], eps=1e-6)
-    np.testing.assert_allclose(linear.A, expected.A, rtol=2e-3, atol=2e-3)
-    np.testing.assert_allclose(linear.B, expected.B, rtol=2e-3, atol=1e-6)
-
-
 def test_closed_forms():
     x, v = 0.7, 0.2
     pendulum = made("gravity").mode_ss(1, at=(x, v))

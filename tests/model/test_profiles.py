@@ -80,11 +80,6 @@ def test_another_sampling_time_is_refused():
         dfc.simulate_loop(axis, loop, move)
 
 
-def test_plot_returns_a_control_plot():
-    move = dfc.motion_profile(0.1, 1e-3, velocity=0.2, acceleration=2.0, jerk=40.0)
-    assert move.plot().axes.shape == (3, 1)
-
-
 def test_a_rotary_motion_is_shown_in_radians():
     move = dfc.motion_profile(1.0, 1e-3, velocity=2.0, acceleration=10.0, jerk=200.0, unit="rad")
     assert "to 1 rad, at most 2 rad/s and 10 rad/s^2" in repr(move)

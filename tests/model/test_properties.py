@@ -99,24 +99,3 @@ def test_switching_is_well_posed(case):
             assert resp.events.time[k + 1] >= math.floor(
                 resp.events.time[k] / DT + 1e-9
             ) * DT + DT * (1.0 - 1e-9) or math.isclose(resp.events.time[k] % DT, DT, rel_tol=1e-9)
-
-
-@settings(max_examples=60)
-@given(cases(), st.floats(-6, 6), st.floats(-6, 6))
-def test_units_of_force_and_length_do_not_matter(case, force_power, length_power):
-    axis, u, v0, hold = case
-    # Powers of two scale without round-off, so the runs must agree exactly.
-    force, length = 2.0 ** round(3 * force_power), 2.0 ** round(3 * length_power)
-    scaled = dfc.FrictionAxis(
-        mass=axis.mass * force / length,
-        viscous=axis.viscous * force / length,
-        coulomb=axis.coulomb.scaled(force),
-        stribeck=axis.stribeck and dfc.Stribeck(axis.stribeck.excess, axis.stribeck.speed * length),
-        stick_speed=axis.stick_speed * length,
-        stick_rate=axis.stick_rate,
-    )
-    one = axis.simulate(u, DT, v0=v0, hold=hold)
-    other = scaled.simulate(u * force, DT, v0=v0 * length, hold=hold)
-    np.testing.assert_array_equal(other.y[3], one.y[3])
-    np.testing.assert_allclose(other.y[0] / length, one.y[0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(other.y[1] / length, one.y[1], rtol=1e-9, atol=1e-12)

@@ -332,49 +332,12 @@ def test_free_run_agrees_with_the_truth(slug, parameters, n, finer, stiffer, tol
 # --- properties -----------------------------------------------------------------------
 
 
-def scaled(effect, length, force):
-    units = {"m": length, "N/m": force / length, "N s/m": force / length, "1": 1.0}
-    kinds = effect.parameters()
-    return type(effect)(
-        **{name: getattr(effect, name) * units[kinds[name]["unit"]] for name in kinds}
-    )
-
-
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_units_do_not_matter(effects):
-    length, force = 1e3, 1e-2
-    u = shaken(1500)
-    one = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02)).simulate(u, DT)
-    axis = dfc.FrictionAxis(
-        mass=MASS * force / length,
-        viscous=6.0 * force / length,
-        coulomb=COULOMB * force,
-        stribeck=dfc.Stribeck(0.3, 0.02 * length),
-        stick_speed=1e-4 * length,
-        effects=tuple(scaled(effect, length, force) for effect in effects),
-    )
-    other = axis.simulate(u * force, DT)
-    assert np.array_equal(one.mode, other.mode)
-    # Round-off alone, raised by the turns of 1.5 s.
-    np.testing.assert_allclose(other.y[0] / length, one.y[0], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(other.y[2] / force, one.y[2], rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
 def test_directions_are_alike(effects):
     u = shaken(1500)
     axis = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02))
     one, other = axis.simulate(u, DT), axis.simulate(-u, DT)
     np.testing.assert_allclose(other.y[:3], -one.y[:3], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_finer_samples_of_the_same_input_change_nothing(effects):
-    u = shaken(1000)
-    axis = rich_axis(*effects, dfc.effects.Spring(30.0), dfc.effects.QuadraticDrag(2.0))
-    one = axis.simulate(u, DT).y[0]
-    other = axis.simulate(np.repeat(u, 5), DT / 5).y[0, ::5]
-    assert np.abs(one - other).max() < 1e-8
 
 
 MORE = (
@@ -403,19 +366,6 @@ def test_all_faces_of_the_axis_agree(effects, more):
     for k in range(200):
         plant.step(float(u[k]))
     assert plant.x == pytest.approx(resp.y[0, 200], rel=1e-12)
-
-
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_closed_loop_by_interconnect_is_the_compiled_loop(effects):
-    axis = rich_axis(*effects)
-    loop = dfc.PositionController(kp=900.0, ki=0.0, kd=60.0, dt=DT)
-    reference = 0.05 * np.sign(np.sin(np.arange(600) * 2e-2))
-    resp = dfc.simulate_loop(axis, loop, reference, quantum=1e-6)
-    parts = [loop.block(), dfc.axis_block(axis, DT), dfc.encoder(1e-6, DT)]
-    outputs = ["x", "v", "F", "mode", "u", "y"]
-    system = ct.interconnect(parts, inputs=["xref"], outputs=outputs)
-    block = ct.input_output_response(system, resp.t, reference)
-    np.testing.assert_allclose(block.outputs, resp.y, rtol=1e-9, atol=1e-12)
 
 
 # --- windows --------------------------------------------------------------------------
@@ -484,22 +434,6 @@ def test_a_compliance_with_hardly_any_load_is_an_elastic_contact(share):
     contact = rigid.replace(effects=(dfc.effects.Presliding(distance=8.0 / 4e4),))
     x, y, z = (a.simulate(u, dt=1e-3).y[0] for a in (soft, contact, rigid))
     assert np.max(np.abs(x - y)) < 0.15 * np.max(np.abs(z - y))
-
-
-@pytest.mark.parametrize("part", [0.0, 0.3])
-def test_the_impact_of_a_play_is_the_one_that_is_written_down(part):
-    """Half a play under 5 N on 1 kg ends at 0.1 m/s; friction takes its part of the impulse."""
-    effects = (
-        dfc.effects.Backlash(gap=2e-3, load_fraction=0.5),
-        *([dfc.effects.LoadDependence(coefficient=part)] if part else []),
-    )
-    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=1e-3, effects=effects)
-    v = axis.simulate(np.full(2200, 5.0), dt=1e-5).y[1]
-    met = int(np.argmin(np.diff(v)))
-    assert v[met] == pytest.approx(np.sqrt(2.0 * 5.0 * 1e-3), rel=1e-3)
-    motor = 1.0 - part
-    # A sample of 1e-5 s changes the velocity by at most 5e-5 m/s.
-    assert v[met + 1] == pytest.approx(motor * 0.1 / (motor + 1.0), abs=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -118,19 +118,6 @@ def test_gains_and_numbers_of_the_machine(run, tmp_path):
         run(text, "--gain", "u=two")
 
 
-def test_a_bad_table_of_the_machine_is_told(run, tmp_path, capsys):
-    (tmp_path / "axis.toml").write_text(AXIS + "[record]\ncounts_per_trun = 4096\n")
-    assert run(table("t;u;x", (T, X, X))) is None
-    assert "record.counts_per_trun is not known. Did you mean 'counts_per_turn'?" in (
-        capsys.readouterr().err
-    )
-
-
-def test_units_that_are_not_the_axis_s_are_refused(run, capsys):
-    assert run(table("t;u;x [counts]", (T, X, np.round(1e5 * X)))) is None
-    assert "run.csv: x is in 'counts', the axis has 'm'" in capsys.readouterr().err
-
-
 def test_units_that_a_file_does_not_state_are_printed(run, capsys):
     run(table("t;u;x", (T, X, X)))
     assert (
@@ -219,9 +206,10 @@ def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
         ("dt = 0.0", "axis.toml: record.dt must be more than zero"),
         ('max_gap = "5 ms"', "axis.toml: record.max_gap must be a number"),
         ("max_gpa = 0.02", "Did you mean 'max_gap'?"),
+        ("counts_per_trun = 4096", "record.counts_per_trun is not known. Did you mean 'counts_per"),
     ],
 )
-def test_a_bad_sampling_in_the_axis_file_is_told(run, tmp_path, capsys, line, words):
+def test_a_bad_number_of_the_record_in_the_axis_file_is_told(run, tmp_path, capsys, line, words):
     (tmp_path / "axis.toml").write_text(f"{AXIS}[record]\n{line}\n")
     assert run(table("t;u;x", (T, X, X))) is None
     assert words in capsys.readouterr().err
@@ -303,6 +291,8 @@ def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option,
         (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows, or give --dt"),
         (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; give --dt"),
         (table("t;u1;u2;x1;x2", (T, X, X, X, X)), "say which: --columns u=..., or one joint: --joint"),
+        (table("t;u;x [counts]", (T, X, np.round(1e5 * X))), "run.csv: x is in 'counts', the axis has 'm'"),
+        ("t,u,x\n0,1,2\n0.001,abc,2\n", "row 3"),
         (table("t;u [N m];x [rad]", (T, X, X)), 'with units = ["rad", "N m"] in its file'),
         (table("t;u [N];x [rad]", (T, X, X)), "--gain x=... [m per rad] and --units x=m"),
     ],

@@ -1,7 +1,6 @@
 """The command line: the demo runs, and tells bad input in one line."""
 
 import json
-import re
 import warnings
 from pathlib import Path
 
@@ -73,25 +72,6 @@ def test_demo_recovers_the_mass_of_the_emps_record():
     assert summary["parameters"]["mass"] == pytest.approx(95.1, rel=0.03)
     assert summary["held_out_closed_loop"]["relative_force"] < 0.1
     assert "held_out_closed_loop" in figures
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (None, "no file|does not exist|No such file|not found"),
-        ("", "empty"),
-        ("t,u,x\n0,1,2\n0.001,abc,2\n", "row|line"),
-    ],
-)
-def test_bad_record_is_told_in_one_line_and_nothing_is_written(tmp_path, capsys, content, words):
-    record = tmp_path / "run.csv"
-    if content is not None:
-        record.write_text(content)
-    assert main(["demo", "--out", str(tmp_path / "out"), "--record", str(record)]) == 2
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-    assert re.search(words, message), message
 
 
 def test_version_is_the_package_s(capsys):

@@ -4,14 +4,12 @@
 """
 
 import sys
-from contextlib import contextmanager
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_cases import believed, causes, foreign, named_right, parameter_errors, record
+from diagnosis_cases import among, believed, causes, foreign, record
 from truth import make_case, make_null
 
 import dryfric_control as dfc
@@ -20,30 +18,10 @@ from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1e-3
 
-# Effects hidden in one record each: seed 0, 6 s.
-HIDDEN = ("inertia", "bias_force", "spring", "quadratic_drag", ())
-
 
 @cache
 def case_of(slug):
     return make_case(slug, 0, "short")
-
-
-@cache
-def answer(slug):
-    case = case_of(slug)
-    return diagnose(believed(case), record(case), jobs=1)
-
-
-def passes(case, found):
-    """The blind test itself: cause, verdict and parameters."""
-    if not case.truth:
-        return not causes(found) and found.verdict == "nothing to find"
-    if not named_right([*case.truth], case.twins, causes(found)):
-        return False
-    errors = parameter_errors(case, found).values()
-    # The bar that the benchmark sets for the median; a twin has other parameters.
-    return found.verdict == "explained" and (not errors or bool(np.median([*errors]) < 0.15))
 
 
 @pytest.mark.slow
@@ -59,74 +37,31 @@ def test_slightly_wrong_parameters_are_mended_and_nothing_else_is_accused():
 # -- the blind test would catch a diagnosis that cheats -----------------------------
 
 
-@pytest.mark.slow
-def test_a_constant_answer_fails_the_blind_test():
-    """Whatever the constant is, it passes on records of its own cause alone."""
-    for slug in HIDDEN:
-        constant = answer(slug)
-        for other in HIDDEN:
-            case = case_of(other)
-            twins = {twin for all_ in case.twins.values() for twin in all_}
-            assert passes(case, constant) is (other == slug or slug in twins)
+# -- what must not matter -----------------------------------------------------------
 
 
-@contextmanager
-def registry(order):
-    """The same effects, registered in another order."""
-    before = dict(REGISTRY)
-    try:
-        REGISTRY.clear()
-        REGISTRY.update((slug, before[slug]) for slug in order)
-        yield
-    finally:
-        REGISTRY.clear()
-        REGISTRY.update(before)
+RIVALS = ("bias_force", "coulomb_asymmetry", "spring", "quadratic_drag", "stribeck", "input_gain")
 
 
-def lies(slug, other):
-    """The same record under a false name, and the believed axis too."""
+@cache
+def answer(slug):
     case = case_of(slug)
-    told = dfc.Record(case.t, case.u, case.x, name=other)
-    return believed(case).replace(name=other), told
-
-
-def first_registered(axis, measured, **options):
-    """An impostor: names the first effect of the registry that is no base value."""
-    found = answer("bias_force")
-    slug = foreign([*REGISTRY])[0]
-    return replace(found, causes=(replace(found.causes[0], effect=slug),))
-
-
-def by_name(axis, measured, **options):
-    """An impostor: repeats what the record is called."""
-    found = answer("bias_force")
-    return replace(found, causes=(replace(found.causes[0], effect=measured.name or axis.name),))
-
-
-def looks_at_names(candidate):
-    """Whether the answer changes when only names and their order do."""
-    right = answer("bias_force")
-    axis, told = lies("bias_force", "spring")
-    with registry(sorted(REGISTRY)[::-1]):
-        found = candidate(axis, told, jobs=1)
-    if causes(found) != causes(right):
-        return True
-    # The order in which candidates are fitted leaves no trace in the numbers.
-    return found.causes[0].parameters != right.causes[0].parameters
+    with among(*RIVALS):
+        return diagnose(believed(case), record(case), jobs=1)
 
 
 @pytest.mark.slow
 def test_the_answer_hangs_on_no_name_and_no_order():
-    assert not looks_at_names(diagnose)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("impostor", [first_registered, by_name])
-def test_a_diagnosis_that_looks_at_names_is_caught(impostor):
-    assert looks_at_names(impostor)
-
-
-# -- what must not matter -----------------------------------------------------------
+    case = case_of("bias_force")
+    right = diagnose(believed(case), record(case), jobs=1)
+    told = dfc.Record(case.t, case.u, case.x, name="spring")
+    classes = dict(REGISTRY)
+    REGISTRY.clear()  # until the end of the test
+    REGISTRY.update((slug, classes[slug]) for slug in sorted(classes)[::-1])
+    found = diagnose(believed(case).replace(name="spring"), told, jobs=1)
+    assert causes(found) == causes(right) == ["bias_force"]
+    # The order in which candidates are fitted leaves no trace in the numbers.
+    assert found.causes[0].parameters == right.causes[0].parameters
 
 
 @pytest.mark.slow
@@ -134,12 +69,11 @@ def test_a_diagnosis_that_looks_at_names_is_caught(impostor):
 def test_two_calls_agree_and_so_do_one_and_two_jobs(slug, jobs):
     case, first = case_of(slug), answer(slug)
     axis, measured = believed(case), record(case)
-    arrays = [a.copy() for a in (measured.t, measured.u, measured.x)]
-    known = dict(REGISTRY)
-    assert diagnose(axis, measured, jobs=jobs).to_json() == first.to_json()
-    for now, before in zip((measured.t, measured.u, measured.x), arrays, strict=True):
-        np.testing.assert_array_equal(now, before)
-    assert axis == believed(case) and known == REGISTRY
+    with among(*RIVALS):
+        known = dict(REGISTRY)
+        assert diagnose(axis, measured, jobs=jobs).to_json() == first.to_json()
+        assert known == REGISTRY
+    assert axis == believed(case)
 
 
 @pytest.mark.slow
@@ -151,7 +85,8 @@ def test_it_keeps_silent_unless_asked_or_in_a_notebook(capfd, monkeypatch, shell
     module = SimpleNamespace(get_ipython=lambda: shell if shell == "running" else None)
     monkeypatch.setitem(sys.modules, "IPython", module if shell else None)
     case = case_of(())
-    diagnose(believed(case), record(case), jobs=1, progress=progress)
+    with among("bias_force"):
+        diagnose(believed(case), record(case), jobs=1, progress=progress)
     told = capfd.readouterr()
     assert told.out == "" and bool(told.err) == ("diagnose" in told.err) == shown
 

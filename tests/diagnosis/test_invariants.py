@@ -1,4 +1,4 @@
-"""What an answer must keep, whatever the units, the nominal values and the number of samples."""
+"""What an answer must keep, whatever the nominal values and the number of samples."""
 
 from functools import cache
 
@@ -42,27 +42,13 @@ def main(found):
     return sorted(c.effect for c in found.main_causes if c.effect not in base)
 
 
-def in_other_units(case, force, length):
-    """Axis and record with other units of force and length."""
-    axis = believed(case)
-    peak = axis.stribeck and dfc.Stribeck(axis.stribeck.excess, axis.stribeck.speed * length)
-    scaled = axis.replace(
-        mass=axis.mass * force / length, viscous=axis.viscous * force / length,
-        coulomb=case.believed["coulomb"] * force, stribeck=peak,
-        stick_speed=axis.stick_speed * length, travel=tuple(length * x for x in axis.travel),
-    )  # fmt: skip
-    return scaled, dfc.Record(case.t, force * case.u, length * case.x)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", HIDDEN, ids=str)
-@pytest.mark.parametrize("change", ["mN and um", "nominal", "sample"])
+@pytest.mark.parametrize("change", ["nominal", "sample"])
 def test_the_same_main_causes(slug, change):
     case = case_of(slug)
     axis, measured = believed(case), record(case)
-    if change == "mN and um":
-        axis, measured = in_other_units(case, 1e3, 1e6)
-    elif change == "nominal":
+    if change == "nominal":
         axis = axis.replace(mass=1.1 * axis.mass, viscous=0.9 * axis.viscous)
     else:
         measured = dfc.Record(case.t[:-1], case.u[:-1], case.x[:-1])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import truth
 
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
@@ -16,9 +17,6 @@ from dryfric_control.identification import FitWarning, fit, replay, replay_loop
 from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.records import Record, read_record
 from dryfric_control.records.motion import directions
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import truth
 
 EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not at hand")
@@ -42,7 +40,7 @@ def record_of(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_base_parameters_of_an_independent_bench(seed):
     case = truth.make_null(seed)
     found = fit(axis_of(case, mass=1.3, viscous=0.6, coulomb=1.4), record_of(case))
@@ -95,24 +93,6 @@ def test_input_delay_is_found():
     found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "input_delay"))
     # A fiftieth of a sample.
     assert found.parameters["input_delay.delay"] == pytest.approx(3.4e-3, abs=2e-5)
-
-
-@pytest.mark.slow
-def test_standard_errors_are_of_the_size_of_the_errors():
-    scores = []
-    rng = np.random.default_rng(7)
-    for seed in range(10):
-        case = truth.make_null(seed, "short")
-        # Noise far above what the generator's own time steps leave.
-        noisy = case.x + 20e-6 * rng.standard_normal(case.x.size)
-        record = Record(case.t, case.u, noisy, quantum=0.0)
-        found = fit(axis_of(case, mass=1.1), record, starts=1)
-        scores += [
-            (found.parameters[n] - case.actual[n]) / found.standard_errors[n]
-            for n in ("mass", "viscous", "coulomb")
-        ]
-    # 30 scores in correlated triples: the RMS of honest ones lies within these.
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 2.0
 
 
 def cogged(seed, share):
@@ -340,15 +320,6 @@ def test_several_records_are_fitted_together():
     assert len(both.training) == 2
 
 
-def test_inputs_stay_unchanged():
-    case = truth.make_null(2, "short")
-    axis, record = axis_of(case, mass=1.2), record_of(case)
-    before = axis.mass, record.u.copy(), record.x.copy()
-    fit(axis, record, starts=1)
-    assert axis.mass == before[0]
-    assert np.array_equal(record.u, before[1]) and np.array_equal(record.x, before[2])
-
-
 def test_same_seed_same_answer_in_parallel():
     case = truth.make_null(2, "short")
     axis, record = axis_of(case, mass=1.2), record_of(case)
@@ -464,39 +435,6 @@ def test_a_replay_of_several_records_is_refused_with_the_loop_that_does_it():
     loop = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=1e-3)
     with pytest.raises(ValueError, match=r"in a tuple.*dfc.replay_loop\(axis, one, controller\)"):
         replay_loop(axis, tuple(records), loop)
-
-
-def test_replay_loop_needs_its_reference():
-    case = truth.make_null(0, "short")
-    record = Record(case.t, case.u, case.x)
-    loop = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=1e-3)
-    with pytest.raises(ValueError, match="no reference"):
-        replay_loop(axis_of(case), record, loop)
-    other = dfc.PositionController(kp=1.0, ki=0.0, kd=0.0, dt=2e-3)
-    with pytest.raises(ValueError, match="must agree"):
-        replay_loop(axis_of(case), record_of(case), other)
-
-
-def test_results_show_themselves():
-    import json
-
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    case = truth.make_null(2, "short")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        found = fit(axis_of(case), record_of(case), starts=1)
-    assert "mass" in found.summary() and "<table>" in found._repr_html_()
-    json.dumps(found.to_dict())
-    plot = found.plot()
-    assert plot.axes.ravel()[0].get_xlabel() == "velocity [m/s]"
-    assert len(plot.lines.ravel()[0]) >= 3
-    axes = found.training[0].plot().axes.ravel()
-    assert axes[-1].get_xlabel() == "Time [s]"
-    plt.close("all")
 
 
 PENDULUM = EMPS.parents[1] / "bam_xl330"

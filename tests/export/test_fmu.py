@@ -188,7 +188,7 @@ def test_parameters_are_those_of_the_axis(stages, tmp_path):
 
 EFFECTS = (
     E.Inertia(0.5), E.ViscousFriction(3.0), E.CoulombFriction(1.0), E.StribeckPeak(0.4, 3e-3),
-    E.InputDelay(2.3e-3), E.ActuatorLag(3e-3), E.InputGain(1.1), E.DeadZone(0.5), E.Saturation(9.0),
+    E.InputDelay(2.3e-3), E.ActuatorLag(3e-3), E.InputGain(1.1), E.DeadZone(0.5), E.Saturation(25.0),
     E.Presliding(2e-5), E.Backlash(1e-4, 0.4), E.LoadEncoderBacklash(1e-4, 0.4),
     E.Compliance(1e5, 10.0, 0.4), E.EccentricEncoder(1e-4, 0.01, 0.5), E.BiasForce(1.0),
     E.ViscousAsymmetry(2.0), E.QuadraticDrag(5.0), E.Spring(100.0, 0.01), E.Gravity(2.0, 0.5),
@@ -209,31 +209,40 @@ def test_every_effect_is_exported_here():
     assert own == {effect.slug for effect in EFFECTS}
 
 
-@pytest.mark.parametrize("effect", [
-    pytest.param(e, id=e.slug, marks=[] if e.action in ("reading", "transmission") else pytest.mark.slow)
+#: Alone, as there is one of them, or as the shortest length of several is built in.
+ALONE = [
+    e
     for e in EFFECTS
-])  # fmt: skip
-def test_every_effect_acts_as_in_simulate(tmp_path, effect):
-    u, start = np.append(np.zeros(100), np.linspace(0.0, 12.0, 200)), {"x0": 0.02, "v0": -0.03}
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=4.0, effects=(effect,), name="stage")
+    if e.action in ("reading", "transmission", "contact", "delay", "lag")
+    or np.isfinite(min(e.shortest_length, e.shortest_time))
+]
+GROUPS = [tuple(e for e in EFFECTS if e not in ALONE), *((e,) for e in ALONE)]
+
+
+@pytest.mark.parametrize("effects", GROUPS, ids=lambda effects: effects[0].slug)
+def test_every_effect_acts_as_in_simulate(tmp_path, effects):
+    u, start = np.append(np.zeros(100), np.linspace(0.0, 30.0, 200)), {"x0": 0.02, "v0": -0.03}
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=4.0, effects=effects, name="stage")
     expected = axis.simulate(u, DT, **start)
     assert np.ptp(expected.y[0]) > 1e-4
     out, _ = native.Native(axis, tmp_path, dt=DT).run(u, starts=[0.02, -0.03])
     assert native.ulps(out, expected.y) == 0
     unit = Unit(export_fmu(axis, tmp_path / "stage.fmu", dt=DT), tmp_path / "unit", start)
     assert np.abs(run(unit, u) - expected.y).max() < 1e-9
-    # Its parameters act, each that is offered.
-    offered = {p for p in type(effect).parameters() if f"{effect.slug}_{p}" in unit.references}
-    if effect.action != "axis":
-        assert offered == set(type(effect).parameters()) - BUILT_IN.get(effect.slug, set())
-    for name in offered:
-        moved = dataclasses.replace(effect, **{name: 1.3 * getattr(effect, name)})
-        unit.fmu.reset()
-        unit.values = start | {f"{effect.slug}_{name}": getattr(moved, name)}
-        unit.begin()
-        other = axis.replace(effects=(moved,)).simulate(u, DT, **start).y
-        assert not np.array_equal(other, expected.y)
-        assert np.abs(run(unit, u) - other).max() < 1e-9
+    # Their parameters act, each that is offered.
+    for effect in effects:
+        offered = {p for p in type(effect).parameters() if f"{effect.slug}_{p}" in unit.references}
+        if effect.action != "axis":
+            assert offered == set(type(effect).parameters()) - BUILT_IN.get(effect.slug, set())
+        for name in offered:
+            moved = dataclasses.replace(effect, **{name: 1.3 * getattr(effect, name)})
+            unit.fmu.reset()
+            unit.values = start | {f"{effect.slug}_{name}": getattr(moved, name)}
+            unit.begin()
+            changed = tuple(moved if e is effect else e for e in effects)
+            other = axis.replace(effects=changed).simulate(u, DT, **start).y
+            assert not np.array_equal(other, expected.y), f"{effect.slug}.{name}"
+            assert np.abs(run(unit, u) - other).max() < 1e-9
 
 
 def test_what_is_out_of_range_is_refused(stages, tmp_path):
@@ -243,21 +252,6 @@ def test_what_is_out_of_range_is_refused(stages, tmp_path):
             unit.set(**wrong)
     with pytest.raises(FMICallException):
         unit.step(0.0, -1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("structure", range(len(native._STRUCTURES)))
-def test_plants_with_inner_states_and_delay(tmp_path, structure):
-    effects = (*native._STRUCTURES[structure](np.random.default_rng(1)), E.InputDelay(1.4e-3))
-    axis = STAGE.replace(effects=effects)
-    unit = Unit(export_fmu(axis, tmp_path / "a.fmu"), tmp_path / "a")
-    assert np.abs(run(unit, U[:400]) - axis.simulate(U[:400], DT).y).max() < 1e-9
-    with pytest.raises(FMICallException):
-        unit.step(400 * DT, 0.5 * DT)
-    mass = STAGE.replace(effects=effects, mass=1.7)
-    if "mass" in unit.references:
-        other = Unit(export_fmu(axis, tmp_path / "a.fmu"), tmp_path / "b", {"mass": 1.7})
-        assert np.abs(run(other, U[:400]) - mass.simulate(U[:400], DT).y).max() < 1e-9
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -242,12 +242,6 @@ def test_presliding_against_backlash_and_compliance():
     assert set(experiment.separates) == {"backlash", "compliance"}
 
 
-def test_the_same_question_has_the_same_answer():
-    machine, rival, record, limits = gain_or_load()
-    first, second = (next_experiment(machine, [rival], record, limits=limits) for _ in range(2))
-    assert first.to_dict() == second.to_dict()
-
-
 def test_a_single_cause_needs_no_experiment():
     machine, _, record, _ = delay_or_lag()
     assert next_experiment(machine, [], record) is None
@@ -273,14 +267,6 @@ def test_a_hypothesis_with_which_the_loop_runs_away_is_no_error(monkeypatch):
 
     monkeypatch.setattr("dryfric_control.diagnosis.simulated_trial.simulate", runs_away)
     assert next_experiment(machine, [rival], record, limits=limits).tried == {}
-
-
-def test_it_does_not_change_its_arguments():
-    machine, rival, record, _ = spring_or_gravity()
-    before = record.u.copy(), record.x.copy()
-    next_experiment(machine, [rival], record)
-    np.testing.assert_array_equal(record.u, before[0])
-    np.testing.assert_array_equal(record.x, before[1])
 
 
 def test_report_file_and_figure(tmp_path):

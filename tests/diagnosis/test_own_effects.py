@@ -112,10 +112,3 @@ def test_an_effect_that_is_not_linear_in_its_parameters_is_found_from_any_start(
     assert causes(found) == ["brake"], str(found)
     assert found.causes[0].parameters["force"] == pytest.approx(3.0, rel=0.02)
     assert found.causes[0].parameters["speed"] == pytest.approx(0.12, rel=0.02)
-
-
-SECONDS = 12
-
-
-def by_heart_law(t, x, v, u, level, direction, rest, p):
-    return p[min(int(t), SECONDS - 1)]

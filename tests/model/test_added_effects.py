@@ -1,18 +1,15 @@
 """Effects of the catalogue that came later, against the independent truth."""
 
-import dataclasses
 import math
 
 import control as ct
 import numpy as np
 import pytest
-from diagnosis_cases import believed, record
+from diagnosis_cases import believed
 from truth import make_case, open_loop
 from truth.plant import _read
 
 import dryfric_control as dfc
-from dryfric_control.estimation.parameters import choose, typical
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
 
 DT = 1e-3
 fx = dfc.effects
@@ -52,25 +49,6 @@ def test_a_run_is_that_of_the_truth(slug):
         # hundredths of a play of 1 mm.
         assert error < (2e-5 if case.plant.gap else 1e-5)
         assert np.abs(without.y[0] - readings).max() > 40.0 * error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("slug", ADDED)
-def test_fitted_and_stored(slug, tmp_path):
-    case, axis = hidden(slug)
-    measured = record(case)
-    name, value = next(iter(case.truth[slug].items()))
-    off = dataclasses.replace(axis.effects[0], **{name: 0.8 * value})
-    found = dfc.fit(axis.replace(effects=(off,)), measured, free=(f"{slug}.{name}",))
-    assert found.parameters[f"{slug}.{name}"] == pytest.approx(value, rel=0.03)
-    # A fit adds it, from nothing.
-    if slug != "load_encoder_backlash":  # but for a play, which has no neutral width
-        bare = choose(believed(case), (slug,), typical([measured]))[0]
-        assert [effect.slug for effect in bare.effects] == [slug]
-    dfc.write_axis(axis, tmp_path / "axis.toml")
-    assert dfc.read_axis(tmp_path / "axis.toml") == axis
-    assert axis_from_dict(axis_to_dict(axis)) == axis
-    assert slug in axis.describe()
 
 
 def test_every_face_reads_alike():

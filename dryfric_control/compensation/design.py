@@ -11,6 +11,7 @@ from typing import Any
 
 import control as ct
 import numpy as np
+from numpy.typing import NDArray
 
 from dryfric_control.checks import finite, increment, instance, positive
 from dryfric_control.compensation import tuning as tuned
@@ -27,20 +28,15 @@ from dryfric_control.drawing import legend_above, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
-from dryfric_control.observer.design import ObserverDesign, design_data, design_pi_observer
+from dryfric_control.observer.design import SAVED as OBSERVER_SAVED
+from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.own_axis import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
-from dryfric_control.store.axis_file import axis_to_dict
-from dryfric_control.store.files import write_document
-from dryfric_control.text import Result, length_text, plain_data, prefixed, typeset
+from dryfric_control.store.saved import save_object
+from dryfric_control.text import Result, length_text, prefixed, typeset
 
-#: What a file holds.
-KIND, VERSION = "friction compensation", 3
-POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
-MAY_BE_ZERO = (
-    "encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch", "correction",
-)  # fmt: skip
-OTHERS = ("law", "kd", "lead")
+#: What a file of a compensation is.
+KIND = "friction compensation"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,14 +202,10 @@ class Compensation(Result):
             File to write, replaced as a whole or not at all; `load_compensation`
             reads it back.
         """
-        data: dict[str, Any] = {"axis": axis_to_dict(self.axis)}
-        data |= {name: getattr(self, name) for name in (*POSITIVE, *MAY_BE_ZERO, *OTHERS)}
-        data["limit"] = None if math.isinf(self.limit) else self.limit
-        data["observer"] = None if self.observer is None else design_data(self.observer)
-        # What a reader must come to: numbers that are no fields may change with the package.
-        data["numbers"] = plain_data(self.controller.law.numbers)
-        data["tube"] = self.certificate.tube if math.isfinite(self.certificate.tube) else None
-        write_document(path, KIND, VERSION, data)
+        observer = self.observer and replace(self.observer, certificate=None)  # type: ignore[arg-type]
+        bare = replace(self, certificate=None, observer=observer)  # type: ignore[arg-type]
+        numbers, tube = self.controller.law.numbers, self.certificate.tube
+        save_object(Promise(bare, numbers, tube), path, KIND, SAVED)
 
     def _shown(self) -> Iterator[str]:
         length, force = self.axis.units
@@ -597,7 +589,7 @@ def design_compensation(
                 f"no observer can be designed for dt = {dt:g} s and a drive delay of "
                 f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
             ) from None
-    made = dict(
+    made = Compensation(
         axis=axis,
         dt=dt,
         law=law,
@@ -624,24 +616,27 @@ def design_compensation(
         mismatch=mismatch,
         correction=mismatch * (1.0 + excess) if correction is None else correction,
         observer=observer,
+        certificate=None,  # type: ignore[arg-type]
     )
     return certified(made)
 
 
-def certified(fields: dict[str, Any]) -> Compensation:
-    """Compensation of these fields, its certificate computed from them.
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """Contents of a file: a design, and what a reader must come to by computing it anew."""
 
-    Parameters
-    ----------
-    fields : dict
-        Every field but the certificate.
+    design: Compensation
+    #: Those of its law, which may change with the package.
+    numbers: NDArray[np.float64]
+    tube: float
 
-    Raises
-    ------
-    ValueError
-        If the loop is unstable for the nominal axis.
-    """
-    comp = Compensation(**fields, certificate=None)  # type: ignore[arg-type]
+
+#: What stands in a file of a compensation.
+SAVED = (Promise, Compensation, *OBSERVER_SAVED)
+
+
+def certified(comp: Compensation) -> Compensation:
+    """A compensation with its certificate; ValueError if the nominal loop is unstable."""
     certificate = comp.certify()
     if certificate.nominal.radius >= 1.0:
         raise ValueError(

@@ -1,26 +1,22 @@
-"""Compensations as text files: JSON, versioned, checked when read."""
+"""Compensations from files, checked."""
 
 from __future__ import annotations
 
-import math
 import os
-from typing import Any
+from dataclasses import replace
+
+import numpy as np
 
 from dryfric_control.checks import finite, positive, whole
-from dryfric_control.compensation.design import (
-    KIND,
-    MAY_BE_ZERO,
-    POSITIVE,
-    VERSION,
-    Compensation,
-    certified,
-)
+from dryfric_control.compensation.design import KIND, SAVED, Compensation, Promise, certified
 from dryfric_control.compensation.tuning import LAWS
 from dryfric_control.observer.certificate import CertificateError
-from dryfric_control.observer.storage import design_of
-from dryfric_control.store.axis_file import axis_from_dict
-from dryfric_control.store.files import load_document
-from dryfric_control.text import plain_data
+from dryfric_control.observer.storage import checked as checked_design
+from dryfric_control.store.saved import load_object
+
+_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
+_MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch",
+                "correction")  # fmt: skip
 
 
 def load_compensation(path: str | os.PathLike[str]) -> Compensation:
@@ -54,33 +50,35 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     >>> again.certificate.tube == comp.certificate.tube
     True
     """
-    return load_document(path, KIND, VERSION, _rebuild, CertificateError)
+    found: Compensation = load_object(path, KIND, SAVED, _checked, CertificateError)
+    return found
 
 
-def _rebuild(data: dict[str, Any]) -> Compensation:
-    """Compensation of the numbers in a file, checked."""
-    fields: dict[str, Any] = {name: positive(name, data[name]) for name in POSITIVE}
-    fields |= {name: positive(name, data[name], zero=True) for name in MAY_BE_ZERO}
-    fields["kd"] = finite("kd", data["kd"])
-    fields["lead"] = whole("lead", data["lead"], least=0)
-    if data["law"] not in LAWS:
-        raise ValueError(f"law must be one of {', '.join(LAWS)}, got {data['law']!r}")
-    if not fields["mismatch"] < 1.0:
-        raise ValueError(f"mismatch must be below 1, got {fields['mismatch']!r}")
-    fields["law"] = data["law"]
-    fields["limit"] = math.inf if data["limit"] is None else positive("limit", data["limit"])
-    fields["axis"] = axis_from_dict(data["axis"])
-    fields["observer"] = None if data["observer"] is None else design_of(data["observer"])
-    if (fields["observer"] is None) == (data["law"] in ("learned", "fixed")):
-        raise ValueError(f"law {data['law']!r} and observer do not fit together")
-    if fields["observer"] is not None and fields["observer"].dt != fields["dt"]:
-        raise ValueError("dt differs from that of the observer")
-    comp = certified(fields)
-    if data["numbers"] != plain_data(comp.controller.law.numbers):
+def _checked(stated: Promise) -> Compensation:
+    """The design of a file, every part in its range, which keeps what the file states."""
+    comp = stated.design
+    for name in _POSITIVE:
+        positive(name, getattr(comp, name))
+    for name in _MAY_BE_ZERO:
+        positive(name, getattr(comp, name), zero=True)
+    finite("kd", comp.kd)
+    whole("lead", comp.lead, least=0)
+    if comp.law not in LAWS:
+        raise ValueError(f"law must be one of {', '.join(LAWS)}, got {comp.law!r}")
+    if not comp.mismatch < 1.0:
+        raise ValueError(f"mismatch must be below 1, got {comp.mismatch!r}")
+    if comp.limit != np.inf:
+        positive("limit", comp.limit)
+    if (comp.observer is None) == (comp.law in ("learned", "fixed")):
+        raise ValueError(f"law {comp.law!r} and observer do not fit together")
+    if comp.observer is not None:
+        if comp.observer.dt != comp.dt:
+            raise ValueError("dt differs from that of the observer")
+        comp = replace(comp, observer=checked_design(comp.observer))
+    comp = certified(comp)
+    if not np.array_equal(stated.numbers, comp.controller.law.numbers):
         raise ValueError("numbers of its law are not those that this package gives the design")
-    stated = math.inf if data["tube"] is None else positive("tube", data["tube"], zero=True)
-    if not comp.certificate.tube <= stated * (1.0 + 1e-9):
-        raise ValueError(
-            f"its numbers give a tube of {comp.certificate.tube:.6g}, not {stated:.6g} as stated"
-        )
+    tube = comp.certificate.tube
+    if not tube <= stated.tube * (1.0 + 1e-9):
+        raise ValueError(f"its numbers give a tube of {tube:.6g}, not {stated.tube:.6g} as stated")
     return comp

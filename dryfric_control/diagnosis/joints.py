@@ -15,8 +15,8 @@ from dryfric_control.diagnosis.report.diagnosis import SAVED, Diagnosis
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-from dryfric_control.records.saved import from_plain, to_plain
 from dryfric_control.store.batch import fingerprint
+from dryfric_control.store.saved import from_plain, to_plain
 from dryfric_control.text import Result, length_text
 
 _BASE = ("mass", "viscous", "coulomb")

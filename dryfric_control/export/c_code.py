@@ -16,7 +16,8 @@ from dryfric_control._version import __version__
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, SHIFT, Function, Translator
-from dryfric_control.store.files import replacing, write_document
+from dryfric_control.store.files import replacing
+from dryfric_control.store.saved import write_document
 from dryfric_control.text import WIDTH
 
 #: Types of a number, and of a position that goes in or comes out.
@@ -121,7 +122,7 @@ def export_c(
             for path, text in texts.items():
                 part = stack.enter_context(replacing(path))
                 if text is None:
-                    write_document(part, "export", 1, code.numbers())
+                    write_document(part, "export", code.numbers())
                 else:
                     part.write_text(text, encoding="utf-8")
     except OSError as problem:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -39,6 +38,7 @@ from dryfric_control.observer.runtime import first_memory, tables
 from dryfric_control.observer.storage import load_design
 from dryfric_control.store.axis_file import read_axis
 from dryfric_control.store.files import existing_file
+from dryfric_control.store.saved import kind_of
 from dryfric_control.text import rotary_words
 
 Array = NDArray[Any]
@@ -267,13 +267,8 @@ def read_exportable(path: str | os.PathLike[str]) -> Any:
     if source.suffix == ".toml":
         return read_axis(source)
     loaders = {compensations.KIND: load_compensation, designs.KIND: load_design}
-    try:
-        form = json.loads(source.read_text(encoding="utf-8")).get("format", "")
-    except (ValueError, AttributeError, RecursionError):
-        form = ""
-    for kind, load in loaders.items():
-        if form == f"dryfric-control {kind}":
-            return load(source)
+    if load := loaders.get(kind_of(source)):
+        return load(source)
     raise ValueError(
         f"{source} can not be exported: give an axis (TOML), or what `save` wrote of an observer "
         "design or a compensation (JSON)"

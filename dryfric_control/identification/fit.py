@@ -38,7 +38,7 @@ from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-from dryfric_control.records.saved import load_object, save_object
+from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
 from dryfric_control.ties import SQUARES, ranked
 from dryfric_control.units import check_units
@@ -224,7 +224,7 @@ class Fit(Result):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self, path, "fit", 2, _SAVED)
+        save_object(self, path, "fit", _SAVED)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
@@ -294,7 +294,7 @@ class Fit(Result):
         return f"{axis.name}: fit"
 
 
-_SAVED = (Fit, Replay, Windows, Parameter)
+_SAVED = (Fit, Replay, Windows, Parameter, Record)
 
 
 def load_fit(path: str | os.PathLike[str]) -> Fit:
@@ -332,7 +332,7 @@ def load_fit(path: str | os.PathLike[str]) -> Fit:
     >>> again.parameters == found.parameters, again.interval() == found.interval()
     (True, True)
     """
-    found: Fit = load_object(path, "fit", 2, _SAVED)
+    found: Fit = load_object(path, "fit", _SAVED)
     return found
 
 

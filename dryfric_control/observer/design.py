@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import control
 import numpy as np
@@ -15,7 +15,6 @@ from dryfric_control.checks import sampling_time, whole
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
-    DISCRETIZATIONS,
     FORMS,
     ErrorModel,
     axis_matrices,
@@ -30,8 +29,7 @@ from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.scaling import Scales, scales_of
 from dryfric_control.observer.synthesis import certified_solution
 from dryfric_control.observer.weights import default_weights
-from dryfric_control.store.axis_file import axis_to_dict
-from dryfric_control.store.files import write_document
+from dryfric_control.store.saved import save_object
 from dryfric_control.text import Result
 
 if TYPE_CHECKING:
@@ -42,13 +40,8 @@ Array = NDArray[np.float64]
 METHODS = ("paper", "slack", "path", "dwell")
 #: Memory in samples where the user names none.
 DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
-
-
-#: What a file holds.
-KIND, VERSION = "observer design", 2
-ARRAYS = ("node_gains", "state_scale", "lyapunov", "lyapunov_decay")
-NUMBERS = ("dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")
-WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
+#: What a file of a design is.
+KIND = "observer design"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -306,7 +299,9 @@ class ObserverDesign(Result):
         path : str or path
             File to write, replaced as a whole or not at all.
         """
-        write_document(path, KIND, VERSION, design_data(self))
+        # Its certificate is computed anew by who reads it.
+        bare = replace(self, certificate=None)  # type: ignore[arg-type]
+        save_object(bare, path, KIND, SAVED)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         u = self.uncertainty
@@ -331,15 +326,8 @@ class ObserverDesign(Result):
         yield from self.certificate._shown()
 
 
-def design_data(design: ObserverDesign) -> dict[str, Any]:
-    """A design as plain numbers and words."""
-    data: dict[str, Any] = {"axis": axis_to_dict(design.axis)}
-    data |= {name: getattr(design, name) for name in (*NUMBERS, *WORDS, "window")}
-    data["uncertainty"] = {str(mode): value for mode, value in design.uncertainty.items()}
-    data["performance"] = design.performance
-    data["integral_modes"] = design.integral_modes
-    data["graph"] = asdict(design.graph)
-    return data | {name: getattr(design, name).tolist() for name in ARRAYS}
+#: What stands in a file of a design.
+SAVED = (ObserverDesign, ModeGraph)
 
 
 def _check_mode(mode: int) -> None:

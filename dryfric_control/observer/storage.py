@@ -1,31 +1,29 @@
-"""Observer designs as text files: JSON, versioned, checked when read."""
+"""Observer designs from files, checked."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dryfric_control.checks import positive, whole
 from dryfric_control.model.axis import MODES
-from dryfric_control.observer.certificate import Certificate, CertificateError
-from dryfric_control.observer.design import (
-    ARRAYS,
-    KIND,
-    NUMBERS,
-    VERSION,
-    WORDS,
-    ObserverDesign,
+from dryfric_control.observer.certificate import CertificateError
+from dryfric_control.observer.design import KIND, METHODS, SAVED, ObserverDesign
+from dryfric_control.observer.error_model import (
+    DISCRETIZATIONS,
+    FORMS,
+    check_sampling,
+    mode_classes,
 )
-from dryfric_control.observer.error_model import check_sampling, mode_classes
-from dryfric_control.observer.memory import ModeGraph
-from dryfric_control.store.axis_file import axis_from_dict
-from dryfric_control.store.files import load_document
+from dryfric_control.store.saved import load_object
 
-_MAY_BE_ZERO = ("noise", "encoder_quantum", "drift")
+_NUMBERS = {name: name in ("noise", "encoder_quantum", "drift") for name in (
+    "dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")}  # fmt: skip
+_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
 def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
@@ -59,79 +57,51 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     >>> bool((again.node_gains == design.node_gains).all())
     True
     """
-    return load_document(path, KIND, VERSION, design_of, CertificateError)
+    found: ObserverDesign = load_object(path, KIND, SAVED, checked, CertificateError)
+    return found
 
 
-def design_of(data: dict[str, Any]) -> ObserverDesign:
-    """The design that `design_data` wrote, its certificate computed anew.
-
-    Parameters
-    ----------
-    data : dict
-        Numbers and words.
-
-    Raises
-    ------
-    CertificateError
-        If the gains fail the certificate.
-    """
-    design = _rebuild(data)
-    return dataclasses.replace(design, certificate=design.check())
-
-
-def _rebuild(data: dict[str, Any]) -> ObserverDesign:
-    axis = axis_from_dict(data["axis"])
-    graph = data["graph"]
-    edges = tuple((int(i), int(j)) for i, j in graph["edges"])
-    nodes = len(graph["labels"])
-    if len(graph["names"]) != nodes or not all(0 <= k < nodes for edge in edges for k in edge):
+def checked(design: ObserverDesign) -> ObserverDesign:
+    """A design of a file, every part in its range, with its certificate computed anew."""
+    graph, edges = design.graph, design.graph.edges
+    nodes = len(graph.labels)
+    if len(graph.names) != nodes or not all(0 <= k < nodes for edge in edges for k in edge):
         raise ValueError("graph does not fit together")
     following: dict[int, set[int]] = {}
-    for node, label in enumerate(graph["labels"]):
-        after = {graph["labels"][j] for i, j in edges if i == node}
+    for node, label in enumerate(graph.labels):
+        after = {graph.labels[j] for i, j in edges if i == node}
         if label not in after or following.setdefault(label, after) != after:
             raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
-    arrays: dict[str, Any] = {name: np.array(data[name], dtype=float) for name in ARRAYS}
-    shapes = {
-        "node_gains": (nodes, 3), "state_scale": (3,),
-        "lyapunov": (nodes, 3, 3), "lyapunov_decay": (nodes, 3, 3),
-    }  # fmt: skip
+    square = (nodes, 3, 3)
+    shapes = {"node_gains": (nodes, 3), "state_scale": (3,), "lyapunov": square,
+              "lyapunov_decay": square}  # fmt: skip
     for name, shape in shapes.items():
-        if arrays[name].shape != shape or not np.all(np.isfinite(arrays[name])):
+        array = getattr(design, name)
+        if array.shape != shape or array.dtype.kind != "f" or not np.all(np.isfinite(array)):
             raise ValueError(f"{name} must hold numbers in shape {shape}")
-    if not np.all(arrays["state_scale"] > 0.0):
-        raise ValueError(f"state_scale must be positive, got {data['state_scale']!r}")
-    plain: dict[str, Any] = {
-        name: positive(name, data[name], zero=name in _MAY_BE_ZERO) for name in NUMBERS
-    }
-    plain |= {name: _one_of(name, data[name], known) for name, known in WORDS.items()}
-    if not plain["decay"] <= 1.0:
-        raise ValueError(f"decay must be at most 1, got {plain['decay']!r}")
-    uncertainty = {
-        mode: positive(f"uncertainty[{mode}]", data["uncertainty"][str(mode)], zero=True)
-        for mode in MODES
-    }
-    integral = tuple(_one_of("integral_modes", mode, MODES) for mode in data["integral_modes"])
-    if set(graph["labels"]) != set(mode_classes(uncertainty).values()):
-        raise ValueError(f"graph.labels do not fit the classes of the modes: {graph['labels']!r}")
-    check_sampling(axis, plain["dt"], plain["discretization"])
-    q_x, q_v, q_w = (positive("performance", q, zero=True) for q in data["performance"])
-    return ObserverDesign(
-        axis=axis,
-        graph=ModeGraph(
-            tuple(int(k) for k in graph["labels"]), edges, tuple(str(n) for n in graph["names"])
-        ),
-        uncertainty=uncertainty,
-        performance=(q_x, q_v, q_w),
-        integral_modes=integral,
-        certificate=Certificate(0.0, 0.0, (), 0.0, (), 1.0, {}, 0.0, ()),
-        **arrays,
-        window=whole("window", data["window"]),
-        **plain,
-    )
+    if not np.all(design.state_scale > 0.0):
+        raise ValueError(f"state_scale must be positive, got {design.state_scale.tolist()!r}")
+    for name, zero in _NUMBERS.items():
+        positive(name, getattr(design, name), zero=zero)
+    for name, known in _WORDS.items():
+        _check_one_of(name, getattr(design, name), known)
+    if not design.decay <= 1.0:
+        raise ValueError(f"decay must be at most 1, got {design.decay!r}")
+    for mode in MODES:
+        positive(f"uncertainty[{mode}]", design.uncertainty[mode], zero=True)
+    for mode in design.integral_modes:
+        _check_one_of("integral_modes", mode, MODES)
+    if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
+        raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
+    check_sampling(design.axis, design.dt, design.discretization)
+    if len(design.performance) != 3:
+        raise ValueError(f"performance must be three weights, got {design.performance!r}")
+    for weight in design.performance:
+        positive("performance", weight, zero=True)
+    whole("window", design.window)
+    return replace(design, certificate=design.check())
 
 
-def _one_of(name: str, value: Any, known: Sequence[Any]) -> Any:
+def _check_one_of(name: str, value: Any, known: Sequence[Any]) -> None:
     if value not in known or isinstance(value, bool):
         raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, got {value!r}")
-    return value

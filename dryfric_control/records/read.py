@@ -16,8 +16,8 @@ from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import vector
 from dryfric_control.records.record_warning import warn
-from dryfric_control.records.saved import load_object
 from dryfric_control.records.scaling import Scaling
+from dryfric_control.store.saved import load_object
 
 
 def read_record(
@@ -182,7 +182,7 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     ...     dfc.load_record(pathlib.Path(folder, "run.json")) == record
     True
     """
-    return cast(Record, load_object(path, "record", 1, (Record,)))
+    return cast(Record, load_object(path, "record", (Record,)))
 
 
 def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:

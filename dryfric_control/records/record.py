@@ -66,6 +66,7 @@ from dryfric_control.records.record_checks import (
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
+from dryfric_control.store.saved import save_object
 from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
@@ -219,7 +220,7 @@ class Record:
         warn_if_suspect(tv, dt, uv)
         name = None if name is None else plain_text(name)
         values = (tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
-        self._set(dict(zip(_PARTS, values, strict=True)))
+        self.__setstate__(dict(zip(_PARTS, values, strict=True)))
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
@@ -230,7 +231,7 @@ class Record:
                 stacklevel=3,
             )
 
-    def _set(self, parts: Mapping[str, Any]) -> None:
+    def __setstate__(self, parts: Mapping[str, Any]) -> None:
         """Take parts as they are, arrays read-only."""
         self.__dict__.update(parts, masked=Masked(*parts["masked"]))
         arrays = self.t, self.u, self.x, self.reference, *self.masked[::2], *self.channels.values()
@@ -242,8 +243,8 @@ class Record:
 
     def _with(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
-        kept = {name: self.__dict__[name] for name in _PARTS} | changes
-        return restored(*(kept | {"notes": kept["notes"] + (note,) * bool(note)}).values())
+        kept = self.__getstate__() | changes
+        return _made(kept | {"notes": kept["notes"] + (note,) * bool(note)})
 
     def _at(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
@@ -256,10 +257,10 @@ class Record:
         channels = {name: parts.pop(name) for name in self.channels}
         return parts | {"channels": channels, "masked": self.masked.within(pick)}
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        plain = {"units": dict(self.units), "channels": dict(self.channels), "raw": dict(self.raw),
-                 "masked": tuple(self.masked)}  # fmt: skip
-        return restored, tuple(({name: self.__dict__[name] for name in _PARTS} | plain).values())
+    def __getstate__(self) -> dict[str, Any]:
+        """What a record holds, as plain values and arrays."""
+        parts = {name: self.__dict__[name] for name in _PARTS}
+        return {k: dict(v) if isinstance(v, Mapping) else v for k, v in parts.items()}
 
     # ------------------------------------------------------------ properties
 
@@ -825,7 +826,8 @@ class Record:
         check_motion(uv, xv)
         labels, step = checked_units(units), float(np.median(steps))
         quantum = estimated_quantum(xv, 1.0)
-        whole = restored(tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
+        parts: tuple[Any, ...] = (tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
+        whole = _made(dict(zip(_PARTS, parts, strict=True)))
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -1004,10 +1006,7 @@ class Record:
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        # Here: what is saved may hold records.
-        from dryfric_control.records.saved import save_object
-
-        save_object(self, path, "record", 1, (Record,))
+        save_object(self, path, "record", (Record,))
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""
@@ -1208,10 +1207,10 @@ def told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 
 
-def restored(*parts: Any) -> Record:
-    """A record from what `Record.__reduce__` gave."""
+def _made(parts: Mapping[str, Any]) -> Record:
+    """A record of parts as they are."""
     record = object.__new__(Record)
-    record._set(dict(zip(_PARTS, parts, strict=True)))
+    record.__setstate__(parts)
     return record
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, positive
 from dryfric_control.records.record_warning import warn
-from dryfric_control.store.files import existing_file
+from dryfric_control.store.files import read_toml
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import si_unit
 
@@ -315,33 +314,7 @@ class Scaling:
 
 
 def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:
-    """Sampling of records in the table ``[record]`` of an axis file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file that `read_axis` reads.
-
-    Returns
-    -------
-    dict
-        Arguments `dt`, `rate` and `max_gap` of `read_record`, as far as given.
-
-    Raises
-    ------
-    ValueError
-        If one is no number above zero.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from dryfric_control.records.scaling import read_sampling
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "axis.toml")
-    ...     _ = path.write_text("[record]\\ndt = 1e-3\\nmax_gap = 0.02\\nlead = 5e-3\\n")
-    ...     read_sampling(path)
-    {'dt': 0.001, 'max_gap': 0.02}
-    """
+    """Arguments `dt`, `rate` and `max_gap` of `read_record` in the table ``[record]`` of a file."""
     data = _table(path)
     try:
         return {key: positive(f"record.{key}", data[key]) for key in _SAMPLING if key in data}
@@ -351,10 +324,7 @@ def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:
 
 def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The table ``[record]`` of an axis file, empty where there is none."""
-    try:
-        data = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("record", {})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise ValueError(f"{path} is no TOML: {problem}") from None
+    data = read_toml(path).get("record", {})
     if not isinstance(data, dict):
         raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
     return data

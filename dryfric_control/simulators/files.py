@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from dryfric_control.identification import load_fit
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.axis_file import read_axis
 from dryfric_control.store.files import existing_file, replacing
+from dryfric_control.store.saved import kind_of
 
 
 def read_model(model: Any) -> tuple[Path, bytes]:
@@ -53,14 +53,9 @@ def read_result(path: str | os.PathLike[str]) -> Any:
     source = existing_file(path)
     if source.suffix == ".toml":
         return read_axis(source)
-    try:
-        form = json.loads(source.read_text(encoding="utf-8"))["format"]
-    except (ValueError, TypeError, KeyError, RecursionError):
-        form = ""
-    loaders = {"dryfric-control fit": load_fit, "dryfric-control diagnosis": load_diagnosis}
-    if form not in loaders:
-        raise ValueError(
-            f"{source} is no result: give an axis (TOML), or what `save` wrote of a fit or a "
-            "diagnosis (JSON; saved.json of the command diagnose)"
-        )
-    return loaders[form](source)
+    if load := {"fit": load_fit, "diagnosis": load_diagnosis}.get(kind_of(source)):
+        return load(source)
+    raise ValueError(
+        f"{source} is no result: give an axis (TOML), or what `save` wrote of a fit or a "
+        "diagnosis (JSON; saved.json of the command diagnose)"
+    )

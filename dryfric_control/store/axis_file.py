@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
 from typing import Any
@@ -15,10 +14,12 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.store.files import existing_file, replacing
+from dryfric_control.store.files import read_toml, replacing
 
 _KEYS = tuple(item.name for item in fields(FrictionAxis))
 _NEEDED = ("mass", "viscous", "coulomb")
+#: Tables that are read by `Scaling.from_file` and by `read_knowledge`.
+_OTHERS = ("record", "knowledge")
 _EXAMPLE = "mass = 2.0, viscous = 15.0, coulomb = 8.0"
 
 
@@ -65,54 +66,18 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     >>> axis.coulomb, axis.effects
     (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
     """
-    raw = existing_file(path).read_bytes()
+    data = read_toml(path)
     try:
-        data = tomllib.loads(raw.decode("utf-8"))
-        data.pop("record", None)  # how records become those of the axis: Scaling.from_file
-        data.pop("knowledge", None)  # what a diagnosis may rely on: read_knowledge
-        return axis_from_dict(data)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise ValueError(f"{path} is no TOML: {problem}") from None
+        return axis_from_dict({k: v for k, v in data.items() if k not in _OTHERS})
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
 
 
 def read_axes(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
-    """Axes of several joints from a TOML file with a table for each.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.  Each table but ``[record]`` and ``[knowledge]`` is an axis, see `read_axis`.
-
-    Returns
-    -------
-    dict of str to FrictionAxis
-        Axes by the name of their table.
-
-    Raises
-    ------
-    ValueError
-        If the file is no TOML or a table is no axis; the message names file, table and key.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from dryfric_control.store.axis_file import read_axes
-    >>> text = "[elbow]\\nmass = 0.3\\nviscous = 0.2\\ncoulomb = 1.5\\nunits = ['rad', 'N m']\\n"
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "axes.toml")
-    ...     _ = path.write_text(text)
-    ...     read_axes(path)["elbow"].mass
-    0.3
-    """
-    try:
-        data = tomllib.loads(existing_file(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise ValueError(f"{path} is no TOML: {problem}") from None
+    """Axes of several joints by the name of their table in a TOML file, see `read_axis`."""
     found = {}
-    for name, table in data.items():
-        if name in ("record", "knowledge"):
+    for name, table in read_toml(path).items():
+        if name in _OTHERS:
             continue
         try:
             found[name] = axis_from_dict({"name": name} | _table(name, table, f"{{{_EXAMPLE}}}"))
@@ -124,39 +89,8 @@ def read_axes(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
 
 
 def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What is known of an axis beforehand, from the table ``[knowledge]`` of its file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file that `read_axis` reads.  Keys: `known`, names of parameters whose
-        values are right; `tolerance`, relative standard deviations by name.
-
-    Returns
-    -------
-    dict
-        Arguments `known` and `tolerance` of `diagnose` and `fit`, as far as given.
-
-    Raises
-    ------
-    ValueError
-        If the table holds another key.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from dryfric_control.store.axis_file import read_knowledge
-    >>> text = "[knowledge]\\nknown = ['mass']\\ntolerance = {viscous = 0.5}\\n"
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "axis.toml")
-    ...     _ = path.write_text(text)
-    ...     read_knowledge(path)
-    {'known': ['mass'], 'tolerance': {'viscous': 0.5}}
-    """
-    try:
-        found = tomllib.loads(existing_file(path).read_text(encoding="utf-8")).get("knowledge", {})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise ValueError(f"{path} is no TOML: {problem}") from None
+    """Arguments `known` and `tolerance` in the table ``[knowledge]`` of an axis file."""
+    found = read_toml(path).get("knowledge", {})
     if not isinstance(found, dict) or set(found) - {"known", "tolerance"}:
         raise ValueError(
             f'{path}: knowledge must be a table with known = ["mass"] and '
@@ -192,22 +126,7 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
 
 
 def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> str:
-    """An axis as TOML text, with a table ``[record]`` where one is given.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> print(axis_text(dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)))
-    name = "axis"
-    units = ["m", "N"]
-    mass = 2.0
-    viscous = 15.0
-    coulomb = {plus = [8.0], minus = [8.0]}
-    stick_speed = 0.0001
-    stick_rate = 500.0
-    switching = "filippov"
-    <BLANKLINE>
-    """
+    """An axis as TOML text, with a table ``[record]`` where one is given."""
     data = axis_to_dict(axis)
     effects = data.pop("effects")
     lines = [f"{key} = {_toml(value)}" for key, value in data.items()]
@@ -219,24 +138,7 @@ def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> st
 
 
 def axis_to_dict(axis: FrictionAxis) -> dict[str, Any]:
-    """An axis as numbers, texts, lists and dicts, ready for any file format.
-
-    Returns
-    -------
-    dict
-        The fields of `FrictionAxis` that hold something; every entry of "effects"
-        names its effect and holds the effect's parameters.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-    ...                         effects=(dfc.effects.Spring(stiffness=40.0),))
-    >>> axis_to_dict(axis)["effects"]
-    [{'effect': 'spring', 'stiffness': 40.0, 'rest': 0.0}]
-    >>> axis_from_dict(axis_to_dict(axis)) == axis
-    True
-    """
+    """An axis as numbers, texts, lists and dicts, ready for any file format."""
     data: dict[str, Any] = {
         "name": axis.name,
         "units": list(axis.units),
@@ -292,18 +194,7 @@ def _table(name: str, value: Any, example: str) -> dict[str, Any]:
 
 
 def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
-    """An axis from what `axis_to_dict` gives, or a file that a user wrote holds.
-
-    Parameters
-    ----------
-    data : mapping
-        At least mass, viscous and coulomb, see `read_axis`.
-
-    Raises
-    ------
-    ValueError
-        If a key is missing or unknown, or a value is out of its range.
-    """
+    """An axis from what `axis_to_dict` gives, or a file that a user wrote holds."""
     data = _table("axis", data, f"{{{_EXAMPLE}}}")
     _check_keys("", data, _KEYS)
     missing = [key for key in _NEEDED if key not in data]

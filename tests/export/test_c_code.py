@@ -17,7 +17,7 @@ import dryfric_control as dfc
 from dryfric_control.compiled import compensation, hybrid_filter, observer
 from dryfric_control.export import export_c
 from dryfric_control.observer.runtime import first_memory, tables
-from dryfric_control.store.files import read_document
+from dryfric_control.store.saved import read_document
 
 E = dfc.effects
 AXIS = dfc.FrictionAxis(
@@ -265,7 +265,7 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     header, _, numbers, readme = export_c(observed(LATE)[0], tmp_path)
     text = header.read_text()
     assert "u [N]: drive force" in text and "decay" in text and "mode -1, 0 or 1" in text
-    data, intact = read_document(numbers, "export", 1)
+    data, intact = read_document(numbers, "export")
     assert intact and data["dt"] == 1e-3
     assert max(data["tables"]["axis_integers"]["values"]) < 100  # counts, and no address
     assert data["operations"]["multiply"] > 10

@@ -4,19 +4,20 @@ import json
 
 import pytest
 
-from dryfric_control.store.files import load_document, read_document, write_document
+from dryfric_control.store import saved
+from dryfric_control.store.saved import read_document, write_document
 
 DATA = {"b": [0.1, 1e-300, (1, 2)], "a": {"x": "µm", "none": None}}
 
 
 @pytest.fixture
 def path(tmp_path):
-    write_document(tmp_path / "thing.json", "thing", 3, DATA)
+    write_document(tmp_path / "thing.json", "thing", DATA)
     return tmp_path / "thing.json"
 
 
 def test_round_trip(path):
-    data, intact = read_document(path, "thing", 3)
+    data, intact = read_document(path, "thing")
     assert intact and "checksum" not in data
     assert {key: data[key] for key in DATA} == json.loads(json.dumps(DATA))
 
@@ -24,7 +25,7 @@ def test_round_trip(path):
 def test_order_and_white_space_are_free(path):
     data = json.loads(path.read_text())
     path.write_text(json.dumps(dict(reversed(data.items()))))
-    assert read_document(path, "thing", 3)[1]
+    assert read_document(path, "thing")[1]
 
 
 @pytest.mark.parametrize(
@@ -41,24 +42,26 @@ def test_an_edit_shows(path, edit):
     data = json.loads(path.read_text())
     edit(data)
     path.write_text(json.dumps(data))
-    assert not read_document(path, "thing", 3)[1]
-    with pytest.raises(ValueError, match="thing.json was changed .*checksum"):
-        load_document(path, "thing", 3, dict)
+    assert not read_document(path, "thing")[1]
 
 
-@pytest.mark.parametrize(
-    ("kind", "version", "words"),
-    [
-        ("other", 3, "is no other: it has format = 'dryfric-control thing'"),
-        ("thing", 4, "version 3, .*reads 4"),
-    ],
-)
-def test_another_kind_or_version_is_refused(path, kind, version, words):
-    with pytest.raises(ValueError, match=words):
-        read_document(path, kind, version)
+def test_another_kind_or_version_is_refused(path, monkeypatch):
+    with pytest.raises(ValueError, match="is no other: it has format = 'dryfric-control thing'"):
+        read_document(path, "other")
+    monkeypatch.setattr(saved, "VERSION", 2)
+    with pytest.raises(ValueError, match="version 1, .*reads 2"):
+        read_document(path, "thing")
+
+
+def test_an_older_version_is_brought_up_step_by_step(path, monkeypatch):
+    monkeypatch.setattr(saved, "VERSION", 3)
+    monkeypatch.setitem(saved.MIGRATIONS, 1, lambda kind, data: data | {"a": kind})
+    monkeypatch.setitem(saved.MIGRATIONS, 2, lambda kind, data: data | {"b": data["a"] + "s"})
+    data, intact = read_document(path, "thing")
+    assert intact and (data["a"], data["b"]) == ("thing", "things")
 
 
 def test_what_is_no_json_is_refused(path):
     path.write_text(path.read_text()[:-5])
     with pytest.raises(ValueError, match="thing.json is damaged: not readable as JSON"):
-        read_document(path, "thing", 3)
+        read_document(path, "thing")

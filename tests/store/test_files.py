@@ -138,7 +138,14 @@ def saved(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
     return path, json.loads(path.read_text())
 
 
+#: Steps of a graph on which no mode ever changes, as a file has them.
+LONE = [{"is": "tuple", "items": [k, k]} for k in (0, 1)]
+
+
 def set_in(data: Any, place: tuple[Any, ...], value: Any) -> None:
+    """Set a part of the design in a file, of which the version is none."""
+    if place != ("version",):
+        data = data["content"]["fields"]
     for key in place[:-1]:
         data = data[key]
     data[place[-1]] = value
@@ -151,11 +158,14 @@ def set_in(data: Any, place: tuple[Any, ...], value: Any) -> None:
 ))))  # fmt: skip
 def test_a_design_without_a_part_is_refused(tmp_path, key):
     path, data = saved(tmp_path)
+    held = data if key in data else data["content"]["fields"]
     for value in (None, [], {}, "x", -1, [[1]]):
-        path.write_text(json.dumps(data | {key: value}))
+        right, held[key] = held[key], value
+        path.write_text(json.dumps(data))
+        held[key] = right
         with pytest.raises(ValueError, match=r"observer\.json .*(damaged|changed|version|no obs)"):
             dfc.load_design(path)
-    del data[key]
+    del held[key]
     path.write_text(json.dumps(data))
     with pytest.raises(ValueError, match=r"observer\.json .*(damaged|version|no observer)"):
         dfc.load_design(path)
@@ -164,17 +174,17 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("version",), 3, "version 3, this package reads 2: .* newer package"),
+        (("version",), 3, "version 3, this package reads 1: .* newer package"),
         (("version",), "1", "version '1'"),
-        (("axis", "mass"), -2.0, "mass must be more than zero"),
+        (("axis", "of", "mass"), -2.0, "mass must be more than zero"),
         (
-            ("axis", "mass"),
+            ("axis", "of", "mass"),
             0.02,
             "changed: .*, or design again$",
         ),  # another machine, gains as before
-        (("axis", "flux"), 1.0, "flux"),
-        (("axis", "effects", 0, "effect"), "warp", "warp"),
-        (("axis", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
+        (("axis", "of", "flux"), 1.0, "flux"),
+        (("axis", "of", "effects", 0, "effect"), "warp", "warp"),
+        (("axis", "of", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
         (("dt",), 0.0, "dt must be more than zero"),
         (("dt",), 1.0, "changed: the gain condition fails"),
         # the same gains in the other form prove something else
@@ -184,27 +194,29 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("noise",), -1e-6, "noise must be zero or more"),
         (("encoder_quantum",), -1e-6, "encoder_quantum must be zero or more"),
         (("gamma",), 1e-9, "changed: the gain condition fails"),
-        (("node_gains", 0, 0), 3.0, "changed: .*fails"),
-        (("node_gains", 0, 0), "NaN", "node_gains"),
-        (("node_gains", 0), [1.0, 2.0], "node_gains|inhomogeneous"),
-        (("state_scale", 0), 0.0, "state_scale must be positive"),
-        (("state_scale", 0), 1e-320, "damaged: .*overflow"),
-        (("node_gains", 0, 2), 1e308, "damaged: .*overflow|changed"),
-        (("lyapunov", 0, 0, 0), -1.0, "changed: .*not positive definite"),
-        (("uncertainty", "1"), -1.0, r"uncertainty\[1\]"),
-        (("performance", 0), -1.0, "performance"),
-        (("integral_modes",), [0, 7], "integral_modes must be one of"),
-        (("graph", "labels", 0), 9, "graph.labels"),
-        (("graph", "edges", 0), [0, 99], "graph does not fit"),
+        (("node_gains", "values", 0), 3.0, "changed: .*fails"),
+        (("node_gains", "values", 0), "NaN", "node_gains"),
+        (("node_gains", "values"), [1.0, 2.0], "cannot reshape"),
+        (("state_scale", "values", 0), 0.0, "state_scale must be positive"),
+        (("state_scale", "values", 0), 1e-320, "damaged: .*overflow"),
+        (("node_gains", "values", 2), 1e308, "damaged: .*overflow|changed"),
+        (("lyapunov", "values", 0), -1.0, "changed: .*not positive definite"),
+        (("uncertainty", "items", 1, 1), -1.0, r"uncertainty\[1\]"),
+        (("performance", "items", 0), -1.0, "performance"),
+        (("integral_modes", "items"), [0, 7], "integral_modes must be one of"),
+        (("graph", "fields", "labels", "items", 0), 9, "graph.labels"),
+        (("graph", "fields", "edges", "items", 0, "items"), [0, 99], "graph does not fit"),
         (("method",), "magic", "method must be one of"),
+        # the same gains in the other form prove something else
+        (("form",), "prediction", "condition fails|does not decrease"),
         (("window",), 1.5, "window must be a whole number"),
         # sound each, and not what was designed: another machine, another promise
-        (("axis", "coulomb", "plus"), [80.0], "checksum does not fit"),
-        (("axis", "stick_speed"), 3e-4, "checksum does not fit"),
-        (("axis", "effects", 0, "stiffness"), 250.0, "checksum does not fit|fails"),
+        (("axis", "of", "coulomb", "plus"), [80.0], "checksum does not fit"),
+        (("axis", "of", "stick_speed"), 3e-4, "checksum does not fit"),
+        (("axis", "of", "effects", 0, "stiffness"), 250.0, "checksum does not fit|fails"),
         (("gamma",), 30.0, "checksum does not fit"),
         (("noise",), 0.0, "checksum does not fit|fails"),
-        (("graph", "edges"), [[0, 0], [1, 1]], "checksum does not fit"),
+        (("graph", "fields", "edges", "items"), LONE, "checksum does not fit"),
     ],
 )
 def test_a_changed_design_is_refused(tmp_path, place, value, words):

@@ -8,7 +8,7 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
-from dryfric_control.records.saved import load_object, save_object
+from dryfric_control.store.saved import load_object, save_object, write_document
 
 T = 1e-3 * np.arange(3000)
 U = 20.0 * np.sin(6.0 * T) + 10.0 * np.sin(17.0 * T)
@@ -86,23 +86,19 @@ def test_what_was_changed_or_is_something_else_is_refused(fit, diagnosis, tmp_pa
 
 
 def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
-    from dryfric_control.store.files import write_document
-
     for content in ({"is": "Fit", "fields": {}}, {"is": "os.system"}, {"no": 1}, [1], 3, "x",
                     {"is": "axis", "of": {"mass": -1}}, {"is": "array", "dtype": "O", "shape": [1],
                                                           "values": [None]}):  # fmt: skip
-        write_document(tmp_path / "fit.json", "fit", 2, {"content": content})
+        write_document(tmp_path / "fit.json", "fit", {"content": content})
         with pytest.raises(ValueError, match="is damaged"):
             dfc.load_fit(tmp_path / "fit.json")
 
 
 def test_what_the_file_cannot_hold_is_named(tmp_path):
     with pytest.raises(ValueError, match="a complex cannot be saved"):
-        save_object((1j,), tmp_path / "a.json", "thing", 1, (dfc.Cause,))
+        save_object((1j,), tmp_path / "a.json", "thing", (dfc.Cause,))
     assert not (tmp_path / "a.json").exists()
-    save_object(
-        Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"), tmp_path / "g.json", "thing", 1, (Gain,)
-    )
-    again = load_object(tmp_path / "g.json", "thing", 1, (Gain,))
+    save_object(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"), tmp_path / "g.json", "thing", (Gain,))
+    again = load_object(tmp_path / "g.json", "thing", (Gain,))
     assert repr(again) == repr(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"))
     assert json.loads((tmp_path / "g.json").read_text())["format"] == "dryfric-control thing"

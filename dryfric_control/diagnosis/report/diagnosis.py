@@ -26,9 +26,10 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import level_table, summary_lines
-from dryfric_control.records.saved import load_object, save_object
+from dryfric_control.records.record import Record
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
+from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, plain_data
 
 
@@ -162,7 +163,7 @@ class Diagnosis(Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self, path, "diagnosis", 1, SAVED)
+        save_object(self, path, "diagnosis", SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.
@@ -232,7 +233,7 @@ def write_report(
 
 
 #: Classes that a saved diagnosis holds.
-SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment)
+SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment, Record)
 
 
 def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
@@ -269,5 +270,5 @@ def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
     >>> again.verdict, again.summary() == found.summary()
     ('nothing to find', True)
     """
-    found: Diagnosis = load_object(path, "diagnosis", 1, SAVED)
+    found: Diagnosis = load_object(path, "diagnosis", SAVED)
     return found

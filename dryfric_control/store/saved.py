@@ -1,0 +1,169 @@
+"""Everything that is saved: JSON files with a version and a checksum, read back bit by bit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
+from dryfric_control.store.files import existing_file, replacing
+
+#: Version of the files that are written.
+VERSION = 1
+#: By a version, what makes the data of a kind those of the next version.
+MIGRATIONS: dict[int, Callable[[str, dict[str, Any]], dict[str, Any]]] = {}
+
+_PLAIN = (str, bool, int, type(None))
+# What senseless data make their class or a check raise.
+_SENSELESS = (
+    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError,
+)  # fmt: skip
+
+
+def save_object(
+    value: Any, path: str | os.PathLike[str], kind: str, classes: Sequence[type]
+) -> None:
+    """Write a result and everything it holds; `classes` may stand in the file, as may an axis."""
+    write_document(path, kind, {"content": to_plain(value, classes)})
+
+
+def load_object(
+    path: str | os.PathLike[str],
+    kind: str,
+    classes: Sequence[type],
+    check: Callable[[Any], Any] = lambda found: found,
+    broken: type[ValueError] | None = None,
+) -> Any:
+    """Read what `save_object` wrote: an object of the first class, as `check` returns it.
+
+    Errors name the file; one of type `broken` says that the data do not keep their promise.
+    """
+    data, intact = read_document(path, kind)
+    try:
+        # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            found = from_plain(data["content"], classes)
+            if type(found) is not classes[0]:
+                raise ValueError(f"it holds {type(found).__name__}")
+            found = check(found)
+    except _SENSELESS as error:
+        if broken is not None and isinstance(error, broken):
+            raise broken(f"{path} was changed: {error}") from None
+        raise ValueError(
+            f"{path} is damaged: {type(error).__name__}: {error}; save the {kind} again"
+        ) from None
+    if not intact:
+        raise ValueError(
+            f"{path} was changed after it was written: its checksum does not fit. Make and save "
+            "it again in place of editing the file"
+        )
+    return found
+
+
+def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, Any]) -> None:
+    """Write plain data as JSON with a checksum, as a whole or not at all."""
+    whole = {"format": f"dryfric-control {kind}", "version": VERSION, **data}
+    whole["checksum"] = _checksum(whole)
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        json.dump(whole, file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], bool]:
+    """Data that `write_document` wrote, in this version, and whether the checksum fits."""
+    try:
+        data = json.loads(existing_file(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
+    form = f"dryfric-control {kind}"
+    found = data.get("format") if isinstance(data, dict) else None
+    if found != form:
+        raise ValueError(f"{path} is no {kind}: it has format = {found!r}, not {form!r}")
+    version = data.get("version")
+    if version not in (VERSION, *MIGRATIONS):
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise ValueError(
+            f"{path} has version {version!r}, this package reads {VERSION}: make "
+            f"{article} {kind} again, or use a newer package"
+        )
+    intact = data.pop("checksum", None) == _checksum(data)
+    for older in range(version, VERSION):
+        data = MIGRATIONS[older](kind, data)
+    return data, intact
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """What a file says that it is, empty if it was not written here."""
+    try:
+        form = json.loads(existing_file(path).read_text(encoding="utf-8"))["format"]
+        return str(form).removeprefix("dryfric-control ")
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return ""
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    """Of the data in one fixed spelling, so that white space and order are free."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def to_plain(value: Any, classes: Sequence[type]) -> Any:
+    """What JSON holds of a value, with the kind of everything that JSON has no word for."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, _PLAIN):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"is": "float", "value": repr(value)}
+    if isinstance(value, (tuple, list)):
+        items = [to_plain(one, classes) for one in value]
+        return {"is": "tuple", "items": items} if isinstance(value, tuple) else items
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        flat = value.ravel().tolist()
+        if value.dtype.kind == "f":
+            flat = [v if math.isfinite(v) else repr(v) for v in flat]
+        return {"is": "array", "dtype": value.dtype.str, "shape": value.shape, "values": flat}
+    if isinstance(value, Mapping):
+        pairs = [[to_plain(k, classes), to_plain(v, classes)] for k, v in value.items()]
+        return {"is": "dict", "items": pairs}
+    if isinstance(value, FrictionAxis):
+        return {"is": "axis", "of": axis_to_dict(value)}
+    if is_dataclass(value) and type(value) in classes:
+        held = {item.name: to_plain(getattr(value, item.name), classes) for item in fields(value)}
+        return {"is": type(value).__name__, "fields": held}
+    known = ", ".join(sorted(one.__name__ for one in classes))
+    raise ValueError(f"a {type(value).__name__} cannot be saved: it is none of {known}")
+
+
+def from_plain(data: Any, classes: Sequence[type]) -> Any:
+    """What `to_plain` was given, bit for bit."""
+    if isinstance(data, (*_PLAIN, float)):
+        return data
+    if isinstance(data, list):
+        return [from_plain(one, classes) for one in data]
+    kind = data["is"]
+    if kind == "float":
+        return float(data["value"])
+    if kind == "tuple":
+        return tuple(from_plain(one, classes) for one in data["items"])
+    if kind == "array":
+        return np.array(data["values"], dtype=np.dtype(data["dtype"])).reshape(data["shape"])
+    if kind == "dict":
+        return {from_plain(k, classes): from_plain(v, classes) for k, v in data["items"]}
+    if kind == "axis":
+        return axis_from_dict(data["of"])
+    cls = {one.__name__: one for one in classes}[kind]
+    held = {name: from_plain(one, classes) for name, one in data["fields"].items()}
+    if not hasattr(cls, "__setstate__"):
+        return cls(**held)
+    made: Any = object.__new__(cls)  # its state is not what its constructor takes
+    made.__setstate__(held)
+    return made

@@ -7,7 +7,7 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -18,22 +18,13 @@ from dryfric_control.store.files import replacing
 from dryfric_control.text import did_you_mean
 
 if TYPE_CHECKING:
-    from dryfric_control.records import Scaling
+    from dryfric_control.model.axis import FrictionAxis
+    from dryfric_control.records import Record, Scaling
 
 #: Format of a model by its extension.
-_SIMULATORS = {
-    ".xml": "mjcf",
-    ".urdf": "urdf",
-    ".mo": "modelica",
-    ".m": "simscape",
-    ".py": "isaac",
-}
+_SIMULATORS = {".xml": "mjcf", ".urdf": "urdf", ".mo": "modelica", ".m": "simscape", ".py": "isaac"}
 # Coulomb level to start from, over the largest drive, where a model has none.
 _GUESS = 0.2
-_LOAD = (
-    "inertia that the bodies of the model have about the joint [kg m^2]; MJCF: computed by MuJoCo "
-    "if it is installed"
-)
 _STIFF = "MJCF: let joints at rest creep fifty times less"
 _ROOM = 4_000_000  # bytes, more than a report takes
 
@@ -70,12 +61,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def parser() -> argparse.ArgumentParser:
-    """Parser of the command line.
-
-    Returns
-    -------
-    argparse.ArgumentParser
-    """
+    """Parser of the command line."""
     top = _Parser(
         prog="python -m dryfric_control",
         description="Control of machines with dry friction.",
@@ -83,200 +69,135 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=__version__)
     commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")
 
-    demo = commands.add_parser("demo", help="fit an axis to a record, replay it, draw the figures")
-    demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
-    demo.add_argument(
-        "--record", metavar="FILE", help="measured record (CSV or MAT); default: a simulated one"
-    )
-    demo.add_argument(
-        "--dt",
-        type=float,
-        metavar="S",
-        help="step of its time, where rows were lost",
-    )
-    demo.set_defaults(run=_demo, own=demo)
+    def command(run: Callable[[argparse.Namespace], None], words: str, more: str = "") -> Any:
+        made = commands.add_parser(run.__name__[1:], help=words, description=more or None)
+        made.set_defaults(run=run, own=made)
+        return made
 
-    diagnose = commands.add_parser(
-        "diagnose",
-        help="find what the simulation of an axis gets wrong about a record, and why",
-        description="Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
+    demo = command(_demo, "fit an axis to a record, replay it, draw the figures")
+    demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
+    _add(
+        demo,
+        ("--record", str, "FILE", "measured record (CSV or MAT); default: a simulated one"),
+        ("--dt", float, "S", "step of its time, where rows were lost"),
+    )
+
+    diagnose = command(
+        _diagnose,
+        "find what the simulation of an axis gets wrong about a record, and why",
+        "Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
         "which dfc.load_diagnosis reads in Python. Options on counts, gear, motor and sampling "
         "(dt, rate, max_gap) may also be given in the table [record] of the axis file; an option "
         "overrides it.",
     )
-    diagnose.add_argument(
-        "record",
-        nargs="+",
-        metavar="RUN.csv",
-        help="measured records of one machine (CSV, MAT, xlsx, parquet)",
-    )
+    words = "measured records of one machine (CSV, MAT, xlsx, parquet)"
+    diagnose.add_argument("record", nargs="+", metavar="RUN.csv", help=words)
     diagnose.add_argument("--axis", required=True, metavar="FILE", help="the nominal axis, TOML")
-    diagnose.add_argument(
-        "--out", default="diagnosis", metavar="DIR", help="folder for the results"
-    )
-    diagnose.add_argument(
-        "--joint", metavar="NAME", help="joint of a log of several, as in its headings"
-    )
+    diagnose.add_argument("--out", default="diagnosis", metavar="DIR", help="folder of the results")
+    _add(diagnose, ("--joint", str, "NAME", "joint of a log of several, as in its headings"))
     _add_reading(diagnose)
-    diagnose.set_defaults(run=_diagnose, own=diagnose)
 
-    joints = commands.add_parser(
-        "joints",
-        help="diagnose the joints of a log, and set their values in the file of a simulator",
-        description="Writes joints.json, saved.json and report.html of each joint in a folder of "
+    joints = command(
+        _joints,
+        "diagnose the joints of a log, and set their values in the file of a simulator",
+        "Writes joints.json, saved.json and report.html of each joint in a folder of "
         "its name, and the model with the values of the joints. joints.jsonl keeps every joint "
         "that is finished: the same command goes on where it was interrupted.",
     )
-    joints.add_argument(
-        "record", nargs="+", metavar="LOG", help="logs with columns for each joint (mcap, CSV, ..)"
-    )
-    joints.add_argument(
-        "--axes",
-        metavar="FILE",
-        help="nominal axes, TOML with a table for each joint; default: those of the MJCF model, "
-        "by MuJoCo",
-    )
-    joints.add_argument("--model", metavar="FILE", help="MJCF (.xml) or URDF (.urdf) file")
-    joints.add_argument(
-        "--joints",
-        type=lambda text: [name.strip() for name in text.split(",")],
-        metavar="elbow,..",
-        help="joints to take, by default all of the axes",
-    )
+    words = "logs with columns for each joint (mcap, CSV, ..)"
+    joints.add_argument("record", nargs="+", metavar="LOG", help=words)
     joints.add_argument("--out", default="joints", metavar="DIR", help="folder for the results")
-    joints.add_argument(
-        "--jobs",
-        type=int,
-        default=-1,
-        metavar="N",
-        help="joints in parallel, by default one a core",
+    words = "joints in parallel, by default one a core"
+    joints.add_argument("--jobs", type=int, default=-1, metavar="N", help=words)
+    words = "nominal axes, TOML with a table for each joint; default: those of the MJCF model, "
+    _add(
+        joints,
+        ("--axes", str, "FILE", f"{words}by MuJoCo"),
+        ("--model", str, "FILE", "MJCF (.xml) or URDF (.urdf) file"),
+        ("--joints", _names, "elbow,..", "joints to take, by default all of the axes"),
+        _LOAD,
     )
-    joints.add_argument("--load", type=_loads, metavar="J or JOINT=J,..", help=_LOAD)
     joints.add_argument("--stiff", action="store_true", help=_STIFF)
     _add_reading(joints)
-    joints.set_defaults(run=_joints, own=joints)
 
-    export = commands.add_parser("export", help="write an axis or a design as C99 or as an FMU")
-    export.add_argument(
-        "file", metavar="FILE", help="axis (TOML), observer or compensation (JSON, as saved)"
-    )
+    export = command(_export, "write an axis or a design as C99 or as an FMU")
+    words = "axis (TOML), observer or compensation (JSON, as saved)"
+    export.add_argument("file", metavar="FILE", help=words)
     export.add_argument("--to", required=True, choices=("c", "fmu"), help="what to write")
     export.add_argument("--out", default="export", metavar="DIR", help="folder for the files")
-    export.add_argument("--name", metavar="NAME", help="prefix of the names in C")
-    export.add_argument(
-        "--dt", type=float, metavar="S", help="sampling time of an axis [s], default 0.001"
+    _add(
+        export,
+        ("--name", str, "NAME", "prefix of the names in C"),
+        ("--dt", float, "S", "sampling time of an axis [s], default 0.001"),
     )
-    export.add_argument(
-        "--precision", choices=("double", "single", "mixed"), help="of the C code, default double"
-    )
+    precisions = ("double", "single", "mixed")
+    export.add_argument("--precision", choices=precisions, help="of the C code, default double")
     export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
-    export.set_defaults(run=_export, own=export)
 
-    simulator = commands.add_parser(
-        "simulator",
-        help="set friction, damping and armature of joints in the file of a simulator",
-        description="Every other byte of the model stays. What the format cannot state is listed "
+    simulator = command(
+        _simulator,
+        "set friction, damping and armature of joints in the file of a simulator",
+        "Every other byte of the model stays. What the format cannot state is listed "
         "with what takes its place and the error that makes.",
     )
+    words = "axis (TOML), fit or diagnosis (JSON, as saved), by the name of its joint if there are "
+    simulator.add_argument("result", nargs="+", metavar="[JOINT=]FILE", help=f"{words}several")
+    words = "MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to write for isaac (.py) "
     simulator.add_argument(
-        "result",
-        nargs="+",
-        metavar="[JOINT=]FILE",
-        help="axis (TOML), fit or diagnosis (JSON, as saved), by the name of its joint if there "
-        "are several",
+        "--model", required=True, metavar="FILE", help=f"{words}and simscape (.m)"
     )
-    simulator.add_argument(
-        "--model",
-        required=True,
-        metavar="FILE",
-        help="MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to write for isaac "
-        "(.py) and simscape (.m)",
-    )
-    simulator.add_argument(
-        "--to", choices=(*_SIMULATORS.values(),), help="format, by default that of the extension"
-    )
-    simulator.add_argument(
-        "--load",
-        type=_loads,
-        metavar="J or JOINT=J,..",
-        help=_LOAD,
-    )
-    simulator.add_argument("--out", metavar="FILE", help="file to write in place of the model")
+    words = "format, by default that of the extension"
+    simulator.add_argument("--to", choices=(*_SIMULATORS.values(),), help=words)
+    _add(simulator, _LOAD, ("--out", str, "FILE", "file to write in place of the model"))
     simulator.add_argument("--stiff", action="store_true", help=_STIFF)
-    simulator.set_defaults(run=_simulator, own=simulator)
     return top
+
+
+def _add(
+    command: argparse.ArgumentParser, *options: tuple[str, Callable[[str], Any], str, str]
+) -> None:
+    """Options that take a value: name, type, placeholder and meaning."""
+    for name, kind, metavar, words in options:
+        command.add_argument(name, type=kind, metavar=metavar, help=words)
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
     """Options on how records are read and what a diagnosis may rely on."""
-    command.add_argument(
-        "--columns",
-        type=_pairs,
-        metavar="t=..,u=..,x=..",
-        help="headings or numbers of time, input and position where they are not the usual ones, "
-        "none for none",
-    )
-    command.add_argument(
-        "--units",
-        type=_pairs,
-        metavar="t=..,u=..,x=..",
-        help="units as stored, such as t=ms,x=mm, where the headings do not give them",
-    )
-    command.add_argument(
-        "--gain",
-        type=_gains,
-        metavar="K or u=..,x=..",
-        help="factor of the input, such as N per V, or factors by channel",
-    )
-    for option, metavar, words in (
-        ("--counts-per-turn", "N", "encoder counts per turn"),
-        ("--gear-ratio", "N", "turns of the motor per turn of the load"),
-        ("--lead", "M", "travel of a linear axis per turn of the load [m]"),
-        ("--pinion-radius", "R", "radius of a pinion or belt pulley [m]"),
-        ("--piston-area", "A", "area on which a measured pressure acts [m^2]"),
-        ("--torque-constant", "K", "torque of the motor per current [N m/A]"),
-        ("--rated-torque", "T", "torque of the motor at 100 %% [N m]"),
-        ("--force-constant", "K", "force of a linear motor per current [N/A]"),
-        ("--rated-force", "F", "force of a linear motor at 100 %% [N]"),
-    ):
-        command.add_argument(option, type=float, metavar=metavar, help=words)
-    command.add_argument(
-        "--load-encoder", action="store_true", default=None, help="the encoder is on the load"
-    )
-    command.add_argument(
-        "--dt",
-        type=float,
-        metavar="S",
-        help="resample irregular time stamps to this step [s]; without a time column, the step",
-    )
-    command.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples per second of a file without time column"
-    )
-    command.add_argument(
-        "--max-gap", type=float, metavar="S", help="longest gap that --dt may fill [s]"
-    )
-    command.add_argument(
-        "--known",
-        type=lambda text: [name.strip() for name in text.split(",")],
-        metavar="mass,..",
-        help="nominal values that are right",
-    )
-    command.add_argument(
-        "--tolerance",
-        type=_tolerances,
-        metavar="viscous=0.5,..",
-        help="relative standard deviations of nominal values",
-    )
-    command.add_argument(
-        "--time-limit",
-        type=float,
-        metavar="S",
-        help="time after which the best answer so far is returned [s]",
-    )
-    command.add_argument(
-        "--window", type=float, metavar="S", help="length of the free runs [s], 0.25 by default"
-    )
+    _add(
+        command,
+        ("--columns", _pairs, "t=..,u=..,x=..", "headings or numbers of time, input and position "
+         "where they are not the usual ones, none for none"),
+        ("--units", _pairs, "t=..,u=..,x=..", "units as stored, such as t=ms,x=mm, where the "
+         "headings do not give them"),
+        ("--gain", _gains, "K or u=..,x=..", "factor of the input, such as N per V, or factors by "
+         "channel"),
+        ("--counts-per-turn", float, "N", "encoder counts per turn"),
+        ("--gear-ratio", float, "N", "turns of the motor per turn of the load"),
+        ("--lead", float, "M", "travel of a linear axis per turn of the load [m]"),
+        ("--pinion-radius", float, "R", "radius of a pinion or belt pulley [m]"),
+        ("--piston-area", float, "A", "area on which a measured pressure acts [m^2]"),
+        ("--torque-constant", float, "K", "torque of the motor per current [N m/A]"),
+        ("--rated-torque", float, "T", "torque of the motor at 100 %% [N m]"),
+        ("--force-constant", float, "K", "force of a linear motor per current [N/A]"),
+        ("--rated-force", float, "F", "force of a linear motor at 100 %% [N]"),
+        ("--dt", float, "S", "resample irregular time stamps to this step [s]; without a time "
+         "column, the step"),
+        ("--rate", float, "HZ", "samples per second of a file without time column"),
+        ("--max-gap", float, "S", "longest gap that --dt may fill [s]"),
+        ("--known", _names, "mass,..", "nominal values that are right"),
+        ("--tolerance", _tolerances, "viscous=0.5,..", "relative standard deviations of nominal "
+         "values"),
+        ("--time-limit", float, "S", "time after which the best answer so far is returned [s]"),
+        ("--window", float, "S", "length of the free runs [s], 0.25 by default"),
+    )  # fmt: skip
+    words = "the encoder is on the load"
+    command.add_argument("--load-encoder", action="store_true", default=None, help=words)
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _names(text: str) -> list[str]:
+    """Names between commas."""
+    return [name.strip() for name in text.split(",")]
 
 
 def _pairs(text: str) -> dict[str, str | None]:
@@ -302,6 +223,12 @@ def _loads(text: str) -> float | dict[str, float]:
     return found if "=" in text else found["all"]
 
 
+_LOAD = (
+    "--load", _loads, "J or JOINT=J,..", "inertia that the bodies of the model have about the "
+    "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed",
+)  # fmt: skip
+
+
 def _tolerances(text: str) -> dict[str, float]:
     """Relative standard deviations by name."""
     return _numbers(text, text, "such as viscous=0.5,mass=0.1")
@@ -316,18 +243,7 @@ def _numbers(pairs: str, text: str, right: str) -> dict[str, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Default: those of the process.
-
-    Returns
-    -------
-    int
-        0; 2 after an error of the user's, 130 after an interrupt, each reported in one line.
-    """
+    """Run the command line: 0, 2 after an error of the user's, 130 after an interrupt."""
     chosen, unknown = parser().parse_known_args(arguments)
     if unknown:
         near = did_you_mean(unknown[0], chosen.own._option_string_actions)
@@ -371,16 +287,10 @@ def _reading(
     from dryfric_control.records.scaling import read_sampling
     from dryfric_control.store.axis_file import read_knowledge
 
-    given = {
-        item.name: value
-        for item in fields(Scaling)
-        if (value := getattr(chosen, item.name, None)) is not None
-    }
-    scaling = replace(Scaling() if file is None else Scaling.from_file(file), **given)
+    scaling = Scaling() if file is None else Scaling.from_file(file)
+    scaling = replace(scaling, **_given(chosen, *(item.name for item in fields(Scaling))))
     knowledge = {} if file is None else read_knowledge(file)
-    for name in ("known", "tolerance", "time_limit", "window"):
-        if getattr(chosen, name) is not None:
-            knowledge[name] = getattr(chosen, name)
+    knowledge |= _given(chosen, "known", "tolerance", "time_limit", "window")
     checked_knowledge(knowledge.get("known", ()), knowledge.get("tolerance"))
     for name in ("time_limit", "window"):
         if name in knowledge:
@@ -391,38 +301,46 @@ def _reading(
         sampling = read_sampling(file)
     if chosen.dt is not None:
         sampling.pop("rate", None)
-    for name in ("dt", "rate", "max_gap"):
-        if getattr(chosen, name) is not None:
-            sampling[name] = getattr(chosen, name)
-    return scaling, sampling, knowledge
+    return scaling, sampling | _given(chosen, "dt", "rate", "max_gap"), knowledge
+
+
+def _given(chosen: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Values of the options that were given, of some names."""
+    found = {name: getattr(chosen, name) for name in names}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _read_records(
+    chosen: argparse.Namespace, axis: FrictionAxis, label: str, **options: Any
+) -> list[Record]:
+    """Records of an axis, with what a first look at each shows."""
+    from dryfric_control.records import read_record
+
+    records = []
+    for path in chosen.record:
+        name = f"{Path(path).name}{label}"
+        record = read_record(path, chosen.columns, units=chosen.units, **options)
+        check = record.check()
+        if check.assumed:
+            print(f"{name}: units: {check.assumed}")
+            check = replace(check, units=axis.units)
+        print(f"{name}: {check.headline}")
+        records.append(record)
+    return records
 
 
 def _diagnose(chosen: argparse.Namespace) -> None:
     from dryfric_control.diagnosis.diagnose import diagnose
     from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.records import read_record
     from dryfric_control.store.axis_file import read_axis
     from dryfric_control.units import check_units
 
     folder = Path(chosen.out)
     axis = read_axis(chosen.axis)
     scaling, sampling, knowledge = _reading(chosen, chosen.axis)
-    records = []
-    for path in chosen.record:
-        record = read_record(
-            path,
-            chosen.columns,
-            scaling,
-            units=chosen.units,
-            joint=chosen.joint,
-            **sampling,
-        )
+    records = _read_records(chosen, axis, "", gain=scaling, joint=chosen.joint, **sampling)
+    for path, record in zip(chosen.record, records, strict=True):
         check_units(axis, record, Path(path).name)
-        check = record.check()
-        print(f"{Path(path).name}: {check.headline}")
-        if check.assumed:
-            print(f"{Path(path).name}: units: {check.assumed}")
-        records.append(record)
     _make_room(folder)
     found = diagnose(
         axis,
@@ -441,7 +359,6 @@ def _joints(chosen: argparse.Namespace) -> None:
     from dryfric_control import simulators
     from dryfric_control.diagnosis.joints import diagnose_joints
     from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.records import read_record
     from dryfric_control.simulators.mujoco_file import axes_of
     from dryfric_control.store.axis_file import read_axes
 
@@ -457,17 +374,9 @@ def _joints(chosen: argparse.Namespace) -> None:
             raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
     cases = {}
     for name in chosen.joints or axes:
-        axis, records = axes[name], []
-        for path in chosen.record:
-            record = read_record(
-                path, chosen.columns, scaling, units=chosen.units, joint=name, name=name, **sampling
-            )
-            check = record.check()
-            if check.assumed:
-                print(f"{Path(path).name}, {name}: units: {check.assumed}")
-                check = replace(check, units=axis.units)
-            print(f"{Path(path).name}, {name}: {check.headline}")
-            records.append(record)
+        axis = axes[name]
+        options = {"gain": scaling, "joint": name, "name": name, **sampling}
+        records = _read_records(chosen, axis, f", {name}", **options)
         if axis.coulomb.mean == 0.0:  # a model that nobody has given any friction
             guess = _GUESS * float(abs(records[0].u).max())
             print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")

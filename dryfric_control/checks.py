@@ -43,18 +43,7 @@ def positive(name: str, value: object, *, unit: str = "", zero: bool = False) ->
 
 
 def sampling_time(dt: object, stacklevel: int = 3) -> float:
-    """Sampling time of a design [s], with a warning where milliseconds may be meant.
-
-    Raises
-    ------
-    ValueError
-        If `dt` is not a positive number.
-
-    Warns
-    -----
-    UserWarning
-        If it is 0.1 s or more, which is long for an axis with friction.
-    """
+    """Sampling time of a design [s], with a warning where milliseconds may be meant."""
     number = positive("dt", dt, unit="s")
     if number >= 0.1:
         warnings.warn(
@@ -66,18 +55,7 @@ def sampling_time(dt: object, stacklevel: int = 3) -> float:
 
 
 def increment(value: object, unit: str, *, zero: bool = False, stacklevel: int = 3) -> float:
-    """`encoder_quantum` of a design, with a warning where counts may be meant.
-
-    Raises
-    ------
-    ValueError
-        If it is not a positive number (or zero, with `zero`).
-
-    Warns
-    -----
-    UserWarning
-        If it is half a metre or half a radian or more; in raw units a count is an increment.
-    """
+    """`encoder_quantum` of a design, with a warning where counts may be meant."""
     number = positive("encoder_quantum", value, unit=unit, zero=zero)
     if number >= 0.5 and unit in ("m", "rad"):
         warnings.warn(
@@ -89,13 +67,7 @@ def increment(value: object, unit: str, *, zero: bool = False, stacklevel: int =
 
 
 def whole(name: str, value: object, least: int = 1) -> int:
-    """Convert to an integer not below `least`.
-
-    Raises
-    ------
-    ValueError
-        If `value` is not such a number.
-    """
+    """Convert to an integer not below `least`."""
     number = value if isinstance(value, (int, float, np.number)) else math.nan
     if isinstance(value, bool) or not number >= least or not float(number).is_integer():
         raise ValueError(f"{name} must be a whole number of at least {least}, got {short(value)}")
@@ -124,13 +96,7 @@ def short(value: object) -> str:
 
 
 def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Convert numbers to an array of floats of any shape.
-
-    Raises
-    ------
-    ValueError
-        If `values` holds anything else; the message names the argument.
-    """
+    """Convert numbers to an array of floats of any shape."""
     try:
         array = np.asarray(values)
     except ValueError:  # rows of unequal length
@@ -147,13 +113,7 @@ def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float64]:
-    """Convert to a one-dimensional array of finite floats; a copy.
-
-    Raises
-    ------
-    ValueError
-        If `values` is anything else; the message names the argument.
-    """
+    """Convert to a one-dimensional array of finite floats; a copy."""
     array = np.array(places(name, values))
     if array.ndim != 1 or array.size == 0:
         raise ValueError(

@@ -211,29 +211,7 @@ def run(
     say: Callable[[str], None] = print,
     dt: float | None = None,
 ) -> dict[str, Any]:
-    """Run the demo: figures and a summary into a folder.
-
-    Parameters
-    ----------
-    out : path
-        Folder for the results, made if it does not exist.
-    record_path : path, optional
-        A measured record.  Default: a simulated one.
-    say : callable, optional
-        Where the lines of the summary go.
-    dt : float, optional
-        Resample the time stamps of a measured record to this step [s], see `read_record`.
-
-    Returns
-    -------
-    dict
-        The summary, as written to ``summary.json``.
-
-    Raises
-    ------
-    ValueError
-        If the record cannot be read; nothing is written then.
-    """
+    """Run the demo: figures and a summary into a folder; without a record, of a simulated one."""
     axis, record, controller = made_record() if record_path is None else measured(record_path, dt)
     folder = Path(out)
     if folder.exists() and not folder.is_dir():

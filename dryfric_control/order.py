@@ -18,13 +18,7 @@ _STEP, _INCREMENT = 1e-5, 0.1
 
 
 def check_quantum_and_dt(name: str, quantum: float, dt: float) -> None:
-    """Refuse an increment and a sampling time of each other's size.
-
-    Raises
-    ------
-    ValueError
-        If it is sampled at 100 kHz or more, with an increment that would be a sampling time.
-    """
+    """Refuse an increment and a sampling time of each other's size."""
     if dt <= _STEP < quantum < _INCREMENT:
         raise ValueError(
             f"{name} = {quantum:g} and dt = {dt:g}, which is {1.0 / dt:.3g} readings a second, "
@@ -33,13 +27,7 @@ def check_quantum_and_dt(name: str, quantum: float, dt: float) -> None:
 
 
 def check_bandwidth_and_dt(bandwidth: float, dt: float) -> None:
-    """Refuse a bandwidth and a sampling time of each other's size.
-
-    Raises
-    ------
-    ValueError
-        If the bandwidth in rad/s is a smaller number than the sampling time in s.
-    """
+    """Refuse a bandwidth and a sampling time of each other's size."""
     if bandwidth < dt:
         raise ValueError(
             f"bandwidth = {bandwidth:g} rad/s and dt = {dt:g} s look exchanged: give both by "
@@ -50,30 +38,9 @@ def check_bandwidth_and_dt(bandwidth: float, dt: float) -> None:
 def check_drive_and_reading(
     axis: Any, dt: float, u: Vector, y: Vector, names: tuple[str, str] = ("u", "y")
 ) -> None:
-    """Refuse drive and reading in the wrong order.
+    """Refuse drive and reading if the equation of motion fits them far better exchanged.
 
-    Raises
-    ------
-    ValueError
-        If the equation of motion fits them far better the other way round.
-
-    Notes
-    -----
     In u = m a + f v + s F the terms cancel; of other signals they do not, in whatever units.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> u = 15.0 * np.sin(6e-3 * np.arange(3000))
-    >>> y = axis.simulate(u, dt=1e-3).y[0]
-    >>> check_drive_and_reading(axis, 1e-3, u, y)
-    >>> try:
-    ...     check_drive_and_reading(axis, 1e-3, y, u)
-    ... except ValueError as refused:
-    ...     print(str(refused)[:27])
-    u and y look exchanged: as
     """
     if any(effect.slug == "input_gain" for effect in axis.effects):
         return  # a drive in any unit

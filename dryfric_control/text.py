@@ -23,14 +23,7 @@ WIDTH = 100
 
 
 def wrapped(lines: Iterable[str], indent: int = 4) -> str:
-    """Lines of at most 100 characters; what is left of a longer one is indented.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import wrapped
-    >>> [len(line) for line in wrapped(["a  table", "many words " * 12]).splitlines()]
-    [8, 98, 36]
-    """
+    """Lines of at most 100 characters; what is left of a longer one is indented."""
     return "\n".join(
         textwrap.fill(
             line, WIDTH, subsequent_indent=" " * indent, break_long_words=False,
@@ -43,28 +36,14 @@ def wrapped(lines: Iterable[str], indent: int = 4) -> str:
 
 
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
-    """Question that names the nearest choice; nothing where none is near.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import did_you_mean
-    >>> did_you_mean("posiiton", ["time", "Position"])
-    ". Did you mean 'Position'?"
-    """
+    """Question that names the nearest choice; nothing where none is near."""
     lowered = {c.lower(): c for c in choices}
     close = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.5)
     return f". Did you mean {lowered[close[0]]!r}?" if close else ""
 
 
 def percent(share: float, sign: str = "") -> str:
-    """A share in per cent, two digits below ten; `sign` "+" states that of a gain too.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import percent
-    >>> percent(0.0234), percent(1.58), percent(0.5, "+")
-    ('2.3 %', '158 %', '+50 %')
-    """
+    """A share in per cent, two digits below ten; `sign` "+" states that of a gain too."""
     value = 100.0 * share
     return f"{value:{sign}.0f} %" if abs(value) >= 10.0 else f"{value:{sign}.2g} %"
 
@@ -85,12 +64,6 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     """Factor and name of the unit with the prefix in which a small value is readable.
 
     Counts and increments have none.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import prefixed
-    >>> prefixed(3e-6, "m"), prefixed(0.2, "rad"), prefixed(0.03, "inc")
-    ((1e-06, 'um'), (1.0, 'rad'), (1.0, 'inc'))
     """
     if unit.partition(" ")[0].partition("/")[0] not in _WITH_PREFIX:
         return 1.0, unit
@@ -101,14 +74,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 
 def typeset(text: str) -> str:
-    """Plain text with the signs that print has for it.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import typeset
-    >>> typeset("14 -> 15.0 +- 0.1 N s/m, 3 um, 2 kg m^2")
-    '14 \u2192 15.0 \xb1 0.1 N\xb7s/m, 3 \xb5m, 2 kg\xb7m\xb2'
-    """
+    """Plain text with the signs that print has for it."""
     text = re.sub(r"\b(N m|N|kg) (?=[ms]\b)", lambda m: m[0].replace(" ", "\xb7"), text)
     text = re.sub(r"(?<=[\d\[]) ?u(m|rad)\b", lambda m: m[0].replace("u", "\xb5"), text)
     text = re.sub(r"\)e([+-]\d+)", lambda m: f")\xb710{str(int(m[1])).translate(_RAISED)}", text)
@@ -125,16 +91,7 @@ _TURNING = re.compile(r"\bN[ \xb7]m\b(?![\^\xb2])|\bkg[ \xb7]m[\^\xb2]")
 
 
 def rotary_words(text: str, unit: str) -> str:
-    """Text in the words of a rotary axis where a unit, or a label with it, has N m.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import rotary_words
-    >>> rotary_words("force residual", "N m"), rotary_words("Force residual", "N")
-    ('torque residual', 'Force residual')
-    >>> rotary_words("mass 2 kg m^2, bias_force.force, known=('mass',)", "N m")
-    "inertia 2 kg m^2, bias_force.force, known=('mass',)"
-    """
+    """Text in the words of a rotary axis where a unit, or a label with it, has N m."""
     if not _TURNING.search(unit):
         return text
 
@@ -146,15 +103,7 @@ def rotary_words(text: str, unit: str) -> str:
 
 
 def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
-    """Rows, the headings first, as columns of text, or escaped and typeset as HTML.
-
-    Examples
-    --------
-    >>> from dryfric_control.text import table
-    >>> print(table([("name", "value"), ("mass", "2 kg")]))
-    name  value
-    mass  2 kg
-    """
+    """Rows, the headings first, as columns of text, or escaped and typeset as HTML."""
     if not as_html:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
@@ -165,15 +114,7 @@ def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
 
 
 def plain_data(value: Any) -> Any:
-    """A value as JSON has it: lists for arrays, None for what is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from dryfric_control.text import plain_data
-    >>> plain_data({"x": np.arange(2), "error": np.inf, "ends": (0.5, 1.0)})
-    {'x': [0, 1], 'error': None, 'ends': [0.5, 1.0]}
-    """
+    """A value as JSON has it: lists for arrays, None for what is not finite."""
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, (np.ndarray, np.generic)):

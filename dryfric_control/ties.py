@@ -20,50 +20,12 @@ SQUARES = 1e-6
 
 
 def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> NDArray[np.bool_]:
-    """Whether numbers exceed a limit by more than round-off.
-
-    Parameters
-    ----------
-    a : array_like
-        Numbers.
-    b : array_like
-        Limit.
-    least : float, optional
-        Insignificant difference, in addition to round-off of the limit itself; for
-        positions a fraction of their range.
-
-    Returns
-    -------
-    ndarray of bool
-        a > b + 1e-10 abs(b) + least
-
-    Examples
-    --------
-    >>> bool(above(3 * 0.1, 0.3)), bool(above(0.31, 0.3))
-    (False, True)
-    """
+    """Whether a > b + 1e-10 abs(b) + least: numbers exceed a limit by more than round-off."""
     return np.asarray(np.asarray(a) > np.asarray(b) + NEAR * np.abs(b) + least)
 
 
 def ranked(values: ArrayLike, least: float = 0.0) -> list[int]:
-    """Indices from the smallest to the largest value; equal ones in the given order.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        Values; NaN come last.
-    least : float, optional
-        Insignificant difference, in addition to round-off.
-
-    Returns
-    -------
-    list of int
-
-    Examples
-    --------
-    >>> ranked([3 * 0.1, 0.3, 0.2])
-    [2, 0, 1]
-    """
+    """Indices from the smallest to the largest value, NaN last; equal ones in the given order."""
     numbers = np.nan_to_num(np.asarray(values, dtype=float), nan=np.inf, posinf=np.inf)
     found: list[int] = []
     equal: list[int] = []
@@ -77,24 +39,7 @@ def ranked(values: ArrayLike, least: float = 0.0) -> list[int]:
 
 
 def samples(time: float, dt: float) -> int:
-    """Number of steps nearest to a time; halves are rounded to even.
-
-    Parameters
-    ----------
-    time : float
-        Time [s].
-    dt : float
-        Step [s].
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> samples(0.25, 0.004), samples(0.25, 0.004 * (1.0 - 1e-15))
-    (62, 62)
-    """
+    """Number of steps nearest to a time; halves are rounded to even."""
     ratio = time / dt
     half = 0.5 * round(2.0 * ratio)
     return round(half if abs(ratio - half) <= NEAR * abs(half) else ratio)

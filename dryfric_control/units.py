@@ -15,17 +15,7 @@ from dryfric_control.text import did_you_mean
 
 
 class Unit(NamedTuple):
-    """What a name of a unit says.
-
-    Attributes
-    ----------
-    factor : float
-        Number of `si` in one of the unit.
-    si : str
-        Name of the SI unit, or of a raw unit that only the machine can convert.
-    kind : str
-        Physical quantity; ``"raw"`` for counts and per cent.
-    """
+    """What a name of a unit says: number of `si` in one of it, the SI or raw unit, the quantity."""
 
     factor: float
     si: str
@@ -97,42 +87,13 @@ _USUAL = {
 
 
 def known_unit(unit: str) -> Unit | None:
-    """The unit of a name, None for a name that is not known.
-
-    Examples
-    --------
-    >>> known_unit("N·m"), known_unit("MM")
-    (Unit(factor=1.0, si='N m', kind='torque'), None)
-    """
+    """The unit of a name, None for a name that is not known."""
     text = unit.strip().replace("µ", "u").replace("μ", "u")
     return _TABLE.get(text) or _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
 
 
 def si_unit(role: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI name of the unit of a channel.
-
-    Parameters
-    ----------
-    role : str
-        ``"t"``, ``"u"``, ``"x"``, ``"reference"``, ``"v"``, ``"a"`` or ``"x2"``.
-    unit : str
-        Unit as written, such as ``"mm"`` or ``"N m"``.
-
-    Returns
-    -------
-    tuple of float and str
-        Counts and per cent keep their name: only the machine's numbers convert them.
-
-    Raises
-    ------
-    ValueError
-        When the name is not known or cannot belong to this channel.
-
-    Examples
-    --------
-    >>> si_unit("x", "mm"), si_unit("u", "Nm"), si_unit("x", "ticks")
-    ((0.001, 'm'), (1.0, 'N m'), (1.0, 'counts'))
-    """
+    """Factor to SI and SI name of the unit of a channel; counts and per cent keep their name."""
     if not isinstance(unit, str):
         raise ValueError(f"the unit of {role} must be text, got {unit!r}")
     unit = unit.strip()
@@ -160,24 +121,7 @@ _SYSTEMS = (("m", "N"), ("rad", "N m"))
 
 
 def axis_units(units: Any) -> tuple[str, str]:
-    """Units of position and force of an axis, by the names that are used in print.
-
-    Parameters
-    ----------
-    units : sequence of str
-        Such as ``("rad", "Nm")``; names that are not known are taken as they are.
-
-    Raises
-    ------
-    ValueError
-        When they are no pair of text, swapped, not of one axis, or not those in which
-        records are read.
-
-    Examples
-    --------
-    >>> axis_units(["rad", "Nm"]), axis_units(("inc", "V"))
-    (('rad', 'N m'), ('inc', 'V'))
-    """
+    """Units of position and force of an axis, by the names that are used in print."""
     mend = 'give ("m", "N") or ("rad", "N m")'
     if not isinstance(units, (tuple, list)) or [type(unit) for unit in units] != [str, str]:
         raise ValueError(
@@ -207,23 +151,7 @@ def axis_units(units: Any) -> tuple[str, str]:
 
 
 def check_units(axis: Any, record: Any, name: str = "record") -> None:
-    """Refuse a record whose units, or drive and position, are not those of the axis.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis, with ``units`` of position and force; with an input gain among its
-        effects it takes a drive in any unit.
-    record : Record
-        The record; a channel without a unit is taken to be in the axis's.
-    name : str, optional
-        Name of the argument, for the message.
-
-    Raises
-    ------
-    ValueError
-        With both units and how to make them agree; or if drive and position are exchanged.
-    """
+    """Refuse a record whose units, or drive and position, are not those of the axis."""
     for role, wanted in zip("xu", axis.units, strict=True):
         unit = record.units.get(role, "")
         if not unit or not wanted or same_unit(unit, wanted):
@@ -246,13 +174,7 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two names mean one unit.
-
-    Examples
-    --------
-    >>> same_unit("N m", "Nm"), same_unit("m", "mm")
-    (True, False)
-    """
+    """Whether two names mean one unit."""
     a, b = known_unit(one), known_unit(other)
     if a is None or b is None:
         return one.strip() == other.strip()

@@ -126,29 +126,12 @@ NONE = Masked(np.empty(0, np.int64), (), np.empty(0))
 
 
 def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
-    """Bad readings of uniformly sampled positions: sample to reason.
+    """Bad readings of uniformly sampled positions with noise and quantum: sample to reason.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Positions.
-    noise, quantum : float
-        Standard deviation of their noise, and quantum, 0 for none.
-
-    Notes
-    -----
-    A single reading x[k] jumps if the lines through the two readings on either side
-    and the cubic through all four miss it by nearly the same, and by more than noise,
-    quantum and the motion nearby explain.  The reading x[k-1] is repeated m times
-    if x[k-1+m] equals it and the next step makes up for all m.  Readings that were found
-    to be bad are no neighbours for the next ones.
-
-    Examples
-    --------
-    >>> x = 1e-3 * np.arange(50.0)
-    >>> x[20], x[30] = 0.5, x[29]
-    >>> find(x, 1e-9, 0.0)
-    {20: 'jump', 30: 'repeated'}
+    A reading jumps if the lines through the two readings on either side and the cubic through all
+    four miss it by nearly the same, and by more than noise, quantum and the motion nearby explain.
+    The reading before is repeated m times if the next step makes up for all m.  Readings that were
+    found to be bad are no neighbours for the next ones.
     """
     found = dict.fromkeys(absurd(x), JUMP)
     path = bridged(x, without(x.size, found)) if found else x
@@ -168,15 +151,7 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
 
 
 def absurd(x: FloatArray) -> list[int]:
-    """Short runs of readings far beyond all others: a code for a fault, or bits that were lost.
-
-    Examples
-    --------
-    >>> x = np.sin(np.arange(100.0))
-    >>> x[[20, 21, 70]] = 1e9, 1e9, -1e12
-    >>> absurd(x)
-    [20, 21, 70]
-    """
+    """Short runs of readings far beyond all others: a code for a fault, or bits that were lost."""
     away = np.abs(x - np.median(x))
     most = np.sort(away)[int((1.0 - _MOST) * x.size) :]
     beyond = (most[1:] > _BEYOND * most[:-1]) & (most[:-1] > 0.0)
@@ -260,11 +235,6 @@ def held_for(x: FloatArray, quantum: float = 0.0) -> tuple[int, int]:
 
     Its steps are long, one after so many samples; those of a coarse encoder are one
     quantum.
-
-    Examples
-    --------
-    >>> held_for(np.repeat(np.arange(50.0) ** 2, 4)[1:])
-    (4, 3)
     """
     steps = np.diff(x)
     changes = np.flatnonzero(steps) + 1

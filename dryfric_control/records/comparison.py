@@ -34,20 +34,7 @@ class Comparison(NamedTuple):
 
 
 def compared(expected: FloatArray, measured: FloatArray, dt: float) -> Comparison:
-    """Gain, offset and delay that bring a channel closest to what is expected.
-
-    Parameters
-    ----------
-    expected, measured : ndarray, shape (n,)
-        Channel by the position, and as recorded.
-    dt : float
-        Step [s].
-
-    Raises
-    ------
-    ValueError
-        If what is expected is constant.
-    """
+    """Gain, offset and delay that bring a channel closest to what is expected."""
     longest = min(round(_LONGEST / dt), expected.size // 4)
     inside = slice(longest, expected.size - longest)
     best: Comparison | None = None

@@ -160,24 +160,12 @@ def _percent(share: float) -> str:
 
 
 def factors(raw: Mapping[str, tuple[str, float]]) -> str:
-    """What the numbers of a source were multiplied by.
-
-    Examples
-    --------
-    >>> factors({"u": ("bar", 120.0), "x": ("", 1e-6)})
-    'u 120 per bar, x 1e-06 per unit'
-    """
+    """What the numbers of a source were multiplied by."""
     return ", ".join(f"{role} {f:.6g} per {unit or 'unit'}" for role, (unit, f) in raw.items())
 
 
 def assumed_units(units: Mapping[str, str]) -> str:
-    """What is taken for units that nobody stated; empty where all are.
-
-    Examples
-    --------
-    >>> assumed_units({"t": "s", "u": "N"})
-    'none stated for x: taken as those of the axis (m by default), time in s'
-    """
+    """What is taken for units that nobody stated; empty where all are."""
     usual = {role: unit for role, unit in (("u", "N"), ("x", "m")) if role not in units}
     if not usual:
         return ""
@@ -188,16 +176,7 @@ def assumed_units(units: Mapping[str, str]) -> str:
 
 
 def energy_message(record: Record, units: tuple[str, str]) -> str | None:
-    """What to say of a drive that takes energy out of the machine; None if it does not.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = 1e-3 * np.arange(2000)
-    >>> energy_message(dfc.Record(t, np.cos(t), -np.sin(t)), ("m", "N"))[:41]
-    'the drive takes energy out of the machine'
-    """
+    """What to say of a drive that takes energy out of the machine; None if it does not."""
     passed = record.u[:-1] * np.diff(record.x)
     total = float(np.abs(passed).sum())
     work = float(passed.sum())
@@ -211,16 +190,7 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
 
 
 def held_message(record: Record) -> str | None:
-    """What to say of positions that were logged faster than they were read; None if not.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = 1e-3 * np.arange(2000)
-    >>> held_message(dfc.Record(t, np.cos(t), np.repeat(np.sin(t[::4]), 4), quantum=0))[:41]
-    'the position changes only every 4 samples'
-    """
+    """What to say of positions that were logged faster than they were read; None if not."""
     count, first = held_for(record.x, record.quantum or 0.0)
     if count == 1:
         return None

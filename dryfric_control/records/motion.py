@@ -34,34 +34,11 @@ def usual_speeds(v: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def directions(record: Record) -> NDArray[np.int8]:
-    """Direction of motion at every sample, found from the readings.
+    """Direction of motion at every sample from the readings: +1 or -1 sliding, 0 motionless.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    ndarray of int8, shape (n,)
-        +1 or -1 sliding, 0 motionless.
-
-    Notes
-    -----
-    A sample slides if, over some half width h of at most 0.05 s, the readings
-    h before and h after it differ by more than quantum and noise explain, and
-    the halves on both sides go the same way.  Both halves must move, so that a
-    resting axis shortly before its break-away still counts as motionless.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = 1e-3 * np.arange(900)
-    >>> x = np.interp(t, [0.0, 0.3, 0.6, 0.9], [0.0, 0.0, 0.03, 0.03])
-    >>> moving = directions(dfc.Record(t, np.cos(t), 1e-5 * np.round(1e5 * x)))
-    >>> int(moving[100]), int(moving[450]), int(moving[800])
-    (0, 1, 0)
+    A sample slides if, over some half width h of at most 0.05 s, the readings h before and h after
+    differ by more than quantum and noise explain, and both halves go the same way.  Both must
+    move, so that an axis about to break away still counts as motionless.
     """
     x = record.x
     least = least_motion(record)
@@ -82,30 +59,13 @@ def directions(record: Record) -> NDArray[np.int8]:
 
 
 def rest_times(record: Record) -> NDArray[np.float64]:
-    """Time for which the axis has been motionless at every sample [s].
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        0 while sliding.
-    """
+    """Time for which the axis has been motionless at every sample [s], 0 while sliding."""
     last = latest(directions(record) != 0, 0)
     return np.asarray((np.arange(len(record)) - last) * record.dt)
 
 
 def latest(there: NDArray[np.bool_], none: int) -> NDArray[np.int64]:
-    """Index of the last sample so far at which something is there, `none` before the first.
-
-    Examples
-    --------
-    >>> latest(np.array([False, True, False, True]), -1).tolist()
-    [-1, 1, 1, 3]
-    """
+    """Index of the last sample so far at which something is there, `none` before the first."""
     index = np.where(there, np.arange(there.size), none)
     return np.asarray(np.maximum.accumulate(index), dtype=np.int64)
 

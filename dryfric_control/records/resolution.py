@@ -14,22 +14,9 @@ QUANTA = math.sqrt(12)
 
 
 class Resolution(NamedTuple):
-    """Smallest differences of position that a record shows.
+    """Smallest differences of position that a record shows [unit of x].
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of the fast position noise, at least that of the
-        encoder quantum [unit of x].
-    quantum : float
-        Encoder quantum [unit of x]; 0 for none.
-    rounding : float
-        Difference that is arithmetic alone, 1e-9 of the range [unit of x].
-
-    Examples
-    --------
-    >>> round(Resolution(noise=2e-6, quantum=1e-6, rounding=1e-10).step, 9)
-    6.928e-06
+    Noise is at least that of the quantum (0 for none); rounding is arithmetic alone.
     """
 
     noise: float

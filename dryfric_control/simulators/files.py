@@ -38,13 +38,7 @@ def written(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValu
 
 
 def number(value: float) -> str:
-    """A number with six digits, as every format reads it.
-
-    Examples
-    --------
-    >>> number(0.1), number(1.0 / 3.0), number(0.0)
-    ('0.1', '0.333333', '0')
-    """
+    """A number with six digits, as every format reads it."""
     return f"{value:.6g}"
 
 

@@ -54,16 +54,9 @@ _ELSEWHERE = {
 class Format(NamedTuple):
     """How a simulator states the friction of a joint.
 
-    Attributes
-    ----------
-    columns : callable
-        ``columns(v, shape)``: friction at velocities for each coefficient of 1.
-    shapes : callable
-        ``shapes(speed)``: shapes to choose from, at these speeds.
-    values : callable
-        ``values(coefficients, shape, breakaway)``: numbers of the format by name.
-    breakaway : bool
-        Whether it states the breakaway friction force on its own.
+    ``columns(v, shape)``: friction at velocities for each coefficient of 1; ``shapes(speed)``:
+    those to choose from; ``values(coefficients, shape, breakaway)``: numbers by name; whether it
+    states the breakaway friction force on its own.
     """
 
     columns: Callable[[FloatArray, Any], FloatArray]

@@ -53,15 +53,7 @@ class Edit(NamedTuple):
 
 
 def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
-    """The start tag that begins at a byte, with attributes set.
-
-    Examples
-    --------
-    >>> attributes_set(b'<joint name="a"  damping="1"/>', 0, {"damping": "2"}).new
-    b'<joint name="a"  damping="2"/>'
-    >>> attributes_set(b'<joint name="a" />', 0, {"damping": "2"}).new
-    b'<joint name="a" damping="2" />'
-    """
+    """The start tag that begins at a byte, with attributes set."""
     match = _tag(raw, at)
     tag = raw[at : match.start(1)]
     for name, value in values.items():
@@ -75,13 +67,7 @@ def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
 
 
 def child_added(raw: bytes, at: int, child: str) -> Edit:
-    """An element put first into the one that begins at a byte, indented as what follows.
-
-    Examples
-    --------
-    >>> applied(b"<a>\\n  <b/>\\n</a>", [child_added(b"<a>\\n  <b/>\\n</a>", 0, "<c/>")])
-    b'<a>\\n  <c/>\\n  <b/>\\n</a>'
-    """
+    """An element put first into the one that begins at a byte, indented as what follows."""
     end = _tag(raw, at).end()
     space = raw[end : end + len(raw[end:]) - len(raw[end:].lstrip())]
     return Edit(end, end, space + child.encode())

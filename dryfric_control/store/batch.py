@@ -122,23 +122,8 @@ def run_batch(
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     """Short text that differs wherever the numbers of two values do.
 
-    Parameters
-    ----------
-    *values
-        Numbers, text, arrays, mappings, sequences and dataclasses of such, told
-        apart by what they hold; anything else by its pickle.
-    without : tuple of type, optional
-        Classes whose objects are passed over, wherever they are held.
-
-    Raises
-    ------
-    ValueError
-        If a value cannot be pickled.
-
-    Examples
-    --------
-    >>> fingerprint([1.0, 2.0]) == fingerprint((1.0, 2.0)), fingerprint(0.0) == fingerprint(1e-300)
-    (True, False)
+    Numbers, text, arrays, mappings, sequences and dataclasses are told apart by what they hold,
+    anything else by its pickle; objects of the classes `without` are passed over.
     """
     digest = hashlib.sha256()
     for part in _parts(values, without):

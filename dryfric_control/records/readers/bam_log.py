@@ -23,20 +23,7 @@ BAM_KEYS = (
 
 
 def read_bam_entries(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Head and columns of a BAM servo log (JSON), as stored.
-
-    Returns
-    -------
-    head : dict
-        Everything but the entries.
-    columns : dict of str to ndarray
-        One float array per key of the entries; ``duty`` signed, 1 at full.
-
-    Raises
-    ------
-    ValueError
-        When the file is not such a log.
-    """
+    """Head and columns of a BAM servo log (JSON): signed ``duty`` for `load`, else as stored."""
     file = existing_file(path)
     try:
         content = json.loads(file.read_text(encoding="utf-8-sig"))

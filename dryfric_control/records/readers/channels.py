@@ -118,15 +118,7 @@ class Channels:
 
 @lru_cache(maxsize=4096)
 def split_header(cell: str) -> tuple[str, str]:
-    """Name and unit of a column heading.
-
-    Examples
-    --------
-    >>> split_header("x [mm]"), split_header("time_ms"), split_header("u / N")
-    (('x', 'mm'), ('time', 'ms'), ('u', 'N'))
-    >>> split_header("pos (5)"), split_header("vel_rad_s"), split_header("Weg in mm")
-    (('pos (5)', ''), ('vel', 'rad/s'), ('Weg', 'mm'))
-    """
+    """Name and unit of a column heading."""
     cell = cell.strip()
     if len(cell) > 200:  # no heading, and the pattern takes quadratic time
         return cell, ""
@@ -146,26 +138,14 @@ def split_header(cell: str) -> tuple[str, str]:
 
 
 def worded(name: str) -> str:
-    """A heading in lower case without accents, its words joined by "_".
-
-    Examples
-    --------
-    >>> worded("ActualPosition"), worded("Größe cmd")
-    ('actual_position', 'grosse_cmd')
-    """
+    """A heading in lower case without accents, its words joined by "_"."""
     name = "".join(c for c in normalize("NFKD", name.strip()) if not combining(c))
     return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
 
 
 @lru_cache(maxsize=4096)
 def meaning(name: str) -> tuple[str, str, str]:
-    """Role of a heading, its usual name, and the joint it is of, each empty if there is none.
-
-    Examples
-    --------
-    >>> meaning("ActualPosition"), meaning("q3_tau_J"), meaning("effort.elbow")
-    (('x', 'actual_position', ''), ('u', 'tau', '3'), ('u', 'effort', 'elbow'))
-    """
+    """Role of a heading, its usual name, and the joint it is of, each empty if there is none."""
     for one in (worded(name), name.strip().casefold()):
         if one in _ROLES:
             return _ROLES[one], one, ""
@@ -209,25 +189,10 @@ def assign_columns(
     timed: bool | None = True,
     joint: str | int | None = None,
 ) -> dict[str, int]:
-    """Index of the column that plays each role.
+    """Index of the column for each role, as the caller says or by usual names.
 
-    Parameters
-    ----------
-    headings : list of str
-        Column headings, with or without units.
-    columns : mapping or None
-        Role to heading or index; roles left out are recognised by name, those with None not.
-    where : str
-        The source, for messages.
-    timed : bool, optional
-        Whether a column of time is needed; False for none, None for perhaps.
-    joint : str or int, optional
-        Joint of which the columns are wanted, as their headings name it.
-
-    Raises
-    ------
-    ValueError
-        For an unknown role or column, an ambiguous or a missing one.
+    `timed`: whether a column of time is needed, None for perhaps; `joint`: that of which columns
+    are wanted.
     """
     columns = {} if columns is None else columns
     if not isinstance(columns, Mapping):
@@ -390,27 +355,11 @@ def to_si(
     declared: Mapping[str, str] | None,
     where: str,
 ) -> Channels:
-    """Convert channels to SI units and apply the gains.
+    """Channels in SI units with the gains applied.
 
-    Parameters
-    ----------
-    values : dict
-        Role to array.
-    stored : mapping
-        Units the source states; empty text where it does not.
-    gain : float, mapping or Scaling
-        Factor on ``u``, factors by channel, or numbers of the machine. A factor converts the
-        number in the source: a unit in the heading then only labels it, but for a gain of -1,
-        which turns the sign and keeps the unit.
-    declared : mapping or None
-        Units the caller states: as stored, of a channel with a gain after it.
-    where : str
-        The source, for messages.
-
-    Raises
-    ------
-    ValueError
-        For a bad gain or units that contradict each other.
+    A gain converts the number in the source: a unit in the heading (`stored`) then only labels it,
+    but for -1, which turns the sign and keeps it.  `declared` are units as stored, of a channel
+    with a gain after it.
     """
     scaling = Scaling.of(gain)
     if declared is not None and not isinstance(declared, Mapping):

@@ -12,13 +12,7 @@ _DEEPEST = 8
 
 
 def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
-    """Numbers of a message; those of an array by the names that stand beside it, or by index.
-
-    Examples
-    --------
-    >>> dict(numbers("", {"name": ["hip", "knee"], "position": [1, 2.5], "n": [3]}, 0))
-    {'position.hip': 1.0, 'position.knee': 2.5, 'n.0': 3.0}
-    """
+    """Numbers of a message; those of an array by the names that stand beside it, or by index."""
     if isinstance(content, (int, float)) and not isinstance(content, bool):
         yield prefix, float(content)
     elif depth == _DEEPEST or isinstance(content, (str, bytes, bool, type(None))):

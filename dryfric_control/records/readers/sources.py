@@ -48,26 +48,10 @@ def read_channels(
     timed: bool | None = True,
     joint: str | int | None = None,
 ) -> Channels:
-    """Read the channels of a file, data frame or mapping.
+    """Channels of a file, data frame or mapping.
 
-    Parameters
-    ----------
-    step : float, optional
-        Sampling step [s]: of a source without a column of time, or that of the record; words
-        for a missing number are nan then.
-    timed : bool, optional
-        Whether there is such a column; None for perhaps.
-    joint : str or int, optional
-        Joint of a log of several.
-
-    Raises
-    ------
-    FileNotFoundError, IsADirectoryError
-        When the path leads nowhere or to a directory.
-    ValueError
-        For everything that is wrong inside.
-    TypeError
-        When the source is none of these.
+    `step` [s] is that of a source without a column of time or of the record, and makes words for a
+    missing number nan; `timed`: whether there is such a column, None for perhaps.
     """
     if isinstance(max_rows, bool) or not isinstance(max_rows, int) or max_rows < 1:
         raise ValueError(f"max_rows must be a positive whole number, got {max_rows!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 from unicodedata import combining, normalize
@@ -19,6 +19,7 @@ from dryfric_control.units import known_unit, si_unit
 
 ROLES = ("t", "u", "x", "reference")
 MAX_ROWS = 10_000_000  # 0.3 GB for four columns
+EXACT = 2**53  # beyond, float64 leaves whole numbers out
 #: Channels that are kept with a record beside those that it needs.
 EXTRAS = ("v", "a", "x2")
 
@@ -104,10 +105,11 @@ _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 @dataclass(frozen=True)
 class Channels:
-    """The channels of one source, in SI units, not yet judged."""
+    """The channels of one source by role, not yet judged, and what is known of them."""
 
-    values: dict[str, Any]
-    units: dict[str, str]
+    where: str
+    values: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     name: str | None = None
     quantum: float | None = None
@@ -194,35 +196,19 @@ def assign_columns(
     `timed`: whether a column of time is needed, None for perhaps; `joint`: that of which columns
     are wanted.
     """
-    columns = {} if columns is None else columns
-    if not isinstance(columns, Mapping):
-        raise ValueError(
-            f"columns must map t, u, x and reference to columns, such as "
-            f'{{"t": "time", "u": "force", "x": "position"}}; got {columns!r}'
-        )
-    names = [split_header(h)[0] for h in headings]
+    columns = _checked_columns(columns)
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
+    names = [split_header(h)[0] for h in headings]
     if joint is not None:
         names = _of_joint(names, str(joint), where)
-    chosen: dict[str, int] = {}
-    for role, wanted in columns.items():
-        if role not in (*ROLES, *EXTRAS, "good"):
-            raise ValueError(
-                f"columns: {role!r} is no role; the roles are {', '.join((*ROLES, *EXTRAS))}"
-                + did_you_mean(str(role), [*ROLES, *EXTRAS])
-            )
-        if wanted is None and not (role == "t" and timed):
-            continue
-        chosen[role] = _find_column(role, wanted, headings, names, where)
-    if not columns and all(h == "" for h in headings):
-        roles = ROLES[1:] if timed is False or (timed is None and len(headings) < 3) else ROLES
-        if len(headings) not in (len(roles) - 1, len(roles)):
-            raise ValueError(
-                f"{where} has {len(headings)} columns and no heading; say which is which by "
-                'index: columns={"t": 0, "u": 1, "x": 2}'
-            )
-        return dict(zip(roles, range(len(headings)), strict=False))
+    if not columns and not any(headings):
+        return _in_order(len(headings), where, timed)
+    chosen = {
+        role: _find_column(role, wanted, headings, names, where)
+        for role, wanted in columns.items()
+        if wanted is not None or (role == "t" and timed)
+    }
     for role in ROLES[:3]:
         if role not in columns and (found := _recognise(role, names, where, chosen)) is not None:
             chosen[role] = found
@@ -230,21 +216,49 @@ def assign_columns(
         found = None if role in columns else _extra(role, headings, names, chosen)
         if found is not None and found not in chosen.values():
             chosen[role] = found
-    for role in ("t", "u", "x"):
-        if role in chosen or (role == "t" and not timed) or (role == "u" and role in columns):
-            continue
-        if role == "x" and "v" in chosen:
-            continue
-        none = {"t": "rate= [samples per s]", "u": 'columns={"u": None} for a free motion',
-                "x": "a column of velocity, v"}[role]  # fmt: skip
-        raise ValueError(
-            f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
-            f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
-        )
+    needed = {"t": bool(timed), "u": "u" not in columns, "x": "v" not in chosen}
+    for role, none in (
+        ("t", "rate= [samples per s]"),
+        ("u", 'columns={"u": None} for a free motion'),
+        ("x", "a column of velocity, v"),
+    ):
+        if needed[role] and role not in chosen:
+            raise ValueError(
+                f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
+                f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
+            )
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
+
+
+def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
+    """What the caller says of columns: a mapping of roles."""
+    if columns is not None and not isinstance(columns, Mapping):
+        raise ValueError(
+            f"columns must map t, u, x and reference to columns, such as "
+            f'{{"t": "time", "u": "force", "x": "position"}}; got {columns!r}'
+        )
+    roles = [*ROLES, *EXTRAS]
+    for role in columns or {}:
+        if role not in (*roles, "good"):
+            raise ValueError(
+                f"columns: {role!r} is no role; the roles are {', '.join(roles)}"
+                + did_you_mean(str(role), roles)
+            )
+    return columns or {}
+
+
+def _in_order(count: int, where: str, timed: bool | None) -> dict[str, int]:
+    """Roles of columns without headings: t, u, x, reference."""
+    roles = ROLES[1:] if timed is False or (timed is None and count < 3) else ROLES
+    if count not in (len(roles) - 1, len(roles)):
+        raise ValueError(
+            f"{where} has {count} columns and no heading; say which is which by "
+            'index: columns={"t": 0, "u": 1, "x": 2}'
+        )
+    return dict(zip(roles, range(count), strict=False))
 
 
 def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
@@ -349,68 +363,77 @@ def _listing(headings: list[str]) -> str:
 
 
 def to_si(
-    values: dict[str, Any],
-    stored: Mapping[str, str],
-    gain: float | Mapping[str, float] | Scaling,
-    declared: Mapping[str, str] | None,
-    where: str,
+    found: Channels, gain: float | Mapping[str, float] | Scaling, declared: Any = None
 ) -> Channels:
     """Channels in SI units with the gains applied.
 
-    A gain converts the number in the source: a unit in the heading (`stored`) then only labels it,
-    but for -1, which turns the sign and keeps it.  `declared` are units as stored, of a channel
-    with a gain after it.
+    A gain converts the number in the source: a unit in the heading then only labels it, but for
+    -1, which turns the sign and keeps it.  `declared` are units as stored, of a channel with a
+    gain after it.
     """
     scaling = Scaling.of(gain)
     if declared is not None and not isinstance(declared, Mapping):
         raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {declared!r}')
-    declared = dict(declared or {})
-    for key in declared:
+    for key in declared or {}:
         if key not in ("t", "u", "x", *EXTRAS):
             raise ValueError(f"units: {key!r} is no channel; the channels are t, u and x")
     for key in scaling.gain:
-        if key not in values:
-            raise ValueError(f"gain: {where} has no channel {key!r}; it has {', '.join(values)}")
-    units: dict[str, str] = {}
-    notes: list[str] = []
-    raw: dict[str, tuple[str, float]] = {}
-    out = dict(values)
+        if key not in found.values:
+            raise ValueError(
+                f"gain: {found.where} has no channel {key!r}; it has {', '.join(found.values)}"
+            )
+    values, units, notes, raw = dict(found.values), {}, [*found.notes], dict(found.raw)
+    quantum = found.quantum
     for role in values:
         key = "x" if role == "reference" else role
-        unit, said, own = stored.get(role, ""), declared.get(key, ""), scaling.gain.get(key)
-        turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
-        factor, si = si_unit(role, unit) if unit and (own is None or turned) else (1.0, "")
-        if own is not None:
-            if not turned:
-                _check_gain(role, unit, said, own, where)
-            factor *= own
-            per = f" per {unit}" if unit and not turned else ""
-            notes.append(f"{role} multiplied by gain {own:g}{per}")
-        if said and not turned:
-            more, said_si = si_unit(role, said)
-            if si and (si, factor) != (said_si, more):
-                raise ValueError(
-                    f"{where} gives {role} in {unit!r}, units= says {said!r}; leave one out"
-                )
-            factor, si = (factor if si else factor * more), said_si
-            unit = unit or (said if own is None else "")
-        if own is None and (found := scaling.conversion(role, si)):
-            factor, unit, si = factor * found.factor, unit or found.raw, found.unit
-            notes.append(f"{role} converted from {unit} to {si} with factor {factor:.6g}")
-        elif factor not in (1.0, own):
-            notes.append(f"{role} converted from {unit or said} to {si or 'SI'}")
+        unit, said = found.units.get(role, ""), (declared or {}).get(key, "")
+        factor, unit, si, done = _conversion(role, unit, said, scaling, found.where)
+        notes += done
         if factor != 1:
-            out[role] = scaled(out[role], factor)
+            values[role] = scaled(values[role], factor)
         if factor != 1 or (unit and unit != si):
-            raw[role] = (unit, factor)
+            before = raw.get(role, (unit, 1.0))
+            raw[role] = (before[0], before[1] * factor)
+        if role == "x" and quantum is not None:
+            quantum *= abs(factor)
         if si:
             units[role] = si
     if (r := units.pop("reference", "")) and "x" in units and r != units["x"]:
         raise ValueError(
-            f"{where}: reference is in {r} but x in {units['x']}; they must agree, "
+            f"{found.where}: reference is in {r} but x in {units['x']}; they must agree, "
             "or leave it out: columns={'reference': None}"
         )
-    return Channels(out, units, tuple(notes), raw=raw)
+    return replace(found, values=values, units=units, notes=tuple(notes), raw=raw, quantum=quantum)
+
+
+def _conversion(
+    role: str, unit: str, said: str, scaling: Scaling, where: str
+) -> tuple[float, str, str, list[str]]:
+    """Factor of a channel, its raw unit and that of the product, and what to note of it."""
+    own = scaling.gain.get("x" if role == "reference" else role)
+    turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
+    factor, si = si_unit(role, unit) if unit and (own is None or turned) else (1.0, "")
+    notes = []
+    if own is not None:
+        if not turned:
+            _check_gain(role, unit, said, own, where)
+        factor *= own
+        per = f" per {unit}" if unit and not turned else ""
+        notes.append(f"{role} multiplied by gain {own:g}{per}")
+    if said and not turned:
+        more, said_si = si_unit(role, said)
+        if si and (si, factor) != (said_si, more):
+            raise ValueError(
+                f"{where} gives {role} in {unit!r}, units= says {said!r}; leave one out"
+            )
+        factor, si = (factor if si else factor * more), said_si
+        unit = unit or (said if own is None else "")
+    if own is None and (found := scaling.conversion(role, si)):
+        factor, unit, si = factor * found.factor, unit or found.raw, found.unit
+        notes.append(f"{role} converted from {unit} to {si} with factor {factor:.6g}")
+    elif factor not in (1.0, own):
+        notes.append(f"{role} converted from {unit or said} to {si or 'SI'}")
+    return factor, unit, si, notes
 
 
 def _check_gain(role: str, unit: str, said: str, own: float, where: str) -> None:

@@ -1,13 +1,10 @@
-"""Channels out of a file, a data frame or a mapping of arrays.
-
-Nothing here judges the data: that is the business of `records`.  Nothing
-from a file is ever executed.
-"""
+"""Channels out of a file, a data frame or a mapping of arrays; nothing here judges the data."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,6 +13,7 @@ import numpy as np
 
 from dryfric_control.records.readers.array_file import read_json_lines, read_numpy
 from dryfric_control.records.readers.channels import (
+    EXACT,
     EXTRAS,
     MAX_ROWS,
     Channels,
@@ -35,7 +33,6 @@ from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import existing_file
 
 _SOUND = 0.8  # part of a channel that must be numbers; those that are not are bridged
-_EXACT = 2**53  # beyond, float64 leaves whole numbers out
 
 
 def read_channels(
@@ -55,124 +52,105 @@ def read_channels(
     """
     if isinstance(max_rows, bool) or not isinstance(max_rows, int) or max_rows < 1:
         raise ValueError(f"max_rows must be a positive whole number, got {max_rows!r}")
-    name: str | None = None
-    quantum: float | None = None
-    raw: dict[str, tuple[str, float]] = {}
-    extra: tuple[str, ...] = ()
-    masked: tuple[str, ...] | None = None
     if isinstance(source, (str, os.PathLike)):
-        path = existing_file(source)
-        where, name = path.name, path.stem
-        suffix = path.suffix.lower()
-        if suffix == ".gz":
-            name, suffix = Path(name).stem, Path(name).suffix.lower()
-            if suffix not in SUFFIXES:
-                raise ValueError(_unsupported(path))
-        if suffix in SUFFIXES:
-            found = read_text(path, columns, max_rows, timed, step is not None, joint)
-            values, stored, meta = found.values, found.stored, found.meta
-            name = meta.get("name", name) if meta else name
-            quantum, extra = meta.get("quantum"), tuple(meta.get("notes", ()))
-            raw = {k: (str(u), float(f)) for k, (u, f) in meta.get("raw", {}).items()}
-            extra += () if meta else found.notes
-            masked = tuple(meta["masked"]) if "masked" in meta else None
-            return _finished(
-                values, stored, gain, units, where, step, timed, extra, name, quantum, raw, masked
-            )
-        if suffix == ".mcap":
-            table = read_mcap(path, columns, max_rows, joint)
-        elif suffix in _TABLES:
-            table = _TABLES[suffix](path, max_rows)
-        else:
-            raise ValueError(_unsupported(path))
+        found = _of_file(existing_file(source), columns, max_rows, timed, step is not None, joint)
     elif isinstance(source, Mapping):
-        where, table = "the mapping", {str(k): v for k, v in source.items()}
-        table = _with_files(table, max_rows)
+        table = _with_files({str(k): v for k, v in source.items()}, max_rows)
+        found = _selected(table, Channels("the mapping"), columns, max_rows, timed, joint)
     elif hasattr(source, "columns") and hasattr(source, "__getitem__"):
-        where, table = "the data frame", frame_columns(source)
-        if isinstance(kept := getattr(source, "attrs", {}).get("dryfric_control"), Mapping):
-            name, quantum, extra = kept.get("name"), kept.get("quantum"), tuple(kept["notes"])
-            raw = dict(kept.get("raw", {}))
-            masked = tuple(kept["masked"]) if "masked" in kept else None
+        kept = _kept_in(source)
+        listed = not kept.raw
+        found = _selected(frame_columns(source), kept, columns, max_rows, timed, joint, listed)
     else:
         raise TypeError(
             "read_record takes a path, a data frame or a mapping of arrays, "
             f"got {type(source).__name__}"
         )
+    values, notes = found.values, found.notes
+    if "t" in values and timed is False:
+        raise ValueError(
+            f"{found.where} has a column of time: leave rate= out, or ignore the column with "
+            "columns={'t': None}"
+        )
+    own_time = "t" in values
+    if step is not None and not own_time:
+        values = {"t": step * np.arange(np.size(values["x" if "x" in values else "v"])), **values}
+        notes += (f"time from a step of {step:g} s",)
+    values, counted = _from_first(values)
+    found = replace(found, values=values, notes=notes + counted, timed=own_time)
+    return to_si(found, gain, units)
+
+
+def _of_file(
+    path: Path, columns: Any, max_rows: int, timed: bool | None, lenient: bool, joint: Any
+) -> Channels:
+    """Channels of a file as it stores them."""
+    packed = path.suffix.lower() == ".gz"
+    inner = Path(path.stem) if packed else path
+    suffix = inner.suffix.lower()
+    start = Channels(path.name, name=inner.stem)
+    if suffix in SUFFIXES:
+        return read_text(path, start, columns, max_rows, timed, lenient, joint)
+    if packed or suffix not in (".mcap", *_TABLES):
+        raise ValueError(_unsupported(path))
+    if suffix == ".mcap":
+        table = read_mcap(path, columns, max_rows, joint)
+    else:
+        table = _TABLES[suffix](path, max_rows)
+    return _selected(table, start, columns, max_rows, timed, joint, listed=True)
+
+
+def _kept_in(frame: Any) -> Channels:
+    """What `Record.to_pandas` left in a data frame beside its columns."""
+    kept = getattr(frame, "attrs", {}).get("dryfric_control")
+    if not isinstance(kept, Mapping):
+        return Channels("the data frame")
+    name, quantum = kept.get("name"), kept.get("quantum")
+    return Channels(
+        "the data frame",
+        notes=tuple(kept["notes"]),
+        name=name if isinstance(name, str) else None,
+        quantum=float(quantum) if isinstance(quantum, (int, float)) else None,
+        raw=dict(kept.get("raw", {})),
+        masked=tuple(kept["masked"]) if "masked" in kept else None,
+    )
+
+
+def _selected(
+    table: Mapping[str, Any],
+    start: Channels,
+    columns: Any,
+    max_rows: int,
+    timed: bool | None,
+    joint: Any,
+    listed: bool = False,
+) -> Channels:
+    """The columns of a table that play a role; if listed, the others are noted."""
     headings = list(table)
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
-    chosen = assign_columns(
-        [""] * len(headings) if unnamed else headings, columns, where, timed, joint
-    )
+    known = [""] * len(headings) if unnamed else headings
+    chosen = assign_columns(known, columns, start.where, timed, joint)
     for role in (*EXTRAS, "good"):  # kept where they are numbers, one for each sample
         if role in chosen and role not in (columns or {}) and (role != "v" or "x" in chosen):
             if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
                 del chosen[role]
     values = {role: table[headings[k]] for role, k in chosen.items()}
-    stored = {role: split_header(headings[k])[1] for role, k in chosen.items()}
+    units = {role: split_header(headings[k])[1] for role, k in chosen.items()}
     for role, array in values.items():
         if np.size(array) > max_rows:
-            raise ValueError(too_long(where, max_rows))
+            raise ValueError(too_long(start.where, max_rows))
         if role == "t" and (seconds := _as_seconds(array)) is not None:
-            values[role], stored[role] = seconds, "s"
+            values[role], units[role] = seconds, "s"
+    notes = start.notes
     if _scales_by_gtau(table, headings, chosen, columns):
         factor = float(np.ravel(table["gtau"])[0])
         values["u"] = scaled(values["u"], factor)
-        stored |= {"t": "s", "u": "N", "x": "m", "reference": "m"}
-        stored = {role: unit for role, unit in stored.items() if role in values}
-        extra += (f"u = gtau * vir with gtau = {factor:g} N/V",)
-        headings = [h for h in headings if h != "gtau"]
-    elif not isinstance(source, Mapping) and not raw:
-        extra += left_out(headings, chosen)
-    return _finished(
-        values, stored, gain, units, where, step, timed, extra, name, quantum, raw, masked
-    )
-
-
-def _finished(
-    values: dict[str, Any],
-    stored: dict[str, str],
-    gain: Any,
-    units: Any,
-    where: str,
-    step: float | None,
-    timed: bool | None,
-    notes: tuple[str, ...],
-    name: Any,
-    quantum: Any,
-    raw: dict[str, tuple[str, float]],
-    masked: tuple[str, ...] | None,
-) -> Channels:
-    """Channels in SI units, with a time of their own where they came without."""
-    if "t" in values and timed is False:
-        raise ValueError(
-            f"{where} has a column of time: leave rate= out, or ignore the column with "
-            "columns={'t': None}"
-        )
-    own = "t" in values
-    if step is not None and not own:
-        values = {"t": step * np.arange(np.size(values["x" if "x" in values else "v"])), **values}
-        notes += (f"time from a step of {step:g} s",)
-    values, said = _from_first(values)
-    found = to_si(values, stored, gain, units, where)
-    # What is known of the source goes with what is done to it now.
-    if isinstance(quantum, (int, float)):
-        quantum = float(quantum) * abs(found.raw.get("x", ("", 1.0))[1])
-    else:
-        quantum = None
-    for role, (unit, factor) in found.raw.items():
-        before = raw.get(role, (unit, 1.0))
-        raw = raw | {role: (before[0], before[1] * factor)}
-    return Channels(
-        found.values,
-        found.units,
-        notes + said + found.notes,
-        name if isinstance(name, str) else None,
-        quantum,
-        raw,
-        own,
-        masked,
-    )
+        usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
+        units = {role: usual.get(role, unit) for role, unit in units.items()}
+        notes += (f"u = gtau * vir with gtau = {factor:g} N/V",)
+    elif listed:
+        notes += left_out(headings, chosen)
+    return replace(start, values=values, units=units, notes=notes)
 
 
 def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -182,7 +160,7 @@ def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]
         array = np.asarray(values.get(role, ()))
         if array.dtype.kind not in "iu" or array.size == 0 or array.ndim != 1:
             continue
-        if max(abs(int(array.max())), abs(int(array.min()))) <= _EXACT:
+        if max(abs(int(array.max())), abs(int(array.min()))) <= EXACT:
             continue
         origin = int(array[0])
         for one in (role, "reference") if role == "x" else (role,):

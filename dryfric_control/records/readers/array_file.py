@@ -8,27 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.records.readers.channels import too_long
+from dryfric_control.records.readers.limits import check_room, refused_if_damaged, too_long
 from dryfric_control.records.readers.messages import numbers
-from dryfric_control.records.readers.tables import check_room
 from dryfric_control.records.record_warning import warn
 
 
 def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
     """Arrays of a .npz file by name, fields or numbered columns of a .npy file."""
-    try:
-        if path.suffix.lower() == ".npy":
-            # As a map it claims no more memory than there is file.
-            found = {path.stem: np.load(path, mmap_mode="r", allow_pickle=False)}
-        else:
-            check_room(path)
-            with np.load(path, allow_pickle=False) as archive:
-                found = dict(archive.items())
-    except Exception as problem:  # whatever the library raises on a damaged file
-        words = " ".join(str(problem).split())[:120]
-        raise ValueError(
-            f"{path.name} is damaged or no {path.suffix} file of numbers ({words})"
-        ) from None
+    alone = path.suffix.lower() == ".npy"
+    if not alone:
+        check_room(path)
+    with refused_if_damaged(path, f"{path.suffix} file of numbers"):
+        # As a map it claims no more memory than there is file.
+        loaded = np.load(path, mmap_mode="r" if alone else None, allow_pickle=False)
+        found = {path.stem: loaded} if alone else dict(loaded.items())
     table: dict[str, Any] = {}
     for name, array in found.items():
         if array.ndim and array.shape[0] > max_rows:

@@ -465,10 +465,3 @@ def scaled(values: Any, factor: float) -> Any:
         return values
     with np.errstate(over="ignore"):  # beyond float64 becomes inf, refused later
         return np.asarray(array, dtype=np.float64) * factor
-
-
-def too_long(where: str, max_rows: int) -> str:
-    return (
-        f"{where} has more than {max_rows} rows; cut or decimate it first, "
-        "or allow more with max_rows="
-    )

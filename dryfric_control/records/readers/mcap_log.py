@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.records.readers.channels import assign_columns, too_long
+from dryfric_control.records.readers.channels import assign_columns
+from dryfric_control.records.readers.limits import refused_if_damaged, too_long
 from dryfric_control.records.readers.messages import numbers
 
 _SHORT = 1 << 16  # bytes of a read that need no look at what the file holds
@@ -75,30 +76,22 @@ def _topics(path: Path, max_rows: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     stamps: dict[str, list[tuple[int, int]]] = {}
     found: dict[str, dict[str, list[float]]] = {}
     rows, ros2 = 0, _ros2()
-    try:
-        with _NoLonger(io.FileIO(path)) as file:
-            for schema, channel, message in make_reader(file).iter_messages():
-                if (content := _content(schema, channel, message, ros2)) is None:
-                    continue
-                fields = dict(numbers("", content, 0))
-                if not fields:
-                    continue
-                rows += 1
-                if rows > max_rows:
-                    break
-                both = _stamp(fields), message.log_time
-                stamps.setdefault(channel.topic, []).append(both)
-                kept = found.setdefault(channel.topic, {key: [] for key in fields})
-                for key in list(kept):
-                    if key in fields:
-                        kept[key].append(fields[key])
-                    else:
-                        del kept[key]  # not in every message
-    except Exception as problem:  # whatever the library raises on a damaged file
-        words = " ".join(str(problem).split())[:120]
-        raise ValueError(
-            f"{path.name} is damaged or no MCAP file ({type(problem).__name__}: {words})"
-        ) from None
+    with refused_if_damaged(path, "MCAP file"), _NoLonger(io.FileIO(path)) as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            fields = dict(numbers("", _content(schema, channel, message, ros2), 0))
+            if not fields:
+                continue
+            rows += 1
+            if rows > max_rows:
+                break
+            both = _stamp(fields), message.log_time
+            stamps.setdefault(channel.topic, []).append(both)
+            kept = found.setdefault(channel.topic, {key: [] for key in fields})
+            for key in list(kept):
+                if key in fields:
+                    kept[key].append(fields[key])
+                else:
+                    del kept[key]  # not in every message
     if rows > max_rows:
         raise ValueError(too_long(path.name, max_rows))
     stamps = {topic: times for topic, times in stamps.items() if found[topic]}

@@ -23,8 +23,8 @@ from dryfric_control.records.readers.channels import (
     scaled,
     split_header,
     to_si,
-    too_long,
 )
+from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.readers.mat_file import read_mat
 from dryfric_control.records.readers.mcap_log import read_mcap
 from dryfric_control.records.readers.tables import read_parquet, read_xlsx

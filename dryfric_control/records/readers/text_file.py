@@ -27,8 +27,8 @@ from dryfric_control.records.readers.channels import (
     assign_columns,
     left_out,
     split_header,
-    too_long,
 )
+from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.record_warning import warn
 from dryfric_control.units import known_unit
 

@@ -1,0 +1,40 @@
+"""What no reader takes: damaged files, and those that hold or claim too much."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+# Bytes that an archive may unpack to, at least, and per byte of the file: XML shrinks ten times.
+_ROOM, _RATIO = 2**26, 100
+
+
+def too_long(where: str, max_rows: int) -> str:
+    """What to say of a source of too many rows."""
+    return (
+        f"{where} has more than {max_rows} rows; cut or decimate it first, "
+        "or allow more with max_rows="
+    )
+
+
+@contextmanager
+def refused_if_damaged(path: Path, what: str) -> Iterator[None]:
+    """Whatever a library raises on a damaged file, as one error that names it."""
+    try:
+        yield
+    except ImportError:
+        raise
+    except Exception as problem:
+        kind = "" if type(problem) is ValueError else f"{type(problem).__name__}: "
+        words = " ".join(str(problem).split())[:120]
+        raise ValueError(f"{path.name} is damaged or no {what} ({kind}{words})") from None
+
+
+def check_room(path: Path) -> None:
+    """Refuse an archive that would unpack to far more than such a file holds."""
+    with refused_if_damaged(path, f"{path.suffix} file"), zipfile.ZipFile(path) as archive:
+        size = sum(item.file_size for item in archive.infolist())
+    if size > max(_ROOM, _RATIO * path.stat().st_size):
+        raise ValueError(f"{path.name} would unpack to {size} bytes; export it as CSV")

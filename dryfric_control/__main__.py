@@ -63,8 +63,7 @@ class _Parser(argparse.ArgumentParser):
 def parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
     top = _Parser(
-        prog="python -m dryfric_control",
-        description="Control of machines with dry friction.",
+        prog="python -m dryfric_control", description="Control of machines with dry friction."
     )
     top.add_argument("--version", action="version", version=__version__)
     commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")

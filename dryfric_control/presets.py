@@ -70,8 +70,7 @@ def clutch_actuator() -> FrictionAxis:
         mass=3e-7,
         viscous=6e-7,
         coulomb=CoulombMap(
-            plus=_over_travel(0.20, 0.10, -0.28, 0.20),
-            minus=_over_travel(0.16, 0.18, -0.22, 0.02),
+            plus=_over_travel(0.20, 0.10, -0.28, 0.20), minus=_over_travel(0.16, 0.18, -0.22, 0.02)
         ),
         stribeck=Stribeck(excess=0.3, speed=150.0),
         stick_speed=150.0,
@@ -102,8 +101,7 @@ def clutch_observer_axis() -> FrictionAxis:
     plant = clutch_actuator()
     return plant.replace(
         coulomb=CoulombMap(
-            plus=_over_travel(0.17, 0.10, -0.16, 0.08),
-            minus=_over_travel(0.19, 0.10, -0.12, 0.00),
+            plus=_over_travel(0.17, 0.10, -0.16, 0.08), minus=_over_travel(0.19, 0.10, -0.12, 0.00)
         ),
         stribeck=None,
         stick_speed=0.5 * plant.stick_speed,
@@ -134,10 +132,7 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
     75.0
     """
     axis = clutch_observer_axis()
-    settings: dict[str, Any] = {
-        "encoder_quantum": QUANTUM,
-        "stick_speed": axis.stick_speed,
-    }
+    settings: dict[str, Any] = {"encoder_quantum": QUANTUM, "stick_speed": axis.stick_speed}
     return design_pi_observer(axis, dt, **(settings | options))
 
 
@@ -245,11 +240,7 @@ def clutch_experiment(
 
 
 def clutch_monte_carlo(
-    design: ObserverDesign | None = None,
-    *,
-    runs: int = 500,
-    duration: float = 12.0,
-    **options: Any,
+    design: ObserverDesign | None = None, *, runs: int = 500, duration: float = 12.0, **options: Any
 ) -> MonteCarlo:
     """The same closed loop with plants that differ at random.
 

@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
-from dryfric_control.records.motion import (
-    ONE_VELOCITY,
-    Record,
-    directions,
-    reversals,
-    usual_speeds,
-)
+from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
 from dryfric_control.text import Result, length_text, plain_data
 
 # What a record must have to say something: shortest rest [s] and [samples], parts of the

@@ -7,7 +7,6 @@ behind it has to ask again.
 
 from __future__ import annotations
 
-import html
 import itertools
 import json
 import math
@@ -44,6 +43,7 @@ from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_checks import (
     MIN_SAMPLES,
     NO_DRIVE,
+    Channels,
     FloatArray,
     check_motion,
     checked_notes,
@@ -67,6 +67,7 @@ from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
 from dryfric_control.store.saved import save_object
+from dryfric_control.text import table
 from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
@@ -234,12 +235,17 @@ class Record:
     def __setstate__(self, parts: Mapping[str, Any]) -> None:
         """Take parts as they are, arrays read-only."""
         self.__dict__.update(parts, masked=Masked(*parts["masked"]))
-        arrays = self.t, self.u, self.x, self.reference, *self.masked[::2], *self.channels.values()
-        for array in arrays:
-            if array is not None:
-                array.setflags(write=False)
+        for array in (*self._arrays().values(), *self.masked[::2]):
+            array.setflags(write=False)
         for name in ("units", "channels", "raw"):
             self.__dict__[name] = MappingProxyType(dict(parts[name]))
+
+    def _arrays(self) -> dict[str, FloatArray]:
+        """Time, input, position and whatever else there is, by name."""
+        own = {"t": self.t, "u": self.u, "x": self.x}
+        if self.reference is not None:
+            own["reference"] = self.reference
+        return own | dict(self.channels)
 
     def _with(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
@@ -248,11 +254,9 @@ class Record:
 
     def _at(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
-        arrays = {name: self.__dict__[name] for name in ("t", "u", "x", "reference")}
         # One after another in memory, as compiled functions want them.
         parts: dict[str, Any] = {
-            name: array if array is None else np.ascontiguousarray(array[pick])
-            for name, array in (arrays | dict(self.channels)).items()
+            name: np.ascontiguousarray(array[pick]) for name, array in self._arrays().items()
         }
         channels = {name: parts.pop(name) for name in self.channels}
         return parts | {"channels": channels, "masked": self.masked.within(pick)}
@@ -270,18 +274,11 @@ class Record:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Record):
             return NotImplemented
-        if (self.reference is None) != (other.reference is None):
-            return False
-        pairs = [(self.t, other.t), (self.u, other.u), (self.x, other.x)]
-        if self.reference is not None and other.reference is not None:
-            pairs.append((self.reference, other.reference))
-        pairs += [(self.channels[k], other.channels.get(k, np.empty(0))) for k in self.channels]
+        one, two = (r._arrays() | {"masked": r.masked.indices} for r in (self, other))
         return (
-            self.units == other.units
-            and self.name == other.name
-            and self.channels.keys() == other.channels.keys()
-            and np.array_equal(self.masked.indices, other.masked.indices)
-            and all(np.array_equal(a, b) for a, b in pairs)
+            (self.units, self.name) == (other.units, other.name)
+            and one.keys() == two.keys()
+            and all(np.array_equal(one[name], two[name]) for name in one)
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -437,11 +434,7 @@ class Record:
         >>> bool(np.allclose(again.x, 1e-3 * np.round(500.0 * np.sin(t)), atol=2e-3))
         True
         """
-        path = vector("positions", positions)
-        if path.size != len(self):
-            raise ValueError(
-                f"positions has {path.size} samples but the record has {len(self)}; give one each"
-            )
+        path = self._one_each("positions", positions)
         x = path + self.resolution.fast * rng.standard_normal(path.size)
         if quantum := self.resolution.quantum:
             shift = rng.uniform(0.0, quantum) if origin is None else origin
@@ -475,18 +468,18 @@ class Record:
         >>> float(record.replace(u=35.0 * record.u).u[0])
         35.0
         """
-        new: dict[str, Any] = {
-            name: vector(name, values)
-            for name, values in (("u", u), ("x", x))
-            if values is not None
-        }
-        for name, values in new.items():
-            if values.size != len(self):
-                raise ValueError(
-                    f"{name} has {values.size} samples but the record has {len(self)}; give one "
-                    "each"
-                )
+        given = {name: values for name, values in (("u", u), ("x", x)) if values is not None}
+        new: dict[str, Any] = {name: self._one_each(name, one) for name, one in given.items()}
         return self._with(**new)
+
+    def _one_each(self, name: str, values: npt.ArrayLike) -> FloatArray:
+        """Finite numbers, one for each sample."""
+        array = vector(name, values)
+        if array.size != len(self):
+            raise ValueError(
+                f"{name} has {array.size} samples but the record has {len(self)}; give one each"
+            )
+        return array
 
     def __getitem__(self, key: slice) -> Record:
         """The samples of a slice with step 1."""
@@ -679,15 +672,12 @@ class Record:
         Record
         """
         dt = positive_number("dt", dt)
-        others = dict(self.channels) | {"x": self.x}
-        if self.reference is not None:
-            others["reference"] = self.reference
-        t, u, others = resample(self.t, self.u, others, dt, "zero", "monotone")
-        x, r = others.pop("x"), others.pop("reference", None)
+        own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
+        t, u, x, r, more, _ = resample(own, dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
         lost = filled(self.t[self.good], t, dt)
         masked = Masked(lost, (FILLED,) * lost.size, x[lost])
-        return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=others, masked=masked)
+        return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=more, masked=masked)
 
     @classmethod
     def from_irregular(
@@ -774,16 +764,12 @@ class Record:
         notes.append(
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
-        others = more | {"x": xv}
-        if rv is not None:
-            others["reference"] = rv
-        grid, held, others = resample(tv, uv, others, step, hold, interpolation)
-        lost = filled(tv[without(tv.size, masked.indices)], grid, step)
-        x = others.pop("x")
-        options |= {"notes": notes, "good": without(grid.size, lost)}
-        record = cls(grid, held, x, others.pop("reference", None), channels=others, **options)
+        new = resample(Channels(tv, uv, xv, rv, more), step, hold, interpolation)
+        lost = filled(tv[without(tv.size, masked.indices)], new.t, step)
+        options |= {"notes": notes, "good": without(new.t.size, lost)}
+        record = cls(new.t, new.u, new.x, new.reference, channels=new.more, **options)
         # Readings that were bad leave a gap as those that were lost do.
-        record = record._with(masked=Masked(lost, (FILLED,) * lost.size, x[lost]))
+        record = record._with(masked=Masked(lost, (FILLED,) * lost.size, new.x[lost]))
         if lost.size or even is not None or lacking:
             parts = [f"{lost.size} filled and masked"] if lost.size else []
             parts += [notes[-2]] if even is not None else []
@@ -925,10 +911,7 @@ class Record:
 
     @classmethod
     def from_frame(
-        cls,
-        frame: Any,
-        columns: Mapping[str, str | int | None] | None = None,
-        **options: Any,
+        cls, frame: Any, columns: Mapping[str, str | int | None] | None = None, **options: Any
     ) -> Record:
         """Record from a data frame.
 
@@ -1010,11 +993,8 @@ class Record:
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""
-        channels = {"t": self.t, "u": self.u, "x": self.measured}
-        if self.reference is not None:
-            channels["reference"] = self.reference
-        channels |= self.channels
-        columns = {self._label(role, role): array for role, array in channels.items()}
+        arrays = self._arrays() | {"x": self.measured}
+        columns = {self._label(role, role): array for role, array in arrays.items()}
         return columns | ({"good": self.good.astype(np.int64)} if self.masked.reasons else {})
 
     def _meta(self) -> dict[str, Any]:
@@ -1030,9 +1010,7 @@ class Record:
 
     def summary(self) -> str:
         """A few lines of text: size, ranges, quantum, noise, notes."""
-        rows = self._rows()
-        width = max(len(k) for k, _ in rows)
-        return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
+        return table(self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
         unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
@@ -1064,11 +1042,7 @@ class Record:
         )
 
     def _repr_html_(self) -> str:
-        cells = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>"
-            for k, v in self._rows()
-        )
-        return f"<table>{cells}</table>"
+        return table(self._rows(), as_html=True)
 
     def check(self) -> RecordCheck:
         """Check the data before any fit.

@@ -630,15 +630,9 @@ def _with_lost(t: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.append(more[0], t[-1]), np.append(more[1], u[-1])
 
 
-def resample(
-    t: FloatArray,
-    u: FloatArray,
-    others: Mapping[str, FloatArray],
-    dt: float,
-    hold: str,
-    interpolation: str,
-) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
+def resample(found: Channels, dt: float, hold: str, interpolation: str) -> Channels:
     """The channels on a uniform grid that starts at t[0]."""
+    t, u = found.t, found.u
     if hold not in ("zero", "first"):
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
     if interpolation not in ("monotone", "linear", "cubic"):
@@ -671,4 +665,6 @@ def resample(
         upto = np.interp(grid, at, impulse), np.interp(grid + dt, at, impulse)
         beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
         held = np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
-    return grid, held, {name: smooth(values) for name, values in others.items()}
+    reference = None if found.reference is None else smooth(found.reference)
+    more = {name: smooth(values) for name, values in found.more.items()}
+    return Channels(grid, held, smooth(found.x), reference, more)

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.simulators.files import number, target, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    SimulatorValues,
-    described,
-    joints_of,
-)
+from dryfric_control.simulators.joint_values import Format, SimulatorValues, described, joints_of
 
 FloatArray = NDArray[np.float64]
 

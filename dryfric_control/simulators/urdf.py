@@ -24,11 +24,7 @@ _URDF = Format(
     lambda speed: (None,),
     lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
 )
-_UNITS = {
-    "revolute": ("rad", "N m"),
-    "continuous": ("rad", "N m"),
-    "prismatic": ("m", "N"),
-}
+_UNITS = {"revolute": ("rad", "N m"), "continuous": ("rad", "N m"), "prismatic": ("m", "N")}
 
 
 def to_urdf(

@@ -14,8 +14,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.naming import class_of, named, put, with_named
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.model.units import powers
 from dryfric_control.records.record import Record
+from dryfric_control.units import powers
 
 #: Base parameters of the axis: their units.
 _BASE = {

@@ -29,9 +29,9 @@ from dryfric_control.export.objects import Exported, exported
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.model.units import powers
 from dryfric_control.store.files import replacing
 from dryfric_control.text import rotary_words
+from dryfric_control.units import powers
 
 VERSIONS = ("3.0", "2.0")
 _SYSTEMS = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("windows", "dll")}

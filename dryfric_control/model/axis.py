@@ -23,9 +23,8 @@ from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import Events, SimulationResponse
-from dryfric_control.model.units import on_axis
 from dryfric_control.text import rotary_words, table
-from dryfric_control.units import axis_units
+from dryfric_control.units import axis_units, on_axis
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
 MODES = (0, 1, -1)

@@ -15,16 +15,14 @@ from dryfric_control.store.files import existing_file, replacing
 from dryfric_control.store.saved import kind_of
 
 
-def read_model(model: Any) -> tuple[Path, bytes]:
-    """Path and bytes of a model file."""
-    if not isinstance(model, (str, os.PathLike)):
-        raise ValueError(f"model must be the path of a file, got {model!r}")
-    path = existing_file(model)
-    return path, path.read_bytes()
+def read_model(model: Any, out: Any) -> tuple[Path, bytes, Path]:
+    """Path and bytes of a model file, and where to write it."""
+    path = existing_file(target("model", model))
+    return path, path.read_bytes(), path if out is None else target("out", out)
 
 
 def target(name: str, path: Any) -> Path:
-    """Where to write."""
+    """The path of a file."""
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"{name} must be the path of a file, got {path!r}")
     return Path(path)

@@ -15,13 +15,14 @@ from dryfric_control.simulators.joint_values import (
     checked_loads,
     described,
     joints_of,
+    one_shape,
     require_loads,
     straight,
 )
 
 _ISAAC = Format(
     straight,
-    lambda speed: (None,),
+    one_shape,
     lambda c, shape, breakaway: {
         # The engine does not let go of a joint at less than what brakes it once it slides.
         "friction": max(breakaway, float(c[0])),
@@ -29,6 +30,7 @@ _ISAAC = Format(
         "viscous_friction": float(c[1]),
     },
     breakaway=True,
+    armature="armature",
 )
 
 
@@ -49,13 +51,8 @@ def to_isaac(
     path : path-like
         Python file to write, with one dictionary ``JOINT_FRICTION``:
         ``ImplicitActuatorCfg(..., **JOINT_FRICTION)``.
-    joint : str, optional
-        Name of the joint of a single result.  Default: the name of the axis.
-    load : float or mapping of str to float
-        Inertia that the links have about the joint [kg m^2]: `armature` is the rest of
-        the mass of the axis.
-    velocities : array_like, shape (n,), optional
-        Velocities over which friction is approximated, see `to_mjcf`.
+    joint, load, velocities
+        As for `to_mjcf`; the load is needed.
 
     Returns
     -------
@@ -92,7 +89,7 @@ def to_isaac(
     place = target("path", path)
     loads = checked_loads(load, joints)
     require_loads(loads, joints, "give load=...")
-    found = described(_ISAAC, joints, velocities, "armature", loads)
+    found = described(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []
     for name in names:

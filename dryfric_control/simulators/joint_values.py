@@ -22,9 +22,9 @@ from dryfric_control.model.axis import FrictionAxis, without_states
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import usual_speed
-from dryfric_control.model.units import powers
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, length_text, percent, plain_data
+from dryfric_control.units import powers
 
 FloatArray = NDArray[np.float64]
 
@@ -56,13 +56,19 @@ class Format(NamedTuple):
 
     ``columns(v, shape)``: friction at velocities for each coefficient of 1; ``shapes(speed)``:
     those to choose from; ``values(coefficients, shape, breakaway)``: numbers by name; whether it
-    states the breakaway friction force on its own.
+    states the breakaway friction force on its own; name of the inertia beyond that of the bodies.
     """
 
     columns: Callable[[FloatArray, Any], FloatArray]
     shapes: Callable[[FloatArray], Iterable[Any]]
     values: Callable[[FloatArray, Any, float], dict[str, Any]]
     breakaway: bool = False
+    armature: str = ""
+
+
+def one_shape(speed: FloatArray) -> tuple[None]:
+    """Shapes of a format that has one."""
+    return (None,)
 
 
 def straight(v: FloatArray, shape: Any = None) -> FloatArray:
@@ -313,13 +319,9 @@ def described(
     form: Format,
     joints: Mapping[str, Joint],
     velocities: ArrayLike | None,
-    armature: str = "",
     loads: Mapping[str, float] | None = None,
 ) -> SimulatorValues:
-    """Numbers of each joint in a format.
-
-    `armature` is the name of the inertia beyond `loads`, empty where the format has none.
-    """
+    """Numbers of each joint in a format; `loads` are the inertias that its bodies bring."""
     given = None if velocities is None else samples("velocities", velocities)
     if given is not None and not np.any(given):
         raise ValueError(f"velocities must hold velocities of sliding, got {short(velocities)}")
@@ -331,13 +333,14 @@ def described(
     lost: list[Loss] = []
     for name, joint in joints.items():
         recorded, gain = referred(joint.axis)
+        load = (loads or {}).get(name, 0.0)
         states = _States.of(joint, recorded, given)
 
-        def numbers(axis: FrictionAxis, name: str = name, states: Any = states) -> dict[str, Any]:
+        def numbers(axis: FrictionAxis, load: float = load, states: Any = states) -> dict[str, Any]:
             axis, _ = referred(axis)
             found = form.values(*_best(form, axis, states), _breakaway(axis, states))
-            if armature:
-                found[armature] = max(axis.mass - (loads or {}).get(name, 0.0), 0.0)
+            if form.armature:
+                found[form.armature] = max(axis.mass - load, 0.0)
             return found
 
         values[name] = numbers(joint.axis)
@@ -351,14 +354,10 @@ def described(
         if gain != 1.0:
             words = "the drive is the recorded one: all values are divided by the gain"
             lost.append(Loss(name, f"input_gain: gain = {gain:.4g}", words, 0.0, recorded.units[1]))
-        if armature and recorded.mass < (loads or {}).get(name, 0.0):
-            load, unit = (loads or {})[name], recorded.unit("kg")
-            lost.append(
-                Loss(
-                    name, f"inertia {recorded.mass:.4g} {unit}",
-                    f"the bodies have {load:.4g} {unit} already", load - recorded.mass, unit,
-                )
-            )  # fmt: skip
+        if form.armature and recorded.mass < load:
+            unit, words = recorded.unit("kg"), f"inertia {recorded.mass:.4g} "
+            instead = f"the bodies have {load:.4g} {unit} already"
+            lost.append(Loss(name, words + unit, instead, load - recorded.mass, unit))
         if joint.records:
             whole, less = (
                 [replay(a, r, shift=joint.shift).errors for r in joint.records]
@@ -392,7 +391,7 @@ def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     return scaled, gain
 
 
-_STRAIGHT = Format(straight, lambda speed: (None,), lambda c, shape, breakaway: {})
+_STRAIGHT = Format(straight, one_shape, lambda c, shape, breakaway: {})
 
 
 class _States(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.files import number, read_model, written
 from dryfric_control.simulators.joint_values import (
     Format,
     SimulatorValues,
@@ -65,13 +65,8 @@ def to_modelica(
     model : path-like
         Modelica file with components `BearingFriction` or `SupportFriction` of the
         standard library; every other byte of it stays.
-    joint : str, optional
-        Name of the component of a single result.  Default: the only one, or the name of
-        the axis.
-    velocities : array_like, shape (n,), optional
-        Velocities over which friction is approximated, see `to_mjcf`.
-    out : path-like, optional
-        File to write.  Default: `model` itself.
+    joint, velocities, out
+        As for `to_mjcf`; a joint is the name of its component.
 
     Returns
     -------
@@ -103,8 +98,7 @@ def to_modelica(
     >>> found.lost
     ()
     """
-    path, raw = read_model(model)
-    place = path if out is None else target("out", out)
+    path, raw, place = read_model(model, out)
     bare = _SKIPPED.sub(lambda found: b" " * len(found[0]), raw)
     there = {found[2].decode(): found for found in _COMPONENT.finditer(bare)}
     if not there:

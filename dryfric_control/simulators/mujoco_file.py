@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.files import number, read_model, written
 from dryfric_control.simulators.joint_values import (
     Format,
     Joint,
@@ -20,6 +20,7 @@ from dryfric_control.simulators.joint_values import (
     checked_loads,
     described,
     joints_of,
+    one_shape,
     require_loads,
     require_units,
     straight,
@@ -29,8 +30,9 @@ from dryfric_control.store.files import existing_file
 
 _MJCF = Format(
     straight,
-    lambda speed: (None,),
+    one_shape,
     lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
+    armature="armature",
 )
 _KINDS = ("free", "ball", "slide", "hinge")
 _UNITS = {"hinge": ("rad", "N m"), "slide": ("m", "N")}
@@ -122,20 +124,15 @@ def to_mjcf(
 def _in_file(
     result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool, out: Any
 ) -> SimulatorValues:
-    path, raw = read_model(model)
-    place = path if out is None else target("out", out)
-    tags = elements(path, raw)
-    if not tags or tags[0].name != "mujoco":
-        kind = f"<{tags[0].name}>" if tags else "nothing"
-        raise ValueError(f"model {path.name} is no MJCF file: it begins with {kind}, not <mujoco>")
-    there = _named(path, tags)
+    path, raw, place = read_model(model, out)
+    there = _named(path, elements(path, raw, "MJCF", "mujoco"))
     joints = joints_of(result, joint, list(there))
     for name, one in joints.items():
         _check(name, one, there[name].attributes.get("type"))
     loads = checked_loads(load, joints)
     if any(name not in loads for name in joints):
         loads = _computed(path, joints) | loads
-    found = described(_MJCF, joints, velocities, "armature", loads)
+    found = described(_MJCF, joints, velocities, loads)
     edits = []
     for name, values in found.values.items():
         texts = {n: number(v) for n, v in values.items()} | (_STIFF if stiff else {})
@@ -245,7 +242,7 @@ def _in_model(
     loads = checked_loads(load, joints)
     if any(name not in loads for name in joints):
         loads = inertias(made, joints) | loads
-    found = described(_MJCF, joints, velocities, "armature", loads)
+    found = described(_MJCF, joints, velocities, loads)
     soft = {n: [float(v) for v in text.split()] for n, text in _STIFF.items()}
     for name, values in found.values.items():
         if compiled:

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.simulators.files import number, target, written
-from dryfric_control.simulators.joint_values import Format, SimulatorValues, described, joints_of
+from dryfric_control.simulators.joint_values import (
+    Format,
+    SimulatorValues,
+    described,
+    joints_of,
+    require_units,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -65,10 +71,8 @@ def to_simscape(
         ``{"arm/Elbow friction": found}``.
     path : path-like
         MATLAB script to write.
-    joint : str, optional
-        Path of the block of a single result.  Default: the name of the axis.
-    velocities : array_like, shape (n,), optional
-        Velocities over which friction is approximated, see `to_mjcf`.
+    joint, velocities
+        As for `to_mjcf`; a joint is the path of its block.
 
     Returns
     -------
@@ -103,20 +107,12 @@ def to_simscape(
     joints = joints_of(result, joint, ())
     place = target("path", path)
     for name, one in joints.items():
-        if one.axis.units not in _NAMES:
-            raise ValueError(
-                f"joint {name!r} has units = {one.axis.units}: the blocks take ('rad', 'N m') or "
-                "('m', 'N'); convert the record as it is read, see dfc.Scaling"
-            )
+        require_units(f"joint {name!r}", one, *_NAMES)
     found = described(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():
-        block = name.replace("'", "''")
-        for (parameter, unit), value in zip(
-            _NAMES[joints[name].axis.units], values.values(), strict=True
-        ):
-            lines.append(
-                f"set_param('{block}', '{parameter}', '{number(value)}', '{parameter}_unit', "
-                f"'{unit}');\n"
-            )
+        block, names = name.replace("'", "''"), _NAMES[joints[name].axis.units]
+        for (parameter, unit), value in zip(names, map(number, values.values()), strict=True):
+            words = f"'{block}', '{parameter}', '{value}', '{parameter}_unit', '{unit}'"
+            lines.append(f"set_param({words});\n")
     return written(found, place, "".join(lines).encode())

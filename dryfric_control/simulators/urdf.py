@@ -8,12 +8,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from dryfric_control.simulators.files import number, read_model, target, written
+from dryfric_control.simulators.files import number, read_model, written
 from dryfric_control.simulators.joint_values import (
     Format,
     SimulatorValues,
     described,
     joints_of,
+    one_shape,
     require_units,
     straight,
 )
@@ -21,7 +22,7 @@ from dryfric_control.simulators.xml_text import applied, attributes_set, child_a
 
 _URDF = Format(
     straight,
-    lambda speed: (None,),
+    one_shape,
     lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
 )
 _UNITS = {"revolute": ("rad", "N m"), "continuous": ("rad", "N m"), "prismatic": ("m", "N")}
@@ -43,13 +44,8 @@ def to_urdf(
         What is known of the joint, or of each joint by its name.
     model : path-like
         URDF file; every other byte of it stays.
-    joint : str, optional
-        Name of the joint of a single result.  Default: the only joint that moves, or the
-        name of the axis.
-    velocities : array_like, shape (n,), optional
-        Velocities over which friction is approximated, see `to_mjcf`.
-    out : path-like, optional
-        File to write.  Default: `model` itself.
+    joint, velocities, out
+        As for `to_mjcf`.
 
     Returns
     -------
@@ -80,12 +76,8 @@ def to_urdf(
     ...     print(arm.read_text()[:-16])
     <robot><joint name="a" type="continuous"><dynamics damping="0.2" friction="1.5"/>
     """
-    path, raw = read_model(model)
-    place = path if out is None else target("out", out)
-    tags = elements(path, raw)
-    if not tags or tags[0].name != "robot":
-        kind = f"<{tags[0].name}>" if tags else "nothing"
-        raise ValueError(f"model {path.name} is no URDF file: it begins with {kind}, not <robot>")
+    path, raw, place = read_model(model, out)
+    tags = elements(path, raw, "URDF", "robot")
     there = {
         one.attributes["name"]: i
         for i, one in enumerate(tags)

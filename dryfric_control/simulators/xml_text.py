@@ -22,8 +22,8 @@ class Element(NamedTuple):
     path: tuple[str, ...]
 
 
-def elements(path: Path, raw: bytes) -> list[Element]:
-    """Start tags of a file in order; ValueError where it is no XML in UTF-8."""
+def elements(path: Path, raw: bytes, kind: str, first: str) -> list[Element]:
+    """Start tags in order of a file of a kind, which begins with a certain one."""
     found: list[Element] = []
     inside: list[str] = []
     parser = expat.ParserCreate()
@@ -41,6 +41,10 @@ def elements(path: Path, raw: bytes) -> list[Element]:
     if any(raw[one.at : one.at + 1] != b"<" or raw[one.at + 1 : one.at + 2] == b"\0"
            for one in found):  # fmt: skip
         raise ValueError(f"{path.name} is not in UTF-8: save it so")
+    if found[0].name != first:
+        raise ValueError(
+            f"model {path.name} is no {kind} file: it begins with <{found[0].name}>, not <{first}>"
+        )
     return found
 
 

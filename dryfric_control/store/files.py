@@ -48,7 +48,8 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Tables and values of a TOML file."""
+    raw = existing_file(path).read_bytes()
     try:
-        return tomllib.loads(existing_file(path).read_bytes().decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        return tomllib.loads(raw.decode("utf-8"))
+    except (ValueError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None

@@ -7,8 +7,8 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.units import on_axis, powers
 from dryfric_control.text import typeset
+from dryfric_control.units import on_axis, powers
 
 LINEAR, ROTARY, MILLIMETRES = ("m", "N"), ("rad", "N m"), ("mm", "N")
 SCALES = Scales(force=10.0, length=0.1, time=0.5, step=1e-3)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled.windowed_runs import accelerations
-from dryfric_control.model.units import powers
+from dryfric_control.units import powers
 
 FloatArray = NDArray[np.float64]
 #: A class of `Effect`, which is built upon this module.

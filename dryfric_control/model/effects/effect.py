@@ -24,7 +24,7 @@ from dryfric_control.checks import finite, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.model.units import on_axis
+from dryfric_control.units import on_axis
 
 #: What an effect may act on; those of the first row act by a law.
 ACTIONS = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,13 +125,3 @@ def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float6
             "remove or fill them first"
         )
     return array
-
-
-def positive_number(name: str, value: Any, zero_allowed: bool = False) -> float:
-    """Convert to a finite positive number; the error names the argument."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise ValueError(f"{name} must be a number, got {value!r}")
-    number = float(value)
-    if not math.isfinite(number) or number < 0 or (number == 0 and not zero_allowed):
-        raise ValueError(f"{name} must be finite and positive, got {number:g}")
-    return number

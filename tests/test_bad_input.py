@@ -801,7 +801,7 @@ files(
     ("gap.log", bam(timestamp=9.0), "gap", "max_gap|split"),
     ("big.log", bam(load=HUGE), "load", "too large"),
     ("deep.log", "[" * 100_000, "deep.log", "JSON"),
-    ("step.log", bam(), "dt", "positive", dict(dt=0.0)),
+    ("step.log", bam(), "dt", "more than zero", dict(dt=0.0)),
 )
 CASES += [
     Case("datasets.emps", dict(path="/nowhere/DATA_EMPS.mat"), "download", "no file",

@@ -275,13 +275,13 @@ def evened(t: FloatArray, x: FloatArray, noise: float) -> FloatArray | None:
     fast = np.abs(c - a) * size / dt > 4.0 * noise
     if np.count_nonzero(fast) < _NEAR or np.median(clock[fast]) > 0.7 * np.median(stamps[fast]):
         return None
-    tolerance = 4.0 * size * np.sqrt(12.0) / n[-1] ** 1.5
-    for digits in range(1, 10):
-        rounded = float(f"{dt:.{digits}g}")
-        if abs(rounded - dt) <= tolerance:
-            dt = rounded
-            break
-    return np.asarray(t[0] + dt * n)
+    return np.asarray(t[0] + roundest(dt, 4.0 * size * np.sqrt(12.0) / n[-1] ** 1.5) * n)
+
+
+def roundest(number: float, tolerance: float) -> float:
+    """The number with the fewest digits within a tolerance of one."""
+    rounded = (float(f"{number:.{digits}g}") for digits in range(1, 10))
+    return next((one for one in rounded if abs(one - number) <= tolerance), number)
 
 
 def filled(t: FloatArray, grid: FloatArray, step: float) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dryfric_control.checks import positive_number
+from dryfric_control.checks import positive
 from dryfric_control.records.readers.bam_log import read_bam_entries
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
 from dryfric_control.records.readers.sources import read_channels
@@ -109,9 +109,9 @@ def read_record(
         )
     if max_gap is not None and dt is None:
         raise ValueError("max_gap is for resampling: give dt= too")
-    step = None if dt is None else positive_number("dt", dt)
+    step = None if dt is None else positive("dt", dt)
     if rate is not None:
-        step = 1.0 / positive_number("rate", rate)
+        step = 1.0 / positive("rate", rate)
     timed = False if rate is not None else None if dt is not None else True
     found = read_channels(source, columns, gain, units, max_rows, step, timed, joint)
     values: dict[str, Any] = {"u": None, "x": None, **found.values}

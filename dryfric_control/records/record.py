@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from dryfric_control.checks import positive_number
+from dryfric_control.checks import positive
 from dryfric_control.records.bad_readings import (
     FILLED,
     GIVEN,
@@ -200,7 +200,7 @@ class Record:
         if name is not None and not isinstance(name, str):
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
-            quantum = positive_number("quantum", quantum, zero_allowed=True)
+            quantum = positive("quantum", quantum, zero=True)
         tv, uv, xv, rv, more, made = vectors(t, u, x, reference, channels)
         notes, stored = checked_notes(notes) + made, checked_raw(raw)
         if x is None:
@@ -209,7 +209,7 @@ class Record:
         usable = None if good is None else usable_readings(good, xv.size)
         factor = stored.get("x", ("", 1.0))[1]
         if unwrap is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", unwrap), grid_of(xv, factor))
+            xv, rv = unwrapped(xv, rv, positive("unwrap", unwrap), grid_of(xv, factor))
             notes += (f"x unwrapped with period {unwrap:g}",)
         xv, masked, seen = repaired(xv, quantum, factor, usable)
         check_motion(uv, xv, seen or None)
@@ -565,9 +565,7 @@ class Record:
         -------
         tuple of Record
         """
-        size = min(
-            len(self), samples(min(positive_number("seconds", seconds), self.duration), self.dt)
-        )
+        size = min(len(self), samples(min(positive("seconds", seconds), self.duration), self.dt))
         if size < 2:
             raise ValueError(f"blocks of {seconds:g} s hold fewer than 2 samples of {self.dt:g} s")
         edges = list(range(0, len(self), size))
@@ -644,7 +642,7 @@ class Record:
                 "record has no reference: read the commands of the servo as one, "
                 'columns={"reference": ...}'
             )
-        factor = 1.0 if gain is None else positive_number("gain", gain)
+        factor = 1.0 if gain is None else positive("gain", gain)
         u = factor * (self.reference - self.x)
         if not np.any(u):
             raise ValueError(
@@ -671,7 +669,7 @@ class Record:
         -------
         Record
         """
-        dt = positive_number("dt", dt)
+        dt = positive("dt", dt)
         own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
         t, u, x, r, more, _ = resample(own, dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
@@ -739,8 +737,8 @@ class Record:
             options |= {"units": labels | position_unit(labels), "quantum": 0.0}
         steps = increasing_steps(tv)
         median = float(np.median(steps))
-        step = float(f"{median:.3g}") if dt is None else positive_number("dt", dt)
-        limit = 5 * median if max_gap is None else positive_number("max_gap", max_gap)
+        step = float(f"{median:.3g}") if dt is None else positive("dt", dt)
+        limit = 5 * median if max_gap is None else positive("max_gap", max_gap)
         limit += 1e-3 * median  # time stamps are rounded
         if np.any(steps > limit):
             k = int(np.argmax(steps > limit))
@@ -751,7 +749,7 @@ class Record:
             )
         factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
         if (period := options.pop("unwrap", None)) is not None:
-            xv, rv = unwrapped(xv, rv, positive_number("unwrap", period), grid_of(xv, factor))
+            xv, rv = unwrapped(xv, rv, positive("unwrap", period), grid_of(xv, factor))
         notes = [*checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
         xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
         options["quantum"] = seen

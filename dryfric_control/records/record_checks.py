@@ -16,6 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
+from dryfric_control.records.bad_readings import roundest
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.resolution import QUANTA
@@ -296,12 +297,7 @@ def uniform_step(t: FloatArray) -> float:
             f"{dt:.4g} s. Resample with Record.from_irregular(...)"
         )
     # the roundest step that the stamps cannot tell from the mean
-    tolerance = (off + 4 * resolution) / (t.size - 1)
-    for digits in range(1, 10):
-        rounded = float(f"{dt:.{digits}g}")
-        if abs(rounded - dt) <= tolerance:
-            return rounded
-    return dt
+    return roundest(dt, (off + 4 * resolution) / (t.size - 1))
 
 
 def check_motion(u: FloatArray, x: FloatArray, grid: float | None = None) -> None:

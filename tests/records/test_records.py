@@ -259,9 +259,6 @@ def test_blocks():
     assert [len(b) for b in FULL.blocks(0.15)] == [150, 150, 100]
     assert [len(b) for b in FULL.blocks(0.18)] == [180, 220]
     assert [len(b) for b in FULL.blocks(99)] == [400]
-    for bad in (0, -1, math.nan, "1", 1e-3):
-        with pytest.raises(ValueError, match=r"seconds must|fewer than 2 samples"):
-            FULL.blocks(bad)
 
 
 def test_a_part_may_stand_still():

@@ -121,10 +121,6 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
         follow from the encoder increment and the Coulomb level, and the exact
         discretisation.
 
-    Returns
-    -------
-    ObserverDesign
-
     Examples
     --------
     >>> from dryfric_control import presets
@@ -254,10 +250,6 @@ def clutch_monte_carlo(
         Length of each run [s].
     **options
         For `monte_carlo`: estimators, seed, store, jobs, progress.
-
-    Returns
-    -------
-    MonteCarlo
 
     Examples
     --------

@@ -794,6 +794,7 @@ files(
     ("torn.log", bam()[:-40], "torn.log", "JSON"),
     ("list.log", "[]", "list.log", "entries"),
     ("none.log", '{"entries": []}', "none.log", "entries"),
+    ("bare.log", '{"entries": [1]}', "entry 0", "not a number"),
     ("word.log", bam(position="here"), "position", "not a number"),
     ("null.log", bam(load=None), "load", "not a number"),
     ("nan.log", bam(position=NAN), "x|position", "remove|not finite"),

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
-from dryfric_control.text import Result, length_text, plain_data
+from dryfric_control.text import Result, length_text
 
 # What a record must have to say something: shortest rest [s] and [samples], parts of the
 # samples that slide, part of them that slide either way, encoder steps of travel, travel over
@@ -142,10 +141,6 @@ class RecordCheck(Result):
         yield [*rows, ("units", self.assumed)] if self.assumed else rows
         for message in self.messages:
             yield f"warning: {message}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """All figures and messages as plain data."""
-        return {f.name: plain_data(getattr(self, f.name)) for f in fields(self)}
 
 
 def _percent(share: float) -> str:

@@ -502,10 +502,6 @@ class Record:
         ----------
         t0, t1 : float, optional
             Limits [s] on the record's own time axis; open when left out.
-
-        Returns
-        -------
-        Record
         """
         for limit, value in (("t0", t0), ("t1", t1)):
             if value is not None and not isinstance(value, (int, float, np.number)):
@@ -527,10 +523,6 @@ class Record:
         parts : float, int or sequence of float
             Fraction of the first of two parts; number of equal parts; or
             the fractions of all parts, with sum 1.
-
-        Returns
-        -------
-        tuple of Record
         """
         if isinstance(parts, bool):
             raise ValueError(f"split needs a fraction, a number or fractions, got {parts}")
@@ -560,10 +552,6 @@ class Record:
             Length of a block [s], rounded to whole samples. What is left
             at the end is a block of its own if at least half as long, else part of
             the last one.
-
-        Returns
-        -------
-        tuple of Record
         """
         size = min(len(self), samples(min(positive("seconds", seconds), self.duration), self.dt))
         if size < 2:
@@ -588,10 +576,6 @@ class Record:
         ----------
         factor : int
             Samples per group, 1 or more.
-
-        Returns
-        -------
-        Record
         """
         n = len(self)
         if isinstance(factor, bool) or not isinstance(factor, (int, np.integer)) or factor < 1:
@@ -618,10 +602,6 @@ class Record:
             Gain of the position controller [N/m].  Default: 1, so that the input is the lag
             itself in the unit of position.  Forces are then known only in ratio to the gain:
             give the axis an effect `InputGain` with a guess of it.
-
-        Returns
-        -------
-        Record
 
         Raises
         ------
@@ -664,10 +644,6 @@ class Record:
         ----------
         dt : float
             New step [s].
-
-        Returns
-        -------
-        Record
         """
         dt = positive("dt", dt)
         own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
@@ -714,10 +690,6 @@ class Record:
         **options
             ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw``, ``good``
             of `Record`.
-
-        Returns
-        -------
-        Record
 
         Examples
         --------
@@ -794,10 +766,6 @@ class Record:
         ----------
         t, u, x, reference, units, name, channels
             As for `Record`.
-
-        Returns
-        -------
-        tuple of Record
 
         Warns
         -----
@@ -922,10 +890,6 @@ class Record:
             Role to column, as in `read_record`.
         **options
             Further options of `read_record`.
-
-        Returns
-        -------
-        Record
         """
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
@@ -1086,10 +1050,6 @@ class Record:
             Where to draw; a new figure when left out.
         title : str, optional
             Title.  Default: the name of the record.
-
-        Returns
-        -------
-        control.ControlPlot
         """
         # Here: reading a record needs neither python-control nor its figures.
         from dryfric_control.drawing import (

@@ -141,10 +141,6 @@ class Scaling:
         ----------
         gain : float, mapping or Scaling
             Factor on the input, factors by channel, or a scaling as it is.
-
-        Returns
-        -------
-        Scaling
         """
         if isinstance(gain, Scaling):
             return gain
@@ -161,10 +157,6 @@ class Scaling:
         ----------
         path : path-like
             The file that `read_axis` reads; without the table nothing is scaled.
-
-        Returns
-        -------
-        Scaling
 
         Raises
         ------
@@ -190,10 +182,6 @@ class Scaling:
 
     def to_dict(self) -> dict[str, Any]:
         """What was given, as `from_dict` reads it.
-
-        Returns
-        -------
-        dict
 
         Examples
         --------

@@ -54,10 +54,6 @@ def to_isaac(
     joint, load, velocities
         As for `to_mjcf`; the load is needed.
 
-    Returns
-    -------
-    SimulatorValues
-
     Raises
     ------
     ValueError

@@ -68,10 +68,6 @@ def to_modelica(
     joint, velocities, out
         As for `to_mjcf`; a joint is the name of its component.
 
-    Returns
-    -------
-    SimulatorValues
-
     Raises
     ------
     ValueError

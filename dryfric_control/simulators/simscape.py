@@ -74,10 +74,6 @@ def to_simscape(
     joint, velocities
         As for `to_mjcf`; a joint is the path of its block.
 
-    Returns
-    -------
-    SimulatorValues
-
     Raises
     ------
     ValueError

@@ -47,10 +47,6 @@ def to_urdf(
     joint, velocities, out
         As for `to_mjcf`.
 
-    Returns
-    -------
-    SimulatorValues
-
     Raises
     ------
     ValueError

@@ -35,10 +35,6 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
         effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`,
         ``[knowledge]`` to `read_knowledge`.
 
-    Returns
-    -------
-    FrictionAxis
-
     Raises
     ------
     ValueError

@@ -1022,6 +1022,7 @@ for _name, _file, _text, _says, _mend in (
     ("to_urdf", "arm.urdf", "<mujoco/>", "arm.urdf", "not <robot>"),
     ("to_urdf", "arm.urdf", "<robot/>", "arm.urdf", "prismatic joint"),
     ("to_modelica", "Arm.mo", "model Arm end Arm;", "Arm.mo", "SupportFriction"),
+    ("to_modelica", "Arm.mo", "model A SupportFriction z(f_pos=[0, 1", "'z'", "file whole"),
 ):
     CASES.append(Case(_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
 rows(

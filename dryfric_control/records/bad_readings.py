@@ -204,7 +204,7 @@ def _jumps(at: NDArray[np.int64], x: FloatArray, noise: float, quantum: float) -
         usual = float(np.median(np.sort(near)[: max(near.size - 5, 1)]))
         if least[k] > _LOCAL * usual and not any(abs(k + 2 - other) <= 2 for other in found):
             found.append(int(k) + 2)
-    return at[found].tolist()
+    return [int(k) for k in at[found]]
 
 
 def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:

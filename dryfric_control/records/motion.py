@@ -24,7 +24,8 @@ ONE_VELOCITY = 2.0
 
 def least_motion(record: Record) -> float:
     """Smallest way that quantum and noise of a record do not explain."""
-    return max(_CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise, NEAR * record.range)
+    steps, noise = _CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise
+    return float(max(steps, noise, NEAR * record.range))
 
 
 def usual_speeds(v: NDArray[np.float64]) -> tuple[float, float]:

@@ -441,7 +441,9 @@ def _dissipates(effect: Any) -> bool:
     """Whether an effect is friction of the joint; a stop is one of the simulator's own."""
     if effect.slug in _ELSEWHERE:
         return False
-    return effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
+    return bool(
+        effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
+    )
 
 
 def _friction(axis: FrictionAxis, states: _States) -> FloatArray:

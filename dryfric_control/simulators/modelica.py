@@ -105,6 +105,11 @@ def to_modelica(
     joints = joints_of(result, joint, list(there))
     for name, one in joints.items():
         require_units(f"component {name!r}", one, _UNITS[there[name][1].decode()])
+        if there[name][3] and _closing(bare, there[name].end()) == len(bare):
+            raise ValueError(
+                f"model {path.name}: the bracket of component {name!r} is not closed: is the file "
+                "whole?"
+            )
     found = described(_MODELICA, joints, velocities)
     for name in sorted(joints, key=lambda one: -there[one].start()):
         values = found.values[name]

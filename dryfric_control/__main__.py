@@ -457,21 +457,17 @@ def _make_room(folder: Path) -> None:
     """Make the folder of the results and see that it can be written, before any work."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")
+    trial = folder / "report.html.try"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / "report.html.try") as part:
-            part.write_bytes(bytes(_ROOM))
-            raise _Enough
-    except _Enough:
-        return
+        try:
+            trial.write_bytes(bytes(_ROOM))
+        finally:
+            trial.unlink(missing_ok=True)
     except OSError as problem:
         raise ValueError(
             f"--out {folder} cannot be written ({problem.strerror}): name another folder"
         ) from None
-
-
-class _Enough(Exception):  # noqa: N818  (no error: what was tried went well)
-    """Ends the trial of a folder, of which nothing stays."""
 
 
 if __name__ == "__main__":

@@ -928,8 +928,6 @@ class Record:
         target = Path(path)
         if target.suffix.lower() != ".csv":
             raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
-        if not target.parent.is_dir():
-            raise FileNotFoundError(f"there is no directory {str(target.parent)!r}; make it first")
         columns = self._columns()
         with (
             replacing(target) as temporary,

@@ -16,8 +16,6 @@ from dryfric_control.text import did_you_mean
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
-_OPTIONS = ("counts_per_turn", "lead", "torque_constant", "rated_torque", "force_constant",
-            "rated_force", "pinion_radius", "piston_area")  # fmt: skip
 # A lead [m] that was meant in millimetres.
 _LONG_LEAD = 1.0
 # What the table [record] says of the sampling, which `read_record` takes beside a scaling.
@@ -117,9 +115,9 @@ class Scaling:
                 )
             gains[role] = _gain(f"gain[{role!r}]", value)
         put(self, "gain", MappingProxyType(gains))
-        for name in _OPTIONS:
-            if (value := getattr(self, name)) is not None:
-                put(self, name, positive(name, value))
+        for item in fields(self):
+            if item.default is None and (value := getattr(self, item.name)) is not None:
+                put(self, item.name, positive(item.name, value))
         for name, what in (("lead", "a screw"), ("pinion_radius", "a pinion")):
             if (value := getattr(self, name)) is not None and value >= _LONG_LEAD:
                 warn(f"{name} = {value:g} is in metres: {what} of {value:g} mm has "

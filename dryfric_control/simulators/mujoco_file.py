@@ -164,18 +164,24 @@ def _check(name: str, joint: Joint, kind: str | None) -> None:
 def _computed(path: Path, joints: Mapping[str, Joint]) -> dict[str, float]:
     """Inertia of the bodies about joints, by MuJoCo."""
     try:
-        import mujoco
+        return inertias(_compiled(path), joints)
     except ImportError:
-        mend = "give load=..., or install mujoco, which computes it"
-        require_loads({}, joints, mend)
-    try:
-        made = mujoco.MjModel.from_xml_path(str(path))
+        require_loads({}, joints, "give load=..., or install mujoco, which computes it")
+        raise
     except ValueError as problem:
         raise ValueError(
-            f"model {path.name} is refused by MuJoCo ({problem}), which computes the inertia of "
-            "its bodies: give load=..."
+            f"{problem}; it computes the inertia of the bodies: give load=..."
         ) from None
-    return inertias(made, joints)
+
+
+def _compiled(path: Path) -> Any:
+    """The model of a file."""
+    import mujoco
+
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as problem:
+        raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
 
 
 def inertias(model: Any, joints: Iterable[str]) -> dict[str, float]:
@@ -197,16 +203,12 @@ def inertias(model: Any, joints: Iterable[str]) -> dict[str, float]:
 def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
     """Nominal axes of the joints of an MJCF file, by MuJoCo: inertia, damping, frictionloss."""
     try:
-        import mujoco
+        model = _compiled(existing_file(path))
     except ImportError:
         raise ValueError(
             f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
             "install mujoco, or give a file of axes"
         ) from None
-    try:
-        model = mujoco.MjModel.from_xml_path(str(existing_file(path)))
-    except ValueError as problem:
-        raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
     found = {}
     for i in range(model.njnt):
         joint = model.joint(i)

@@ -176,11 +176,16 @@ def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> No
     known = list(known)
     for key, value in given.items():
         if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+            hint = _hint(key, known)
             if key == "inertia" and "mass" in known:
                 hint = f'write mass = {value!r}, the inertia with units = ["rad", "N m"]'
             raise ValueError(f"{name}{key} = {value!r} is not known: {hint}")
+
+
+def _hint(word: str, known: Iterable[str]) -> str:
+    """The nearest of some words, or all of them."""
+    near = difflib.get_close_matches(word, known := list(known), n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
 
 
 def _table(name: str, value: Any, example: str) -> dict[str, Any]:
@@ -248,9 +253,7 @@ def _effect(number: int, data: Any, units: tuple[str, str]) -> Effect:
     if not isinstance(slug, str):
         raise ValueError(f'{place}.effect is {slug!r}: name the effect, such as effect = "spring"')
     if slug not in REGISTRY:
-        near = difflib.get_close_matches(slug, REGISTRY, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(REGISTRY)}"
-        raise ValueError(f"{place}.effect = {slug!r} is not known: {hint}")
+        raise ValueError(f"{place}.effect = {slug!r} is not known: {_hint(slug, REGISTRY)}")
     cls = REGISTRY[slug]
     values = {key: value for key, value in table.items() if key != "effect"}
     _check_keys(f"{place} ({slug}): ", values, [item.name for item in fields(cls)])

@@ -333,32 +333,26 @@ def _scope(rows: list[list[str]]) -> tuple[int, list[str], list[int]] | None:
 
 
 def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int) -> int:
-    """Find the headings over the first row of numbers; index of that."""
+    """Find the headings over the first row of numbers, which nothing like one precedes."""
     last = [row for row in rows[first:][-20:] if any(map(_is_number, row))] or [rows[-1]]
-    start = _first_numbers(text.name, chunk, rows, first, len(last[0]))
-    above = [line for _, line in chunk[first:start]]
-    trailing = all(len(row) > 1 and row[-1] == "" for row in last)
-    if trailing and above:  # unless the empty column has a name
-        trailing = not any(_fitting(above[-1], text.delimiter, len(last[0]), cut=False)[-1:])
-    width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
-    text.headings = _headings(above, text.comments, text.delimiter, width)
-    return start
-
-
-def _first_numbers(where: str, chunk: _Lines, rows: list[list[str]], first: int, width: int) -> int:
-    """Index of the first row of numbers; what is above must not look like one."""
-    for start in range(first, len(rows)):
-        if len(rows[start]) == width and any(map(_is_number, rows[start])):
-            break
-    else:
-        return min(first + 1, len(rows))  # a heading alone, or rows that are told later
-    for k in range(first, start):
+    width = len(last[0])
+    whole = (k for k in range(first, len(rows)) if len(rows[k]) == width)
+    start = next((k for k in whole if any(map(_is_number, rows[k]))), len(rows))
+    for k in range(first, start if start < len(rows) else first):
         row = rows[k]
         if len(row) > 1 and any(row) and all(_is_number(c) or not c for c in row):
             raise ValueError(
-                f"{where}: row {chunk[k][0]} has {len(row)} columns, row {chunk[start][0]} "
+                f"{text.name}: row {chunk[k][0]} has {len(row)} columns, row {chunk[start][0]} "
                 f"has {width}"
             )
+    if start == len(rows):  # a heading alone, or rows that are told later
+        start = min(first + 1, len(rows))
+    above = [line for _, line in chunk[first:start]]
+    trailing = all(len(row) > 1 and row[-1] == "" for row in last)
+    if trailing and above:  # unless the empty column has a name
+        trailing = not any(_fitting(above[-1], text.delimiter, width, cut=False)[-1:])
+    width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
+    text.headings = _headings(above, text.comments, text.delimiter, width)
     return start
 
 

@@ -27,11 +27,11 @@ from functools import cached_property
 import numpy as np
 import observer_peers as peers
 import scipy.stats
+from plain_estimators import OneModeObserver
 
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.observer import filter_reference
-from dryfric_control.observer.baselines import OneModeObserver
 from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.monte_carlo import Mismatch
 

@@ -22,6 +22,7 @@ from typing import TypeVar
 
 import control as ct
 import numpy as np
+from plain_estimators import FilteredDifference, OneModeObserver
 
 import dryfric_control as dfc
 from dryfric_control import presets
@@ -33,8 +34,7 @@ from dryfric_control.observer import (
     score_estimate,
     simulate_observed_loop,
 )
-from dryfric_control.observer.baselines import Estimator, FilteredDifference, OneModeObserver
-from dryfric_control.observer.monte_carlo import SwitchedEstimator
+from dryfric_control.observer.monte_carlo import Estimator, SwitchedEstimator
 from dryfric_control.observer.runtime import first_memory, kernel, tables
 
 DT = 1e-3

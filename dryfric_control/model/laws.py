@@ -2,30 +2,96 @@
 
 Sign, tanh, Karnopp, Dahl and LuGre, each in its published form, on the same mass,
 viscous coefficient, Coulomb map, Stribeck peak and effects as the axis. Pass one to
-``FrictionAxis.simulate(..., law=...)``. All run in a compiled loop whose substeps
-inside each sample follow from a tolerance (`law_events`, `law_stiff`).
+``FrictionAxis.simulate(..., law=...)``. scipy integrates them, a piece of linear input at a
+time: they are for comparison, and some thousand times slower than the switched axis.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from dryfric_control.checks import finite, instance, positive, samples
-from dryfric_control.compiled.axis_step import DELAY, LAG
-from dryfric_control.compiled.smooth_laws import BRISTLE, TANH, run_smooth
-from dryfric_control.compiled.switched_laws import run_switched
+from dryfric_control.compiled import axis_step
 from dryfric_control.model.axis import FrictionAxis
 
 __all__ = ["Dahl", "Karnopp", "Law", "LuGre", "Sign", "Tanh"]
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-# Input, sample time, first-order hold or not, x0, v0.
-Signal = tuple[Floats, float, bool, float, float]
+#: Rounding of a straight input, relative to its largest value.
+_STRAIGHT = 4 * np.finfo(float).eps
+#: A piece shorter than this fraction of a sample is merged with the next one: in a shorter
+#: one the force that starts a motion is lost in round-off.
+_SHORTEST = 1e-9
+#: Step of the differences of a Jacobian, relative.
+_NUDGE = 1e-6
+#: Successive switches at one instant at most.
+_MOST_SWITCHES = 64
+
+
+@njit(cache=True, error_model="numpy")
+def _drive(numbers, integers, t, x, v, u):  # type: ignore[no-untyped-def]
+    """Drive force after the static input effects."""
+    memory = np.array([x, v])
+    return axis_step.input_map(axis_step.point(numbers, integers), t, axis_step.pointer(memory), u)
+
+
+@njit(cache=True, error_model="numpy")
+def _forces(numbers, integers, drive, t, x, v, s, side, rest):  # type: ignore[no-untyped-def]
+    """Load in direction s; friction against motion to `side`, sliding and at breakaway."""
+    plant = axis_step.point(numbers, integers)
+    w = axis_step.load(plant, axis_step.held_force(drive), t, 0.0, x, v, s, rest)
+    sliding = axis_step.sliding_level(plant, t, x, v, w, side)
+    return w, sliding, axis_step.breakaway_level(plant, t, x, w, side, rest)
+
+
+class _Motion:
+    """An axis under a sampled input; times count samples, the drive is linear between kinks."""
+
+    def __init__(self, axis: FrictionAxis, u: Floats, dt: float, first: bool) -> None:
+        self.numbers, self.integers, _ = axis.arrays(dt)
+        self.dt, self.u, self.ends = dt, u, np.append(u[1:], u[-1]) if first else u
+        #: Speed that a force gives in one sample.
+        self.push = float(self.numbers[axis_step.INVERSE_MASS]) * dt
+        self.viscous = float(self.numbers[axis_step.VISCOUS])
+        self.longest = float(self.numbers[axis_step.SHORT_TIME]) / dt
+        straight = (
+            (np.abs(np.diff(self.ends - u)) <= _STRAIGHT * np.abs(u).max())
+            & (u[1:] == self.ends[:-1])
+            & (self.integers[axis_step.N_INPUT] == 0)
+        )
+        self.kinks = np.unique([0, *np.flatnonzero(~straight) + 1, u.size - 1]).tolist()
+
+    def enter(self, begin: int, end: int, x: float, v: float) -> None:
+        """Start the piece of input from sample `begin` to sample `end`."""
+        first, last = (
+            _drive(self.numbers, self.integers, begin * self.dt, x, v, u)
+            for u in (self.u[begin], self.ends[max(end - 1, begin)])
+        )
+        self.begin, self.first, self.slope = begin, first, (last - first) / max(end - begin, 1)
+
+    def forces(
+        self, k: float, x: float, v: float, s: float, side: float, rest: float = 0.0
+    ) -> tuple[float, float, float]:
+        """Load, and friction against motion to `side`: sliding, and at breakaway."""
+        drive = self.first + self.slope * (k - self.begin)
+        found: tuple[float, float, float] = _forces(
+            self.numbers, self.integers, drive, k * self.dt, x, v, s, side, rest
+        )
+        return found
+
+    def level(self, x: float) -> float:
+        """Mean friction of both directions at the start."""
+        self.enter(0, 0, x, 0.0)
+        return 0.5 * sum(self.forces(0.0, x, 0.0, s, s)[1] for s in (1.0, -1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +101,7 @@ class Law(ABC):
     Parameters
     ----------
     tolerance : float
-        Error allowed in one substep, relative to the state; near rest, relative to a
+        Error allowed in one step, relative to the state; near rest, relative to a
         speed of the law itself: what the Coulomb force gives the mass in one sample or,
         if smaller, the law's own width.
 
@@ -48,7 +114,7 @@ class Law(ABC):
 
     Examples
     --------
-    The same axis under another law, compiled as well:
+    The same axis under another law:
 
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=4.0)
@@ -68,8 +134,25 @@ class Law(ABC):
             object.__setattr__(self, item.name, value)
 
     @abstractmethod
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        """Fill the rows x, v, F, mode of `out`; 0, or 1 + the sample that failed."""
+    def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
+        """Fill the rows x, v, F, mode of `out`; `level` is the friction at the start."""
+
+    def _integrated(self, rates: Any, begin: float, end: float, y: Floats, **options: Any) -> Any:
+        """Solution by scipy at the samples from `begin` on and at `end`."""
+        times = np.append(np.arange(math.ceil(begin), end), end)
+        run = solve_ivp(
+            rates, (begin, end), y, t_eval=times, rtol=self.tolerance, atol=self.tolerance,
+            first_step=min(1.0, end - begin), **options,
+        )  # fmt: skip
+        if run.status < 0:
+            raise self._failed(begin)
+        return run
+
+    def _failed(self, k: float) -> RuntimeError:
+        return RuntimeError(
+            f"{type(self).__name__}: no step from sample {int(k)} on meets tolerance = "
+            f"{self.tolerance:g}; raise it or shorten dt"
+        )
 
     def run(
         self,
@@ -105,10 +188,10 @@ class Law(ABC):
         Raises
         ------
         ValueError
-            If the axis has an input delay or an actuator lag, if it has no friction at x0
-            and the law needs some, or if `hold` is unknown.
+            If the axis has an input delay or an actuator lag, if it has no friction at x0,
+            or if `hold` is unknown.
         RuntimeError
-            If no substep meets the tolerance.
+            If no step meets the tolerance.
         """
         if hold not in ("zero", "first"):
             raise ValueError(f"hold must be 'zero' or 'first', got {hold!r}")
@@ -121,25 +204,213 @@ class Law(ABC):
                     f"law={type(self).__name__}(...) has no place for the effect "
                     f"{effect.slug!r}: leave out the one or the other"
                 )
-        numbers, integers, _ = axis.arrays(dt)
-        if numbers[DELAY] > 0.0 or numbers[LAG] > 0.0:
+        motion = _Motion(axis, force, dt, hold == "first")
+        if motion.numbers[axis_step.DELAY] > 0.0 or motion.numbers[axis_step.LAG] > 0.0:
             raise ValueError(
                 f"{type(self).__name__} does not carry input_delay and actuator_lag: remove them "
                 "from axis.effects, or delay and filter u yourself"
             )
-        signal = (force, dt, hold == "first", x0, v0)
-        out = np.empty((4, len(signal[0])))
-        failed = self._solve(numbers, integers, signal, out)
-        if failed:
-            raise RuntimeError(
-                f"{type(self).__name__}: no substep of sample {failed - 1} meets tolerance = "
-                f"{self.tolerance:g}; raise it or shorten dt = {dt:g} s"
+        level = motion.level(x0)
+        if not level > 0.0:
+            raise ValueError(
+                f"coulomb must be positive at x0 = {x0:g} for law={type(self).__name__}(...)"
             )
+        out = np.empty((4, force.size))
+        self._solve(motion, level, x0, v0, out)
         return out[0], out[1], out[2], out[3]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sign(Law):
+class _Switched(Law):
+    """A law with a state of rest, in which friction holds the load up to a level."""
+
+    def _rest(self) -> tuple[float, int]:
+        """Largest velocity at rest, and index of the level there in `_Motion.forces`."""
+        return 0.0, 1
+
+    def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
+        unit = np.array([motion.dt, 1.0]) * level * motion.push
+        band, _ = self._rest()
+        s, rest, switches = int(np.sign(v)) if abs(v) > band else 0, 0.0, 0
+        for begin, end in pairwise(motion.kinks):
+            motion.enter(begin, end, x, v if s else 0.0)
+            k = float(begin)
+            while k < end:
+                before, start = k, s
+                if s:
+                    k, x, v, stopped = self._slide(motion, k, end, x, v, s, unit, out)
+                    if stopped:
+                        v, s, rest = s * band, 0, 0.0
+                else:
+                    if k == int(k):
+                        out[:, int(k)] = self._seen(motion, k, x, v, s, rest)
+                    stop = min(math.floor(k) + 1.0, end)
+                    wait, s, gain = self._wait(motion, k, stop, x, v, rest)
+                    rest += wait * motion.dt
+                    v = s * band if s else v + gain
+                    k = stop if stop - k - wait <= _SHORTEST else k + wait
+                switches = switches + (s != start) if k - before <= _SHORTEST else 0
+                if switches > _MOST_SWITCHES:
+                    raise self._failed(k)
+        last = out.shape[1] - 1
+        motion.enter(last, last, x, v if s else 0.0)
+        out[:, last] = self._seen(motion, last, x, v, s, rest)
+
+    def _seen(
+        self, motion: _Motion, k: float, x: float, v: float, s: int, rest: float
+    ) -> tuple[float, float, float, float]:
+        """Position, velocity, friction and direction at a sample."""
+        if s:
+            return x, v, s * motion.forces(k, x, v, s, s)[1], s
+        friction, *beyond = self._held(motion, k, x, rest)
+        return x, 0.0, friction - max(beyond[0], 0.0) + max(beyond[1], 0.0), 0.0
+
+    def _held(self, motion: _Motion, k: float, x: float, rest: float) -> tuple[float, float, float]:
+        """Load at rest, and what it has beyond friction to either side."""
+        _, level = self._rest()
+        plus, minus = (motion.forces(k, x, 0.0, 0.0, side, rest) for side in (1.0, -1.0))
+        return plus[0], plus[0] - plus[level], -minus[0] - minus[level]
+
+    def _slide(
+        self, motion: _Motion, begin: float, end: float, x: float, v: float, s: int, unit: Floats,
+        out: Floats,
+    ) -> tuple[float, float, float, bool]:  # fmt: skip
+        """Time, position and velocity where the slide or the piece ends; whether it rests."""
+        band, _ = self._rest()
+
+        def rates(k: float, y: Floats) -> Floats:
+            x, v = (y * unit).tolist()
+            w, level, _ = motion.forces(k, x, v, s, s)
+            return (
+                np.array([v * motion.dt, (w - motion.viscous * v - s * level) * motion.push]) / unit
+            )
+
+        def outside(k: float, y: Floats) -> float:
+            # A motion that starts at the edge of the band leaves it.
+            return float(s * y[1] - band / unit[1]) if k > begin else 1.0
+
+        def turning(k: float, y: Floats) -> float:
+            return float(s * rates(k, y)[1])
+
+        outside.terminal, outside.direction = True, -1.0  # type: ignore[attr-defined]
+        turning.direction = 1.0  # type: ignore[attr-defined]
+        run = self._integrated(
+            rates, begin, end, np.array([x, v]) / unit, method="DOP853", max_step=motion.longest,
+            events=(outside, turning),
+        )  # fmt: skip
+        for at, y in zip(run.t_events[1], run.y_events[1], strict=True):
+            if at < end and outside(at, y) < 0.0:
+                # The velocity has a minimum in the band between two steps: stop there.
+                return self._slide(motion, begin, at, x, v, s, unit, out)
+        for at, y in zip(run.t, np.transpose(run.y), strict=True):
+            if at < end:
+                x, v = (y * unit).tolist()
+                out[:, int(at)] = self._seen(motion, at, x, v, s, 0.0)
+        k, y = (run.t_events[0][0], run.y_events[0][0]) if run.status else (end, run.y[:, -1])
+        x, v = (y * unit).tolist()
+        return k, x, v, run.status == 1
+
+    def _wait(
+        self, motion: _Motion, k: float, stop: float, x: float, v: float, rest: float
+    ) -> tuple[float, int, float]:
+        """Time until the band is left, the side, and the velocity gained meanwhile.
+
+        Forces are assumed linear up to `stop`, which is exact unless an effect depends on time.
+        A load beyond friction accelerates the mass up to the band's edge. The mass leaves the
+        band once the net force at the edge points outwards: otherwise drag that begins at the
+        edge could cause endless switching.
+        """
+        band, _ = self._rest()
+        left = stop - k
+        now = self._held(motion, k, x, rest)[1:]
+        then = self._held(motion, stop, x, rest + left * motion.dt)[1:]
+        side, start = -1, left
+        for i in range(2):
+            # Ignore the round-off left of a load that has just fallen below friction.
+            if now[i] > 0.0 and now[i] > -1e-12 * then[i]:
+                side, start = i, 0.0
+            elif then[i] > 0.0 and (crossing := left * now[i] / (now[i] - then[i])) < start:
+                side, start = i, crossing
+        if side < 0:
+            return left, 0, 0.0
+        s = 1 - 2 * side
+        over, slope = max(now[side], 0.0), (then[side] - now[side]) / left
+        last = min(left, start - over / slope) if then[side] < 0.0 else left
+        need = (band - s * v) / motion.push
+        inside = over * over + 2 * slope * need
+        root = over + math.sqrt(max(inside, 0.0))
+        out = start + (2 * need / root if root > 0.0 else 0.0)
+        if out > last or inside < 0.0:
+            gain = (over + 0.5 * slope * (last - start)) * (last - start) * motion.push
+            return last, 0, s * gain
+        outward, later = (self._outward(motion, at, x, s) for at in (k, stop))
+        if outward + (later - outward) * out / left < 0.0:
+            out = left * outward / (outward - later) if later > 0.0 else last
+            if out >= last:
+                return last, 0, s * (band - s * v)
+        return out, s, 0.0
+
+    def _outward(self, motion: _Motion, k: float, x: float, s: int) -> float:
+        """Net force at the edge of the band, outwards."""
+        band, _ = self._rest()
+        w, level, _ = motion.forces(k, x, s * band, s, s)
+        return s * w - motion.viscous * band - level
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Smooth(Law):
+    """A law of the velocity and the deflection of bristles alone."""
+
+    @abstractmethod
+    def _width(self, level: float, dt: float) -> float:
+        """Velocity over which the law changes."""
+
+    @abstractmethod
+    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
+        """Friction, and velocity of the bristles."""
+
+    def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
+        width = self._width(level, motion.dt)
+        speed = min(level * motion.push, width)
+        unit = np.array([speed * motion.dt, speed, width * motion.dt])
+
+        def friction(k: float, x: float, v: float, z: float) -> tuple[float, float, float]:
+            s = 1.0 if v >= 0.0 else -1.0
+            w, level, _ = motion.forces(k, x, v, s, s)
+            force, rate = self._law(level, v, z)
+            return force, (w - motion.viscous * v - force) * motion.push, rate * motion.dt
+
+        def rates(k: float, y: Floats) -> Floats:
+            x, v, z = (y * unit).tolist()
+            _, dv, dz = friction(k, x, v, z)
+            return np.array([v * motion.dt, dv, dz]) / unit
+
+        def jacobian(k: float, y: Floats) -> Floats:
+            steps = np.diag(_NUDGE * (1.0 + np.abs(y)))
+            ends = [rates(k, y + step) - rates(k, y - step) for step in steps]
+            return np.transpose(ends) / (2.0 * np.diag(steps))
+
+        def seen(k: int, y: Floats) -> tuple[float, float, float, float]:
+            x, v, z = (y * unit).tolist()
+            moves = abs(v) > motion.numbers[axis_step.STICK_SPEED]
+            return x, v, friction(k, x, v, z)[0], math.copysign(1.0, v) if moves else 0.0
+
+        y = np.array([x, v, 0.0]) / unit
+        for begin, end in pairwise(motion.kinks):
+            motion.enter(begin, end, *(y * unit)[:2])
+            run = self._integrated(
+                rates, begin, end, y, method="Radau", jac=jacobian, max_step=motion.longest
+            )
+            for k, at in zip(range(begin, end), run.y.T, strict=False):
+                out[:, k] = seen(k, at)
+            y = run.y[:, -1]
+        last = out.shape[1] - 1
+        motion.enter(last, last, *(y * unit)[:2])
+        out[:, last] = seen(last, y)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sign(_Switched):
     """Coulomb's law with a sign function, solved exactly.
 
     At v = 0 the force is any value between the two levels there, the Filippov solution
@@ -150,7 +421,7 @@ class Sign(Law):
     Parameters
     ----------
     tolerance : float, optional
-        Error allowed in one substep, see `Law`.
+        Error allowed in one step, see `Law`.
 
     Examples
     --------
@@ -164,12 +435,9 @@ class Sign(Law):
     (0.25, 0.0)
     """
 
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        return run_switched(numbers, integers, 0.0, False, *signal, self.tolerance, out)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Tanh(Law):
+class Tanh(_Smooth):
     """Coulomb's law smoothed: F = Fc tanh(v / speed).
 
     It never rests: under a load w below the level it creeps at
@@ -178,7 +446,7 @@ class Tanh(Law):
     Parameters
     ----------
     tolerance : float, optional
-        Error allowed in one substep, see `Law`.
+        Error allowed in one step, see `Law`.
     speed : float
         Width of the transition [m/s]. Keep it well below the Stribeck velocity: a wider
         transition hides the peak.
@@ -197,13 +465,15 @@ class Tanh(Law):
 
     speed: float
 
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        law = (TANH, 1 / self.speed, 0.0)
-        return run_smooth(numbers, integers, law, *signal, self.tolerance, out)
+    def _width(self, level: float, dt: float) -> float:
+        return self.speed
+
+    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
+        return level * math.tanh(v / self.speed), 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Karnopp(Law):
+class Karnopp(_Switched):
     """Karnopp's law with a zero-velocity band.
 
     Inside the band the velocity counts as zero and friction balances the load up to the
@@ -213,7 +483,7 @@ class Karnopp(Law):
     Parameters
     ----------
     tolerance : float, optional
-        Error allowed in one substep, see `Law`.
+        Error allowed in one step, see `Law`.
     band : float
         Half width of the band [m/s].
 
@@ -236,12 +506,12 @@ class Karnopp(Law):
 
     band: float
 
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        return run_switched(numbers, integers, self.band, True, *signal, self.tolerance, out)
+    def _rest(self) -> tuple[float, int]:
+        return self.band, 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dahl(Law):
+class Dahl(_Smooth):
     """Dahl's elastic friction, with exponent 1.
 
     ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``.  Dahl's own level is constant; a
@@ -250,7 +520,7 @@ class Dahl(Law):
     Parameters
     ----------
     tolerance : float, optional
-        Error allowed in one substep, see `Law`.
+        Error allowed in one step, see `Law`.
     stiffness : float
         sigma0, slope of friction over position at a reversal [N/m].
 
@@ -273,13 +543,15 @@ class Dahl(Law):
 
     stiffness: float
 
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        law = (BRISTLE, self.stiffness, 0.0)
-        return run_smooth(numbers, integers, law, *signal, self.tolerance, out)
+    def _width(self, level: float, dt: float) -> float:
+        return level / (self.stiffness * dt)
+
+    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
+        return self.stiffness * z, v - self.stiffness * abs(v) / level * z
 
 
 @dataclass(frozen=True, kw_only=True)
-class LuGre(Law):
+class LuGre(Dahl):
     """LuGre: bristles with a stiffness and a damping.
 
     ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's
@@ -288,7 +560,7 @@ class LuGre(Law):
     Parameters
     ----------
     tolerance : float, optional
-        Error allowed in one substep, see `Law`.
+        Error allowed in one step, see `Law`.
     stiffness : float
         Bristle stiffness sigma0 [N/m].
     damping : float
@@ -312,9 +584,8 @@ class LuGre(Law):
     10000.0
     """
 
-    stiffness: float
     damping: float
 
-    def _solve(self, numbers: Floats, integers: Integers, signal: Signal, out: Floats) -> int:
-        law = (BRISTLE, self.stiffness, self.damping)
-        return run_smooth(numbers, integers, law, *signal, self.tolerance, out)
+    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
+        force, rate = super()._law(level, v, z)
+        return force + self.damping * rate, rate

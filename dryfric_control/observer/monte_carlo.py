@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,6 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import LoopController, simulate_loop
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.observer.baselines import Estimator
 from dryfric_control.observer.certificate import Certificate
 from dryfric_control.observer.closed_loop import check_loop
 from dryfric_control.observer.design import ObserverDesign
@@ -89,6 +88,14 @@ class Mismatch:
             stick_speed=design.axis.stick_speed / self.stick_ratio,
             name="plant",
         )
+
+
+class Estimator(Protocol):
+    """Anything that estimates from a record of drive and reading."""
+
+    def estimate(self, u: Array, y: Array, xhat0: float = 0.0) -> Array:
+        """Rows xhat, vhat, Fhat, what, mode, shape (5, n)."""
+        ...
 
 
 @dataclass(frozen=True)

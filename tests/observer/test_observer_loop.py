@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import sys
+from pathlib import Path
 
 import control as ct
 import matplotlib
@@ -22,7 +24,6 @@ from dryfric_control.observer import (
     score_estimate,
     switch_delays,
 )
-from dryfric_control.observer.baselines import FilteredDifference, OneModeObserver
 from dryfric_control.observer.figures import (
     draw_coulomb_maps,
     draw_friction,
@@ -32,6 +33,10 @@ from dryfric_control.observer.figures import (
 )
 from dryfric_control.observer.monte_carlo import Mismatch, MonteCarlo, SwitchedEstimator
 from dryfric_control.text import typeset
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from plain_estimators import FilteredDifference, OneModeObserver
 
 matplotlib.use("Agg")
 

@@ -2,14 +2,13 @@
 
 Each takes the drive u and the reading y and gives the rows of an observer:
 xhat, vhat, Fhat, what, mode.  None of them knows a friction model; the mode is
-"stuck" while the estimated speed is within a band.
+"stuck" while the estimated speed is within a band. `observer.py` and `arena.py` run them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -22,14 +21,6 @@ from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.error_model import axis_matrices
 
 Array = NDArray[np.float64]
-
-
-class Estimator(Protocol):
-    """Anything that estimates from a record of drive and reading."""
-
-    def estimate(self, u: Array, y: Array, xhat0: float = 0.0) -> Array:
-        """Rows xhat, vhat, Fhat, what, mode, shape (5, n)."""
-        ...
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,17 +71,6 @@ class FilteredDifference:
     Notes
     -----
     Friction is ``u - m a - f v`` with the low-pass used again for a.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer.baselines import FilteredDifference
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> plain = FilteredDifference(axis, dt=1e-3, filter_time=2e-3, band=1e-3)
-    >>> rows = plain.estimate(np.zeros(100), 0.5e-3 * np.arange(100))
-    >>> round(float(rows[1, -1]), 6)
-    0.5
     """
 
     axis: FrictionAxis
@@ -122,15 +102,6 @@ class OneModeObserver:
         Speed up to which the axis counts as stuck [m/s].
     discretization : str
         "euler" or "zoh".
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from dryfric_control import presets
-    >>> from dryfric_control.observer.baselines import OneModeObserver
-    >>> plain = OneModeObserver.from_design(presets.clutch_observer(), band=75.0)
-    >>> plain.estimate(np.zeros(5), np.zeros(5)).shape
-    (5, 5)
     """
 
     axis: FrictionAxis

@@ -180,23 +180,6 @@ class TrackingCertificate(Result):
 def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Array, Array]:
     """Linear loop of the tracking error: what acts on it beside friction.
 
-    Parameters
-    ----------
-    loop : Loop
-        The controller.
-    mass, viscous : float
-        Those of the axis [kg], [N s/m].
-    delay : float
-        Delay of the drive [s], its lag not counted.
-
-    Returns
-    -------
-    A : ndarray, shape (n, n)
-        State matrix; the first two states are position and velocity.
-    B : ndarray, shape (n, 2)
-        Columns of a force on the mass, held over a sample [N], and of an error of
-        the reading [m].
-
     Notes
     -----
     One sample written out as the compiled law runs it, read off column by column; the axis is
@@ -272,24 +255,10 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
 
 
 def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Array]:
-    """Spectral radius and responses of the linear loop of one axis, until they have faded.
+    """Spectral radius of the linear loop of one axis, and responses until they have faded.
 
-    Parameters
-    ----------
-    loop : Loop
-        The controller.
-    mass, viscous : float
-        Those of the axis [kg], [N s/m].
-    delay : float
-        Delay of the drive [s].
-
-    Returns
-    -------
-    float
-        Spectral radius.
-    ndarray, shape (n, 3, 2)
-        Position, velocity and drive 1 to n samples after the begin of a sample over which a
-        force of 1 N acts, and of one whose reading is 1 m off; empty if the loop is unstable.
+    Shape (n, 3, 2): position, velocity and drive 1 to n samples after a force of 1 N began to act
+    over a sample, and after a reading 1 m off; empty if the loop is unstable.
     """
     A, B = loop_matrices(loop, mass, viscous, delay)
     radius = spectral_radius(A)
@@ -321,18 +290,7 @@ def loop_gains(radius: float, responses: Array) -> LoopGains:
 
 
 def delay_margin(loop: Loop) -> float:
-    """Delay beyond that of the nominal axis below which its linear loop is stable.
-
-    Parameters
-    ----------
-    loop : Loop
-        The controller.
-
-    Returns
-    -------
-    float
-        Delay margin [s]: 0 if the loop is unstable as it is, at most 200 samples.
-    """
+    """Delay beyond the nominal one below which the linear loop is stable, at most 200 samples."""
     axis, most = loop.axis, _LATEST * loop.dt
 
     def stable(delay: float) -> bool:
@@ -360,11 +318,6 @@ def delay_margin(loop: Loop) -> float:
 
 def stick_slip_gain(force: Array) -> float:
     """Largest error of an axis that slips and sticks, for 1 N left while it slips [m/N].
-
-    Parameters
-    ----------
-    force : ndarray, shape (n,)
-        Position k + 1 samples after a force of 1 N over a sample began to act.
 
     Notes
     -----
@@ -398,19 +351,6 @@ def certify_tracking(
     reference: MotionProfile | None = None,
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest.
-
-    Parameters
-    ----------
-    loop : Loop
-        The controller.
-    mismatch : float
-        Part by which every parameter may be off.
-    learned : float
-        Part of the mismatch of the levels that has been learned.
-    excess : float
-        Largest Stribeck excess of the axis.
-    reference : MotionProfile, optional
-        Default: one so slow that inertia and viscous friction do not count.
 
     Notes
     -----

@@ -102,16 +102,7 @@ def presliding_distance(axis: FrictionAxis) -> float:
 def observer_lag(observer: ObserverDesign) -> float:
     """Part of a change of friction that the observer states a sample later.
 
-    Parameters
-    ----------
-    observer : ObserverDesign
-        The switched observer.
-
-    Returns
-    -------
-    float
-        That of a first-order lag, quicker than the mean delay while sliding: the
-        observer starts from what was learned.
+    Quicker than the mean delay while sliding: the observer starts from what was learned.
     """
     sliding = observer.error_dynamics(1)
     # Errors of x and v, and of friction, under a unit of unmodelled friction.
@@ -126,23 +117,7 @@ def observer_lag(observer: ObserverDesign) -> float:
 
 
 def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[np.float64]:
-    """Gains of an extended state observer with three equal poles.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        Mass and viscous coefficient.
-    dt : float
-        Sampling time [s].
-    bandwidth : float
-        Its bandwidth [rad/s].
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        Gains of position [1], speed [1/s] and force [N/m], by the current
-        reading; a resisting force.
-    """
+    """Gains of an extended state observer with three equal poles, by the current reading."""
     rate, m = axis.viscous / axis.mass, axis.mass
     A = np.array(
         [
@@ -228,21 +203,7 @@ def filter_time(
     bandwidth: float | None,
     most: float,
 ) -> float:
-    """Time constant of the low-pass on the velocity that keeps the noise in the drive [s].
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        One rigid mass.
-    tuning : Tuning
-        Numbers of the loop.
-    dt, delay : float
-        Sampling time and largest delay of the drive [s].
-    bandwidth : float or None
-        Bandwidth [rad/s], if it is given: the low-pass then leaves it its phase.
-    most : float
-        Largest step of the drive over a step of the reading [N/m].
-    """
+    """Time constant of the low-pass on the velocity that keeps the noise in the drive [s]."""
 
     def step(filtered: float) -> float:
         w = min(tuning.phase / (delay + SAMPLED * dt + filtered), FASTEST / dt)

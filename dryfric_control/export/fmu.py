@@ -140,15 +140,7 @@ def export_fmu(
 
 
 def parameters(axis: FrictionAxis, dt: float) -> list[Parameter]:
-    """Parameters that set numbers of an axis in proportion, found by changing each.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis, its base parameters those that act.
-    dt : float
-        Sampling time [s].
-    """
+    """Parameters that set numbers of an axis in proportion, found by changing each."""
     base = axis.arrays(dt).numbers
     # The code is written for these; of several shortest lengths each sets the least.
     fixed = {axis_step.DELAY, axis_step.LAG}

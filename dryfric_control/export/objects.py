@@ -202,23 +202,7 @@ class Exported:
 
 
 def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
-    """An object as it is exported.
-
-    Parameters
-    ----------
-    obj : FrictionAxis, ObserverDesign, HybridFilter or Compensation
-        What to export.
-    name : str, optional
-        Prefix of the C names.  Default: the name of the axis, with what the object is.
-    dt : float, optional
-        Sampling time of an axis [s], 1 ms by default.  The others have their own.
-
-    Raises
-    ------
-    ValueError
-        If the object is none of these, the name is no C identifier, or the drive is so
-        late that the line of delayed drives would be longer than 4096 samples.
-    """
+    """An object as it is exported."""
     make = next((make for kind, make in _MAKERS.items() if isinstance(obj, kind)), None)
     if make is None:
         raise ValueError(
@@ -247,22 +231,7 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
 
 
 def read_exportable(path: str | os.PathLike[str]) -> Any:
-    """Read a saved axis, observer design or compensation, whichever the file holds.
-
-    Parameters
-    ----------
-    path : str or path
-        File of `write_axis`, or of the method `save` of a design or a compensation.
-
-    Returns
-    -------
-    FrictionAxis, ObserverDesign or Compensation
-
-    Raises
-    ------
-    ValueError
-        If the file holds none of these, or is damaged.
-    """
+    """Read a saved axis, observer design or compensation, whichever the file holds."""
     source = existing_file(path)
     if source.suffix == ".toml":
         return read_axis(source)

@@ -107,20 +107,7 @@ class CoulombMap:
         return 0.5 * (self.plus[0] + self.minus[0])
 
     def __call__(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
-        """Level at positions `x` for motion in `direction` (+1 or -1).
-
-        Parameters
-        ----------
-        x : array_like, shape (n,)
-            Positions.
-        direction : int
-            +1 or -1.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Magnitude of the Coulomb friction.
-        """
+        """Level at positions `x` for motion in `direction` (+1 or -1)."""
         if isinstance(direction, bool) or direction not in (1, -1):
             raise ValueError(f"direction must be +1 or -1, got {direction!r}")
         coefficients = self.plus if direction > 0 else self.minus

@@ -26,14 +26,6 @@ def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray
 
     Coulomb level, Stribeck peak, viscous part and every effect that acts through them
     or by a force that depends on the velocity; no load, at time zero, no time at rest.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=(8.0, 7.0),
-    ...                         effects=(dfc.effects.Spring(200.0),))
-    >>> friction_over_velocity(axis, [0.1, -0.1], 0.05).tolist()
-    [9.5, -8.5]
     """
     axis = axis.effective()
     alone = axis.replace(

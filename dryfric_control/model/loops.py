@@ -409,13 +409,7 @@ def simulate_loop(
 
 
 def check_controller(controller: object) -> None:
-    """Refuse what `simulate_loop` cannot run.
-
-    Raises
-    ------
-    ValueError
-        If it is no controller.
-    """
+    """Refuse what `simulate_loop` cannot run."""
     if not callable(getattr(controller, "run", None)) or not hasattr(controller, "dt"):
         instance("controller", controller, PositionController, "or comp.controller")
 

@@ -253,28 +253,7 @@ def _move(start: float, end: float, dt: float, v: float, a: float, j: float, uni
 
 
 def move_phases(way: float, v: float, a: float, j: float) -> tuple[Array, Array]:
-    """Jerks and lengths of the seven phases of a move from rest to rest.
-
-    Parameters
-    ----------
-    way : float
-        Distance, zero or more [m].
-    v, a, j : float
-        Largest velocity, acceleration and jerk.
-
-    Returns
-    -------
-    jerks : ndarray, shape (7,)
-        Jerk of each phase [m/s^3].
-    lengths : ndarray, shape (7,)
-        Duration of each phase [s].
-
-    Examples
-    --------
-    >>> from dryfric_control.model.profiles import move_phases
-    >>> [round(float(h), 3) for h in move_phases(0.1, 0.2, 2.0, 40.0)[1]]
-    [0.05, 0.05, 0.05, 0.35, 0.05, 0.05, 0.05]
-    """
+    """Jerks and lengths of the seven phases of a move from rest to rest."""
     ramp = a / j if v * j >= a * a else math.sqrt(v / j)
     rise = ramp + v / a if v * j >= a * a else 2.0 * ramp
     cruise = way / v - rise

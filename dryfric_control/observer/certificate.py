@@ -177,24 +177,7 @@ def _factors(matrices: Array, graph: ModeGraph, what: str) -> Array:
 def proved_gain(
     models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, lyapunov: Array
 ) -> float:
-    """Smallest gamma that given Lyapunov matrices prove.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Scaled error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    gains : ndarray, shape (nnodes, 3)
-        Observer gains, scaled.
-    lyapunov : ndarray, shape (nnodes, 3, 3)
-        Lyapunov matrices of the gain condition.
-
-    Raises
-    ------
-    CertificateError
-        If they prove no gamma at all.
-    """
+    """Smallest gamma that given Lyapunov matrices prove."""
     factors = _factors(lyapunov, graph, "gain")
     worst = 0.0
     for i, j in graph.edges:
@@ -224,26 +207,6 @@ def evaluate_blocks(
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains.
 
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Scaled error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    gains : ndarray, shape (nnodes, 3)
-        Observer gains, scaled.
-    gamma : float
-        Gain to certify, scaled.
-    decay : float
-        Decay per sample to certify; nothing is checked at 1.
-    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
-        Lyapunov matrices of the two conditions.
-
-    Raises
-    ------
-    CertificateError
-        If a Lyapunov matrix is not positive definite.
-
     Notes
     -----
     With P = R R' the gain block of a step i to j is
@@ -269,13 +232,7 @@ def evaluate_blocks(
 
 
 def check_blocks(blocks: tuple[Block, ...]) -> float:
-    """Margin by which all inequalities hold.
-
-    Raises
-    ------
-    CertificateError
-        If one does not.
-    """
+    """Margin by which all inequalities hold."""
     # what is not a number is no proof: the worst of all, wherever it stands in the list
     sizes = [np.inf if np.isnan(b.eigenvalue) else b.eigenvalue for b in blocks]
     worst = blocks[ranked([-size for size in sizes])[0]]
@@ -304,32 +261,7 @@ def certify(
     lyapunov_decay: Array,
     unit: float,
 ) -> Certificate:
-    """Certificate of a design, or an error that says what fails.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Scaled error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    classes : mapping of int to int
-        Class of each mode.
-    gains : ndarray, shape (nnodes, 3)
-        Observer gains, scaled.
-    gamma : float
-        Gain to certify, scaled.
-    decay : float
-        Decay per sample to certify.
-    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
-        Lyapunov matrices of the two conditions.
-    unit : float
-        Unit of gamma: SI value of a scaled gain of 1.
-
-    Raises
-    ------
-    CertificateError
-        If an inequality does not hold.
-    """
+    """Certificate of a design, or an error that says what fails."""
     if not (np.all(np.isfinite(gains)) and np.isfinite(gamma) and gamma > 0.0):
         raise CertificateError(
             f"gains and gamma must be finite numbers, got gamma = {gamma!r}: design again"

@@ -43,31 +43,10 @@ def filter_reference(
 ) -> Array:
     """Reference behind the Butterworth low-pass of `reference_filter`.
 
-    Parameters
-    ----------
-    reference : array_like, shape (n,)
-        Reference at the samples [m].
-    bandwidth : float
-        Corner frequency [rad/s].
-    dt : float
-        Sampling time [s].
-    start : float, optional
-        Where the filter rests at first [m].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
     Notes
     -----
     It steps the very block that `observed_loop` contains: through an encoder a
     difference in the last digit can grow to a whole increment.
-
-    Examples
-    --------
-    >>> from dryfric_control.observer import filter_reference
-    >>> round(float(filter_reference([1.0] * 1000, 20.0, 1e-3)[-1]), 3)
-    1.0
     """
     start = finite("start", start)
     r = samples("reference", reference) - start
@@ -352,13 +331,7 @@ def observed_loop(
 
 
 def check_loop(controller: LoopController, design: ObserverDesign) -> None:
-    """Refuse what is no controller or no design, or two that do not fit.
-
-    Raises
-    ------
-    ValueError
-        If an argument is of another kind, or the sampling times differ.
-    """
+    """Refuse what is no controller or no design, or two that do not fit."""
     check_controller(controller)
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     if controller.dt != design.dt:

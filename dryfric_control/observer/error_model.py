@@ -82,15 +82,7 @@ class ErrorModel:
         return float(np.linalg.norm(self.D - self.W[0] if self.current else self.D))
 
     def scaled(self, state: Array, output: float) -> ErrorModel:
-        """The same dynamics in units of `state` and z times `output`.
-
-        Parameters
-        ----------
-        state : ndarray, shape (3,)
-            Unit of each error; the measurement takes the unit of position.
-        output : float
-            Factor of the performance output.
-        """
+        """The same dynamics in units of `state` and z times `output`."""
         return ErrorModel(
             A=self.A * state[None, :] / state[:, None],
             W=self.W / state[:, None],
@@ -108,24 +100,7 @@ class ErrorModel:
 def mode_matrices(
     rate: float, inverse_mass: float, dt: float, discretization: str
 ) -> tuple[Array, Array]:
-    """State matrix and force column of ``v' = -rate v + force / mass``.
-
-    Parameters
-    ----------
-    rate : float
-        Decay rate of the velocity [1/s]: viscous / mass, or that of the stuck mode.
-    inverse_mass : float
-        1 / mass.
-    dt : float
-        Sampling time [s].
-    discretization : str
-        "euler" or "zoh" (exact for a held force).
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-    ndarray, shape (2,)
-    """
+    """State matrix and force column of ``v' = -rate v + force / mass``."""
     if discretization == "euler":
         return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
     z = rate * dt
@@ -139,24 +114,8 @@ def mode_matrices(
 def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Array, Array]:
     """State matrix of a mode and the column in which forces act.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        Mass, viscous coefficient and `stick_rate` are read.
-    mode : int
-        0, +1 or -1.
-    dt : float
-        Sampling time [s].
-    discretization : str
-        "euler" or "zoh".
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-    ndarray, shape (2,)
-        The sliding mode's column in every mode, also for the integral term and
-        the force uncertainty while stuck: there friction cancels the drive, and
-        an integral term without effect could not be observed.
+    The column is that of the sliding mode also while stuck: there friction cancels the drive, and
+    an integral term without effect could not be observed.
     """
     sliding, force = mode_matrices(axis.viscous / axis.mass, 1.0 / axis.mass, dt, discretization)
     if mode == 0:
@@ -165,14 +124,7 @@ def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple
 
 
 def check_sampling(axis: Any, dt: float, discretization: str) -> None:
-    """Refuse a sampling time with which a mode is not stable.
-
-    Raises
-    ------
-    ValueError
-        If `discretization` is unknown, `dt` is not positive, or Euler's rule
-        makes the stick mode or the sliding mode oscillate without end.
-    """
+    """Refuse a sampling time with which a mode is not stable."""
     if discretization not in DISCRETIZATIONS:
         raise ValueError(
             f"discretization must be one of {', '.join(DISCRETIZATIONS)}, got {discretization!r}"
@@ -191,19 +143,7 @@ def check_sampling(axis: Any, dt: float, discretization: str) -> None:
 
 
 def mode_classes(uncertainty: Mapping[int, float]) -> dict[int, int]:
-    """Which modes share a model: +1 and -1 do if equally uncertain.
-
-    Parameters
-    ----------
-    uncertainty : mapping of int to float
-        Force uncertainty of each mode 0, +1, -1.
-
-    Returns
-    -------
-    dict of int to int
-        Class of each mode; 0 is stuck, 1 is sliding, -1 sliding backwards
-        where it needs a model of its own.
-    """
+    """Which modes share a model: +1 and -1 do if equally uncertain."""
     return {0: STICK, 1: SLIDE, -1: SLIDE if uncertainty[1] == uncertainty[-1] else -1}
 
 
@@ -219,29 +159,7 @@ def error_models(
     integral_modes: Iterable[int] = (0, 1, -1),
     form: str = "prediction",
 ) -> dict[int, ErrorModel]:
-    """Error dynamics of each class of modes, in physical units.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        Mass, viscous coefficient and `stick_rate` are read.
-    dt : float
-        Sampling time [s].
-    uncertainty : mapping of int to float
-        Amplitude of the force uncertainty in each mode [N].
-    noise : float
-        Amplitude of the measurement noise [m].
-    drift : float
-        Change of the friction error per sample [N].
-    performance : tuple of float
-        Weights (q_x, q_v, q_w) of the error in z.
-    discretization : str
-        "euler" (the paper's) or "zoh".
-    integral_modes : iterable of int
-        Modes in which the integral term acts on the velocity estimate.
-    form : str
-        "prediction" or "current".
-    """
+    """Error dynamics of each class of modes, in physical units."""
     models = {}
     integral = set(integral_modes)
     weights = np.diag(performance)[np.array(performance) != 0.0]
@@ -269,20 +187,6 @@ def error_models(
 
 def check_detectable(models: Mapping[int, ErrorModel], state: Array, decay: float) -> None:
     """Refuse a mode whose error no gain can make decay fast enough.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Error dynamics by class of modes, in physical units.
-    state : ndarray, shape (3,)
-        Unit of each error.
-    decay : float
-        Decay rate asked for, per sample.
-
-    Raises
-    ------
-    ValueError
-        If a mode hides a part of the error that decays slower than `decay`.
 
     Notes
     -----

@@ -59,26 +59,7 @@ class Run(Protocol):
 
 
 def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw the closed loop of the paper's section 5 as blocks.
-
-    Parameters
-    ----------
-    ax : Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: one that names what is shown.
-
-    Returns
-    -------
-    control.ControlPlot
-
-    Examples
-    --------
-    >>> from dryfric_control.observer.figures import draw_block_diagram
-    >>> words = [text.get_text() for text in draw_block_diagram().axes[0, 0].texts]
-    >>> "encoder" in words
-    True
-    """
+    """Draw the closed loop of the paper's section 5 as blocks."""
     from matplotlib.patches import FancyBboxPatch
 
     axes = axes_of(ax, 1, figsize=(7.0, 3.2))
@@ -108,27 +89,7 @@ def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPl
 def draw_coulomb_maps(
     plant: FrictionAxis, own: FrictionAxis, ax: Any = None, title: str | None = None
 ) -> ct.ControlPlot:
-    """Draw the friction of the plant and of the observer (Fig. 7).
-
-    Parameters
-    ----------
-    plant : FrictionAxis
-        Its Coulomb levels are drawn solid, breakaway as the edge of a band.
-    own : FrictionAxis
-        The observer's axis, drawn dashed.
-    ax : Axes, optional
-        Where to draw.  Default: a new figure.
-    title : str, optional
-        Title.  Default: name of the plant and what is shown.
-
-    Examples
-    --------
-    >>> from dryfric_control import presets
-    >>> from dryfric_control.observer.figures import draw_coulomb_maps
-    >>> drawn = draw_coulomb_maps(presets.clutch_actuator(), presets.clutch_observer_axis())
-    >>> drawn.axes.ravel()[0].get_xlabel()
-    'position [inc]'
-    """
+    """Draw the friction of the plant and of the observer (Fig. 7)."""
     axes = axes_of(ax, 1, figsize=(7.0, 3.6))
     one = axes[0]
     plant, own = plant.effective(), own.effective()

@@ -36,36 +36,11 @@ class MatrixProgram:
     _blocks: list[tuple[NDArray[np.intp], Array, Array]] = field(default_factory=list)
 
     def below_zero(self, index: NDArray[np.intp], columns: Array, constant: Array) -> None:
-        """Demand ``constant + sum_k x[index[k]] columns[k] <= 0``.
-
-        Parameters
-        ----------
-        index : ndarray of int, shape (k,)
-            Variables that take part.
-        columns : ndarray, shape (k, n, n)
-            Symmetric coefficient of each.
-        constant : ndarray, shape (n, n)
-            Symmetric constant part.
-        """
+        """Demand ``constant + sum_k x[index[k]] columns[k] <= 0``."""
         self._blocks.append((index, columns, constant))
 
     def minimise(self, objective: int | None, solver: str) -> tuple[Array, str]:
-        """Solve for the smallest value of variable `objective`.
-
-        Parameters
-        ----------
-        objective : int or None
-            Variable to minimise; None only looks for a feasible point.
-        solver : str
-            "clarabel" or "scs".
-
-        Returns
-        -------
-        ndarray, shape (size,)
-            Not-a-number where the solver gives no values.
-        str
-            The solver's own word; "infeasible" if it proved infeasibility.
-        """
+        """Solve for the smallest value of variable `objective`."""
         import cvxpy as cp
 
         x = cp.Variable(self.size)

@@ -50,20 +50,7 @@ class ModeGraph:
 def allowed_pairs(
     classes: dict[int, int], pairs: Iterable[tuple[int, int]] | None
 ) -> set[tuple[int, int]]:
-    """Pairs of classes that may follow each other.
-
-    Parameters
-    ----------
-    classes : dict of int to int
-        Class of each mode.
-    pairs : iterable of (int, int), optional
-        Allowed changes of mode.  Default: all.  Staying is always allowed.
-
-    Raises
-    ------
-    ValueError
-        If a pair names an unknown mode.
-    """
+    """Pairs of classes that may follow each other."""
     if pairs is None:
         keys = set(classes.values())
         return {(a, b) for a in keys for b in keys}

@@ -21,38 +21,7 @@ def own_axis(
     coulomb: CoulombMap | float | None = None,
     stick_speed: float | None = None,
 ) -> FrictionAxis:
-    """Axis that the observer believes in.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The nominal axis.
-    coulomb : CoulombMap or float, optional
-        The observer's own Coulomb levels.  Default: those of `axis`.
-    stick_speed : float, optional
-        The observer's own stick velocity [m/s].  Default: half that of `axis`.
-
-    Returns
-    -------
-    FrictionAxis
-        With the base parameters that act, without a Stribeck peak, and with
-        the effects that the observer can follow.
-
-    Warns
-    -----
-    ObserverWarning
-        If effects are left out; one warning names them all.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-    ...                         effects=(dfc.effects.Inertia(factor=1.5),
-    ...                                  dfc.effects.BiasForce(force=1.0)))
-    >>> own = own_axis(axis)
-    >>> own.mass, [effect.slug for effect in own.effects]
-    (3.0, ['bias_force'])
-    """
+    """Axis that the observer believes in."""
     instance("axis", axis, FrictionAxis)
     acting = axis.effective()
     if stick_speed is None:

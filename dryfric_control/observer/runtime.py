@@ -58,23 +58,7 @@ class Estimate(NamedTuple):
 def tables(
     design: ObserverDesign, switching: str = "reading", encoder_quantum: float | None = None
 ) -> Tables:
-    """Arrays of a design for the compiled observer.
-
-    Parameters
-    ----------
-    design : ObserverDesign
-        Gains, axis and sampling time.
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the mode, see `pi_observer`.
-    encoder_quantum : float, optional
-        Increment of the position sensor [m].  Default: the
-        design's.
-
-    Raises
-    ------
-    ValueError
-        If `switching` is unknown or `encoder_quantum` is negative.
-    """
+    """Arrays of a design for the compiled observer."""
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     if not isinstance(switching, str) or switching not in SWITCHING:
         raise ValueError(f"switching must be one of {', '.join(SWITCHING)}, got {switching!r}")

@@ -53,13 +53,6 @@ class Scales:
 def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
     """Scales that make the design problem a matter of numbers near 1.
 
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Error dynamics by mode class, in physical units.
-    weights : Weights
-        Specifications.
-
     Notes
     -----
     With the observer's natural frequency beta per sample, an uncertain force d

@@ -78,24 +78,7 @@ class EstimateScore:
 
 
 def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array) -> EstimateScore:
-    """Score an estimate.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The plant.
-    dt : float
-        Sampling time [s].
-    plant : ndarray, shape (>=4, n)
-        Rows x, v, F, mode of the plant.
-    estimate : ndarray, shape (5, n)
-        Rows xhat, vhat, Fhat, what, mode.
-
-    Returns
-    -------
-    EstimateScore
-        Figures of parts that the record does not contain are nan.
-    """
+    """Score rows xhat, vhat, Fhat, what, mode by rows x, v, F, mode; nan for what they lack."""
     x, v, friction, mode = plant[:4]
     axis = axis.effective()
     near, late = samples(SETTLED_POSITION, dt), samples(SETTLED, dt)
@@ -117,23 +100,7 @@ def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array)
 
 
 def switch_delays(mode: Array, estimated: Array, dt: float) -> tuple[Array, Array]:
-    """Delay of the estimated mode at every switch of the plant.
-
-    Parameters
-    ----------
-    mode, estimated : ndarray, shape (n,)
-        Mode of the plant and of the observer.
-    dt : float
-        Sampling time [s].
-
-    Returns
-    -------
-    time : ndarray, shape (nswitches,)
-        Time of each switch of the plant, to the sample [s].
-    delay : ndarray, shape (nswitches,)
-        How much later the observer is in the new mode [s]; negative if it was
-        there before, nan if it never is while the plant's mode lasts.
-    """
+    """Time of every switch, and delay of the estimate [s]: negative if before, nan if it misses."""
     places = np.flatnonzero(np.diff(mode)) + 1
     ends = np.append(places, mode.size)[1:]
     starts = np.concatenate([[0], places[:-1]]).astype(int)[: places.size]

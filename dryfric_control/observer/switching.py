@@ -165,19 +165,6 @@ def _best_game(models: Mapping[int, ErrorModel]) -> _Game:
 def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     """Gain no observer can be below when the modes repeat `word`.
 
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Error dynamics by mode class, any units.
-    word : tuple of int
-        Sequence of classes, repeated without end and known to the observer.
-
-    Returns
-    -------
-    float
-        Lower bound on gamma for every causal observer, whatever its order; 0
-        if the error cannot be excited.
-
     Notes
     -----
     The Riccati recursion of the optimal H-infinity filter, a priori or (current
@@ -291,26 +278,7 @@ def _search(
 def worst_switching(
     models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, high: float
 ) -> tuple[float, tuple[int, ...]]:
-    """Search the switching sequence that is worst for given gains.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    gains : ndarray, shape (nnodes, 3)
-        Observer gains, in the units of the models.
-    high : float
-        Certified gain, above which there is nothing to find.
-
-    Returns
-    -------
-    float
-        Gain reached: a lower bound on the true gain of this design.
-    tuple of int
-        The sequence of mode classes, repeated, that reaches it.
-    """
+    """Gain of given gains on the worst sequence found, a lower bound, and the sequence."""
     steps = {edge: place for place, edge in enumerate(graph.edges)}
     at = [models[graph.labels[i]] for i, _ in graph.edges]
     closed = [
@@ -338,25 +306,7 @@ def worst_switching(
 def hardest_switching(
     models: Mapping[int, ErrorModel], graph: ModeGraph, high: float
 ) -> tuple[float, tuple[int, ...]]:
-    """Search the switching sequence that is hardest for any observer.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Error dynamics by mode class.
-    graph : ModeGraph
-        Allowed changes of mode.
-    high : float
-        A certified gain, above which there is nothing to find.
-
-    Returns
-    -------
-    float
-        Gain that no causal observer can be below, even if it knew the sequence
-        beforehand.
-    tuple of int
-        The sequence of mode classes.
-    """
+    """Gain that no causal observer is below on the hardest sequence found, and the sequence."""
     game = _best_game(models)
     alone = {key: best_gain(models, (key,)) for key in models}
     start = list(alone)[ranked([-gain for gain in alone.values()])[0]]

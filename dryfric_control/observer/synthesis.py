@@ -118,31 +118,7 @@ def solve_lmi(
     solver: str = "clarabel",
     margin: float = 1e-8,
 ) -> Candidate:
-    """Solve the design inequalities once.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Scaled error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    decay : float
-        Decay rate alpha per sample; 1 leaves the decay condition out.
-    paper : bool
-        Use Theorem 1: the slack is P_i, and it also proves the decay.
-    around : Candidate, optional
-        A design to improve: the slack matrices start from its Lyapunov
-        matrices, edge by edge, so the gain cannot get worse.
-    solver : str
-        "clarabel" or "scs".
-    margin : float
-        Strictness of every inequality in the scaled problem.
-
-    Raises
-    ------
-    InfeasibleError
-        If the solver proves that no design exists, or returns no numbers.
-    """
+    """Solve the design inequalities once."""
     nodes = len(graph.labels)
     with_decay = decay < 1.0
     separate = with_decay and not paper
@@ -215,34 +191,7 @@ def certified_solution(
     refine: int = 0,
     solver: str = "clarabel",
 ) -> tuple[Candidate, float]:
-    """Solve until the gains that come out prove what they promise.
-
-    Parameters
-    ----------
-    models : mapping of int to ErrorModel
-        Scaled error dynamics by mode class.
-    graph : ModeGraph
-        Memory of the observer.
-    decay : float
-        Decay rate alpha per sample; 1 leaves the decay condition out.
-    paper : bool
-        Use Theorem 1.
-    refine : int
-        Rounds of improvement.
-    solver : str
-        "clarabel" or "scs".
-
-    Returns
-    -------
-    Candidate
-    float
-        Certified gamma, scaled.
-
-    Raises
-    ------
-    ValueError
-        If no design exists, or none that passes its certificate.
-    """
+    """Solve until the gains that come out prove what they promise."""
     best: tuple[Candidate, float] | None = None
     for _ in range(refine + 1):
         around = best[0] if best else None

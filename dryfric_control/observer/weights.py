@@ -107,22 +107,6 @@ def default_weights(
 ) -> Weights:
     """Fill in the specifications the user left open.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        Mass, Coulomb levels and travel are read.
-    dt : float
-        Sampling time [s].
-    uncertainty, noise, drift, decay, performance
-        As in `design_pi_observer`; None asks for the default.
-    encoder_quantum : float, optional
-        Resolution of the position sensor [m].
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, or nothing disturbs the axis.
-
     Notes
     -----
     With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = 4 quantum / sqrt(12),

@@ -15,13 +15,7 @@ def class_of(name: str) -> type[Effect] | None:
 
 
 def title_of(name: str) -> str:
-    """Effect in words by its name in an axis; the name itself if it is none.
-
-    Examples
-    --------
-    >>> title_of("coulomb"), title_of("cogging_2")
-    ('Coulomb level error', 'cogging 2')
-    """
+    """Effect in words by its name in an axis; the name itself if it is none."""
     effect, number = class_of(name), _split(name)[1]
     if effect is None:
         return name
@@ -30,24 +24,12 @@ def title_of(name: str) -> str:
 
 
 def titles_of(alternative: str) -> str:
-    """Names in words of effects that are joined by "+".
-
-    Examples
-    --------
-    >>> titles_of("inertia+coulomb")
-    'inertia error + Coulomb level error'
-    """
+    """Names in words of effects that are joined by "+"."""
     return " + ".join(map(title_of, alternative.split("+")))
 
 
 def renumbered(names: Iterable[str], taken: str) -> list[str]:
-    """Names of parameters as they are once an effect is taken out of the axis.
-
-    Examples
-    --------
-    >>> renumbered(["cogging_2.period", "spring.rest"], "cogging")
-    ['cogging.period', 'spring.rest']
-    """
+    """Names of parameters as they are once an effect is taken out of the axis."""
     slug, number = _split(taken)
     found = []
     for name in names:

@@ -570,7 +570,8 @@ def band_excess(plant, drive, t0, tau, x, v, s):
     return -s * w - coulomb_level(plant, t, x, v, w, -s, 0.0)
 
 
-_OUTER, _ZERO, _BAND = 0, 1, 2
+#: How a sliding step ends: it goes on, or is to be divided, or reaches a switching surface.
+_ON, _DIVIDED, _OUTER, _ZERO, _BAND = range(-2, 3)
 
 
 @internal
@@ -802,6 +803,79 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
     return False, d, 1.0
 
 
+@internal(forceinline=True)
+def refined(plant, way, error, allowed, d):
+    """Length of the step to try instead of one of length d; d if that is accurate enough."""
+    if abs(way) > plant.numbers[SHORT_WAY]:
+        return 0.9 * d * plant.numbers[SHORT_WAY] / abs(way)
+    return smaller(d, allowed, error) if error > allowed else d
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def turning(v, v1, s, k1, k4, d, lowest):
+    """Length of a step that ends near a reversal, or a minimum below `lowest`, inside d; else d."""
+    part = k1 / (k1 - k4) if k1 != k4 else 0.0
+    if v == 0.0 and s * k1 > 0.0 and s * v1 <= 0.0:
+        # From rest and back to it in one step: stop near the reversal.
+        return d * min(max(part, 0.1), 0.9)
+    if s * k1 < 0.0 < s * k4 and s * v1 > lowest and 1e-6 < part < 1.0 - 1e-6:
+        dip = v + part * d * (k1 + 0.5 * part * (k4 - k1))
+        if s * dip < lowest:
+            return part * d
+    return d
+
+
+@internal(forceinline=True)
+def _ending(plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips):
+    """How a sliding step ends, and its length; _DIVIDED: try that length instead.
+
+    `varies`: whether load or level change at rest; `may`: whether it may switch at zero or in
+    the band; `divisible`: whether the step may be shorter.
+    """
+    sigma = plant.numbers[STICK_SPEED]
+    inside = s * v <= sigma
+    if s * v1 > sigma and not (inside and varies):
+        return _ON, d
+    end = band_excess(plant, drive, t0, tau + d, x1, v1, s)
+    start = band_excess(plant, drive, t0, tau, x, v, s) if varies else end
+    if divisible and varies and start > 0.0 and end > 0.0:
+        w0 = load(plant, drive, t0, tau, x, v, s, 0.0)
+        w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
+        part = w0 / (w0 - w1)
+        if w0 * w1 < 0.0 and 1e-6 < part < 1.0 - 1e-6:
+            # The load crosses the whole band in this step: stop inside the band, if it has any
+            # width.
+            return _DIVIDED, part * d
+    if not inside and (start <= 0.0 or end <= 0.0):
+        return _OUTER, _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
+    kind, cut = _ON, d
+    if may and s * v1 <= 0.0 and (plant.integers[RULE] == FILIPPOV or flips == 0):
+        kind = _ZERO
+        cut = _cut(plant, drive, t0, tau, x, v, s, k1, d, _ZERO, s * v1)
+    if may and inside and end <= 0.0:
+        other = _cut(plant, drive, t0, tau, x, v, s, k1, d, _BAND, end)
+        if kind == _ON or other < cut:
+            kind, cut = _BAND, other
+    return kind, cut
+
+
+@internal(forceinline=True)
+def _mode_after(plant, drive, t0, tau, x, v, mode, kind, d):
+    """Mode and velocity after a sliding step of length d that ended in a switch."""
+    s, sigma = float(mode), plant.numbers[STICK_SPEED]
+    if kind == _BAND:
+        return (0 if s * v <= sigma else mode), v
+    if kind == _OUTER:
+        v = s * sigma
+        return (0 if band_excess(plant, drive, t0, tau, x, v, s) <= 0.0 else mode), v
+    if plant.integers[RULE] == PAPER:
+        return -mode, 0.0
+    w = load(plant, drive, t0, tau, x, 0.0, s, 0.0)
+    after = at_zero(plant, t0 + tau, x, w, mode)
+    # Where load and level are equal up to round-off, it rests.
+    return (0 if after == mode and d == 0.0 else after), 0.0
+
+
 @internal(inline="always")
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
     """Move over an interval that contains switches or needs more than one step."""
@@ -846,57 +920,21 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         divisible = d > SHORTEST * h
         if divisible:
-            if abs(x1 - x) > plant.numbers[SHORT_WAY]:
-                longest = 0.9 * d * plant.numbers[SHORT_WAY] / abs(x1 - x)
+            cut = refined(plant, x1 - x, error, allowed, d)
+            if cut == d:
+                cut = peak_step(plant, v, v1, s, d)
+                if cut >= 0.99 * d:
+                    cut = turning(v, v1, s, k1, k4, d, 0.0 if s * v <= sigma else sigma)
+            if cut < d:
+                longest = cut
                 continue
-            if error > allowed:
-                longest = smaller(d, allowed, error)
-                continue
-            seen = peak_step(plant, v, v1, s, d)
-            if seen < 0.99 * d:
-                longest = seen
-                continue
-            if v == 0.0 and s * k1 > 0.0 and s * v1 <= 0.0:
-                # From rest and back to it in one step: stop near the reversal.
-                longest = d * min(max(k1 / (k1 - k4), 0.1), 0.9)
-                continue
-
-        inside = s * v <= sigma
-        if divisible and s * k1 < 0.0 < s * k4 and s * v1 > (0.0 if inside else sigma):
-            # The speed has a minimum inside the step: stop there if it is low enough.
-            part = k1 / (k1 - k4)
-            dip = v + part * d * (k1 + 0.5 * part * (k4 - k1))
-            if s * dip < (0.0 if inside else sigma) and 1e-6 < part < 1.0 - 1e-6:
-                longest = part * d
-                continue
-
-        kind = -1
-        if s * v1 <= sigma or (inside and varies):
-            end = band_excess(plant, drive, t0, tau + d, x1, v1, s)
-            start = band_excess(plant, drive, t0, tau, x, v, s) if varies else end
-            if divisible and varies and start > 0.0 and end > 0.0:
-                w0 = load(plant, drive, t0, tau, x, v, s, 0.0)
-                w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
-                part = w0 / (w0 - w1)
-                if w0 * w1 < 0.0 and 1e-6 < part < 1.0 - 1e-6:
-                    # The load crosses the whole band in this step: stop inside the band,
-                    # if it has any width.
-                    longest = part * d
-                    continue
-            if not inside and (start <= 0.0 or end <= 0.0):
-                kind = _OUTER
-                d = _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
-            elif may:
-                cut = d
-                if s * v1 <= 0.0 and (plant.integers[RULE] == FILIPPOV or flips == 0):
-                    kind = _ZERO
-                    cut = _cut(plant, drive, t0, tau, x, v, s, k1, d, _ZERO, s * v1)
-                if inside and end <= 0.0:
-                    other = _cut(plant, drive, t0, tau, x, v, s, k1, d, _BAND, end)
-                    if kind < 0 or other < cut:
-                        kind, cut = _BAND, other
-                d = cut
-        if kind < 0:
+        kind, cut = _ending(
+            plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips
+        )
+        if kind == _DIVIDED:
+            longest = cut
+            continue
+        if kind == _ON:
             x, v, fresh = x1, v1, True
             tau += d
             if tau + SHORTEST * h >= h:
@@ -905,27 +943,13 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
                 longest = larger(d, allowed, error)
             continue
 
-        x, v, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, d)
-        tau += d
+        x, v, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, cut)
+        tau += cut
         fresh, longest = True, h
-        if kind == _ZERO:
-            v = 0.0
-            w = load(plant, drive, t0, tau, x, v, s, 0.0)
-            if plant.integers[RULE] == PAPER:
-                # The printed rule alone would switch endlessly inside the sample.
-                flips += 1
-                after = -mode
-            else:
-                after = at_zero(plant, t0 + tau, x, w, mode)
-                if after == mode and d == 0.0:
-                    # Load and level are equal up to round-off.
-                    after = 0
-        elif kind == _OUTER:
-            v = s * sigma
-            excess = band_excess(plant, drive, t0, tau, x, v, s)
-            after = 0 if excess <= 0.0 else mode
-        else:
-            after = 0 if s * v <= sigma else mode
+        if kind == _ZERO and plant.integers[RULE] == PAPER:
+            # The printed rule alone would switch endlessly inside the sample.
+            flips += 1
+        after, v = _mode_after(plant, drive, t0, tau, x, v, mode, kind, cut)
         if after != mode:
             switches += 1
             record(events, count, t0 + tau, mode, after, switches)

@@ -41,7 +41,6 @@ from dryfric_control.compiled.axis_step import (
     RULE,
     SETTLE,
     SHORT_TIME,
-    SHORT_WAY,
     SHORTEST,
     SLIP,
     SPRING,
@@ -71,12 +70,14 @@ from dryfric_control.compiled.axis_step import (
     peak_step,
     peaked_level,
     record,
+    refined,
     resolve,
     sliding_level,
     spare_memory,
     step_error,
+    turning,
 )
-from dryfric_control.compiled.roots import between, larger, narrowed, smaller
+from dryfric_control.compiled.roots import between, larger, narrowed
 
 # Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
 # two masses meet, to which a filter is more sensitive.
@@ -301,6 +302,117 @@ def _begin_inner(side, drive, t0, x, v, y, p, z, mode, rest):
     return mode, p, z, friction, motor, rate
 
 
+@internal(forceinline=True)
+def _fades(side):
+    """Whether the level can fall while an elastic contact is strained."""
+    return side.integers[STRUCTURE] & CONTACT != 0 and (
+        side.numbers[EXCESS] > 0.0
+        or side.integers[N_LEVEL] + side.integers[N_PLUS] + side.integers[N_MINUS] > 2
+    )
+
+
+@internal
+def _slides_back(side, drive, t0, x, v, y, p, z, m1, k1, rest, h):
+    """Whether a contact of deflection z slides although it springs back: its limit falls faster."""
+    s = math.copysign(1.0, z)
+    if s * z < _most(side, drive, t0, 0.0, x, v, y, p, s, rest) * (1.0 - 1e-12):
+        return False
+    d = min(h, side.numbers[SHORT_TIME])
+    return _tightens(side, drive, t0, 0.0, x, v, y, p, m1, k1, s, rest, d) > 0.0
+
+
+@internal(forceinline=True)
+def _shortened(side, y, p, y1, p1, mode, k1, k4, d, error, allowed):
+    """Length of the step to try instead of one of length d of the load; d if it may stay."""
+    cut = refined(side, y1 - y, error, allowed, d)
+    if cut == d and (mode != 0 or _fades(side)):
+        sight = peak_step(side, abs(p), abs(p1), 1.0, d)
+        if sight < 0.99 * d:
+            return sight
+    if cut == d and abs(mode) == 1:
+        return turning(p, p1, float(mode), k1, k4, d, 0.0)
+    return cut
+
+
+@internal
+def _touches(
+    side, drive, t0, tau, x, v, y, p, x1, v1, y1, p1, anchor, m1, k1, m4, k4, rest, gap, left, d
+):
+    """When an elastic contact may reach its limit and leave it within a step; d if it does not.
+
+    `gap` and `left` are its distances from the limit at both ends of the step.
+    """
+    s = math.copysign(1.0, y1 - anchor)
+    if left <= 0.0 or min(gap, left) >= _NEAR * abs(y1 - anchor):
+        return d
+    rate = _tightens(side, drive, t0, tau, x, v, y, p, m1, k1, s, rest, d)
+    if rate <= 0.0 or gap >= rate * d:
+        return d
+    end = _tightens(side, drive, t0, tau + d, x1, v1, y1, p1, m4, k4, s, rest + d, d)
+    return _touch(gap, rate, left, end, d)
+
+
+@internal
+def _phase_end(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, flips, d, left, exact):
+    """Length of the part of a step of length d that ends with the phase, by repeating the step."""
+    a, b, fb, last = 0.0, d, left, 0
+    fa = _margin(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, d)
+    for i in range(200):
+        c = between(a, fa, b, fb)
+        if b - a <= exact or fb == 0.0 or c == b:
+            break
+        # The margin may jump: bisect every fourth time, or where it is not known.
+        if i % 4 == 3 or fa == math.inf:
+            c = 0.5 * (a + b)
+        xc, vc, yc, pc, _, _, _ = _stride(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
+        )
+        now = rest + c if abs(mode) != 1 else 0.0
+        fc = _margin(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips, d)
+        a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
+    return b
+
+
+@internal(forceinline=True)
+def _back_anchor(side, drive, t0, tau, x, v, y, p, mode, rest):
+    """Where the contact is unstrained in a phase in which it slides although it springs back."""
+    s = float(mode) / _BACK
+    return y - s * _most(side, drive, t0, tau, x, v, y, p, s, rest)
+
+
+@internal
+def _phase_after(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, moved):
+    """Phase after the end of another, velocity of the load, and anchor of the contact.
+
+    `moved`: whether a part of the step came before that end.
+    """
+    s = float(mode)
+    held = held_force(_transmitted(side, drive, tau, x, v, y, p))
+    if side.integers[STRUCTURE] & CONTACT:
+        if abs(mode) == _BACK:
+            s /= _BACK
+            anchor = _back_anchor(side, drive, t0, tau, x, v, y, p, mode, rest)
+            return (int(s) if s * p > 0.0 else 0), p, anchor
+        if mode == 0:
+            s = 1.0 if y > anchor else -1.0
+            return int(s if s * p > 0.0 else s * _BACK), p, anchor
+        w = load(side, held, t0 + tau, 0.0, y, 0.0, s, 0.0)
+        level = sliding_level(side, t0 + tau, y, 0.0, w, s)
+        return 0, 0.0, y - s * level / side.numbers[CONTACT_STIFFNESS]
+    if mode == 0:
+        s = hold_excess(side, held, t0 + tau, 0.0, y, p, rest)[1]
+        return int(s), (0.0 if s * p < 0.0 else p), anchor
+    if s * p > 0.0 or (side.integers[RULE] == PAPER and flips > 0):
+        return 0, p, anchor
+    if side.integers[RULE] == PAPER:
+        return -mode, 0.0, anchor
+    held = held_force(_transmitted(side, drive, tau, x, v, y, 0.0))
+    w = load(side, held, t0 + tau, 0.0, y, 0.0, s, 0.0)
+    after = at_zero(side, t0 + tau, y, w, mode)
+    # Where load and level are equal up to round-off, it rests.
+    return (after if moved or after != mode else 0), 0.0, anchor
+
+
 @internal
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two masses on a spring.
@@ -323,19 +435,9 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         mode, rest = first, 0.0
     seen = v if two else p
     anchor = y - z
-    # Whether the level can fall while the contact is strained; then a contact that begins at its
-    # limit may slide although it springs back.
-    fades = contact and (
-        side.numbers[EXCESS] > 0.0
-        or side.integers[N_LEVEL] + side.integers[N_PLUS] + side.integers[N_MINUS] > 2
-    )
-    if fades and mode == 0 and z * p <= 0.0:
-        s = math.copysign(1.0, z)
-        most = _most(side, drive, t0, 0.0, x, v, y, p, s, rest)
-        if s * z >= most * (1.0 - 1e-12) and 0.0 < _tightens(
-            side, drive, t0, 0.0, x, v, y, p, m1, k1, s, rest, min(h, side.numbers[SHORT_TIME])
-        ):
-            mode = int(s) * _BACK
+    if mode == 0 and z * p <= 0.0 and _fades(side):
+        if _slides_back(side, drive, t0, x, v, y, p, z, m1, k1, rest, h):
+            mode = int(math.copysign(_BACK, z))
     # Distance of the contact from its limit.
     gap = 0.0
     if contact and mode == 0:
@@ -343,7 +445,6 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
     close, pause, resume, last = 0, CLOSE * h, 0.0, -h
     while tau < h:
-        s = float(mode)
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, x, v, y, p, anchor, mode, rest)
             fresh = False
@@ -357,29 +458,12 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if two:
             pace += abs(v) + d * abs(m1)
         allowed = TOLERANCE * pace + side.numbers[ALLOWED]
-        if d > SHORTEST * h:
-            if abs(y1 - y) > side.numbers[SHORT_WAY]:
-                longest = 0.9 * d * side.numbers[SHORT_WAY] / abs(y1 - y)
+        divisible = d > SHORTEST * h
+        if divisible:
+            cut = _shortened(side, y, p, y1, p1, mode, k1, k4, d, error, allowed)
+            if cut < d:
+                longest = cut
                 continue
-            if error > allowed:
-                longest = smaller(d, allowed, error)
-                continue
-            if mode != 0 or fades:
-                sight = peak_step(side, abs(p), abs(p1), 1.0, d)
-                if sight < 0.99 * d:
-                    longest = sight
-                    continue
-            if abs(mode) == 1:
-                part = k1 / (k1 - k4) if k1 != k4 else 0.0
-                if p == 0.0 and s * k1 > 0.0 and s * p1 <= 0.0:
-                    # From rest and back to it in one step: stop near the reversal.
-                    longest = d * min(max(part, 0.1), 0.9)
-                    continue
-                dip = p + part * d * (k1 + 0.5 * part * (k4 - k1))
-                if s * k1 < 0.0 < s * k4 and s * p1 > 0.0 > s * dip and 1e-6 < part < 1.0 - 1e-6:
-                    longest = part * d
-                    continue
-
         after_rest = rest + d if abs(mode) != 1 else 0.0
         left = math.inf
         if bound == h and switches < count[MOST]:
@@ -387,89 +471,44 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips, d
             )
         if contact and mode == 0 and left < math.inf:
-            # The contact may reach its limit and leave it in this step.
-            s = math.copysign(1.0, y1 - anchor)
-            if d > SHORTEST * h and left > 0.0 and min(gap, left) < _NEAR * abs(y1 - anchor):
-                rate = _tightens(side, drive, t0, tau, x, v, y, p, m1, k1, s, rest, d)
-                if rate > 0.0 and gap < rate * d:
-                    end = _tightens(
-                        side, drive, t0, tau + d, x1, v1, y1, p1, m4, k4, s, after_rest, d
-                    )
-                    meet = _touch(gap, rate, left, end, d)
-                    if meet < d:
-                        longest = meet
-                        continue
+            if divisible:
+                cut = _touches(
+                    side, drive, t0, tau, x, v, y, p, x1, v1, y1, p1, anchor, m1, k1, m4, k4, rest,
+                    gap, left, d,
+                )  # fmt: skip
+                if cut < d:
+                    longest = cut
+                    continue
             gap = left
         if left > 0.0:
             x, v, y, p, rest, fresh = x1, v1, y1, p1, after_rest, True
             tau += d
             if abs(mode) == _BACK:
-                s /= _BACK
-                anchor = y - s * _most(side, drive, t0, tau, x, v, y, p, s, rest)
+                anchor = _back_anchor(side, drive, t0, tau, x, v, y, p, mode, rest)
             if tau + SHORTEST * h >= h:
                 tau = h
             if longest < h:
                 longest = larger(d, allowed, error)
             continue
 
-        a, b, fb, last_end = 0.0, d, left, 0
-        fa = _margin(side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, d)
         exact = (1e-14 + _CUT * side.numbers[ALLOWED] / pace) * d
-        for i in range(200):
-            c = between(a, fa, b, fb)
-            if b - a <= exact or fb == 0.0 or c == b:
-                break
-            # The margin may jump: bisect every fourth time, or where it is not known.
-            if i % 4 == 3 or fa == math.inf:
-                c = 0.5 * (a + b)
-            xc, vc, yc, pc, _, _, _ = _stride(
-                side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, c
-            )
-            now = rest + c if abs(mode) != 1 else 0.0
-            fc = _margin(side, drive, t0, tau + c, xc, vc, yc, pc, anchor, mode, now, flips, d)
-            a, fa, b, fb, last_end = narrowed(a, fa, b, fb, last_end, c, fc)
-        x, v, y, p, _, _, _ = _stride(
-            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, b
+        cut = _phase_end(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, flips, d, left, exact
         )
-        tau += b
+        x, v, y, p, _, _, _ = _stride(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, m1, k1, cut
+        )
+        tau += cut
         if tau + SHORTEST * h >= h:
             tau = h
         fresh, longest = True, h
-        force = _transmitted(side, drive, tau, x, v, y, p)
-        held = held_force(force)
-        after = 0
-        if abs(mode) == _BACK:
-            rest += b
-            s /= _BACK
-            anchor = y - s * _most(side, drive, t0, tau, x, v, y, p, s, rest)
-            after = int(s) if s * p > 0.0 else 0
-        elif mode == 0:
-            rest += b
-            if contact:
-                after = 1 if y > anchor else -1
-                if after * p <= 0.0:
-                    after *= _BACK
-            else:
-                after = int(hold_excess(side, held, t0 + tau, 0.0, y, p, rest)[1])
-                if after * p < 0.0:
-                    p = 0.0
-        elif contact:
-            p = 0.0
-            w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
-            anchor = y - s * sliding_level(side, t0 + tau, y, p, w, s) / stiffness
-        elif s * p <= 0.0 and (side.integers[RULE] == FILIPPOV or flips == 0):
-            p = 0.0
-            if side.integers[RULE] == PAPER:
-                flips += 1
-                after = -mode
-            else:
-                if two:
-                    held = held_force(_transmitted(side, drive, tau, x, v, y, p))
-                w = load(side, held, t0 + tau, 0.0, y, p, s, 0.0)
-                after = at_zero(side, t0 + tau, y, w, mode)
-                if after == mode and b <= 2e-14 * d:
-                    # Load and level are equal up to round-off.
-                    after = 0
+        if abs(mode) != 1:
+            rest += cut
+        after, p, anchor = _phase_after(
+            side, drive, t0, tau, x, v, y, p, anchor, mode, rest, flips, cut > 2e-14 * d
+        )
+        if mode != 0 and after == -mode:
+            flips += 1
         if after != mode:
             switches += 1
             if abs(mode) == 1 or abs(after) == 1:

@@ -322,10 +322,10 @@ def _slides_back(side, drive, t0, x, v, y, p, z, m1, k1, rest, h):
 
 
 @internal(forceinline=True)
-def _shortened(side, y, p, y1, p1, mode, k1, k4, d, error, allowed):
+def _shortened(side, y, p, y1, p1, mode, fades, k1, k4, d, error, allowed):
     """Length of the step to try instead of one of length d of the load; d if it may stay."""
     cut = refined(side, y1 - y, error, allowed, d)
-    if cut == d and (mode != 0 or _fades(side)):
+    if cut == d and (mode != 0 or fades):
         sight = peak_step(side, abs(p), abs(p1), 1.0, d)
         if sight < 0.99 * d:
             return sight
@@ -343,8 +343,6 @@ def _touches(
     `gap` and `left` are its distances from the limit at both ends of the step.
     """
     s = math.copysign(1.0, y1 - anchor)
-    if left <= 0.0 or min(gap, left) >= _NEAR * abs(y1 - anchor):
-        return d
     rate = _tightens(side, drive, t0, tau, x, v, y, p, m1, k1, s, rest, d)
     if rate <= 0.0 or gap >= rate * d:
         return d
@@ -435,7 +433,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         mode, rest = first, 0.0
     seen = v if two else p
     anchor = y - z
-    if mode == 0 and z * p <= 0.0 and _fades(side):
+    fades = _fades(side)
+    if fades and mode == 0 and z * p <= 0.0:
         if _slides_back(side, drive, t0, x, v, y, p, z, m1, k1, rest, h):
             mode = int(math.copysign(_BACK, z))
     # Distance of the contact from its limit.
@@ -460,7 +459,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         allowed = TOLERANCE * pace + side.numbers[ALLOWED]
         divisible = d > SHORTEST * h
         if divisible:
-            cut = _shortened(side, y, p, y1, p1, mode, k1, k4, d, error, allowed)
+            cut = _shortened(side, y, p, y1, p1, mode, fades, k1, k4, d, error, allowed)
             if cut < d:
                 longest = cut
                 continue
@@ -471,7 +470,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 side, drive, t0, tau + d, x1, v1, y1, p1, anchor, mode, after_rest, flips, d
             )
         if contact and mode == 0 and left < math.inf:
-            if divisible:
+            if divisible and left > 0.0 and min(gap, left) < _NEAR * abs(y1 - anchor):
                 cut = _touches(
                     side, drive, t0, tau, x, v, y, p, x1, v1, y1, p1, anchor, m1, k1, m4, k4, rest,
                     gap, left, d,

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 import os
 import textwrap
+from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
+from functools import cached_property
+from importlib import resources
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
+import jinja2
 import numpy as np
 
 from dryfric_control._version import __version__
@@ -30,7 +35,15 @@ PRECISIONS = {
 _LOOKS = 64
 #: The time at rest that grew by one sample, in several steps, is off by less than this share.
 _ROUNDED = 1e-5
-_GROUPS = ("add", "multiply", "divide", "compare", "function", "call")
+#: Operations that are counted.
+_OPERATIONS = {
+    "add": "additions and subtractions",
+    "multiply": "multiplications",
+    "divide": "divisions",
+    "compare": "comparisons",
+    "function": "functions of math.h",
+    "call": "calls before inlining",
+}
 
 
 def export_c(
@@ -146,16 +159,13 @@ def existing_folder(folder: str | os.PathLike[str]) -> Path:
     return where
 
 
-class Code:
-    """Texts of one exported object.
+def source_text(name: str) -> str:
+    """Text of a file in the folder `sources`."""
+    return resources.files(__package__).joinpath("sources", name).read_text(encoding="utf-8")
 
-    Parameters
-    ----------
-    made : Exported
-        The object.
-    precision : str
-        One of `PRECISIONS`.
-    """
+
+class Code:
+    """Texts of one exported object in one of `PRECISIONS`."""
 
     def __init__(self, made: Exported, precision: str = "double") -> None:
         self.made, self.precision = made, precision
@@ -165,69 +175,50 @@ class Code:
         self.step: Function
         self.look: Function | None
         self.out, self.step, self.look = made.translated(self.single)
-        self.header, self.source = self._header(), self._source()
+        self.functions = self.out.text().rstrip("\n")
+        self.starts = tuple(signal for signal, _ in made.starts)
+        self.inputs = [self._input(signal) for signal in made.inputs]
+        #: Entries of `SHIFT`: "t" or "x", and their C.
+        self.shifts = [(what, self._shift(what, period)) for what, period in self.out.shifts]
+        #: Whether a law knows the time in single precision.
+        self.timed = any(what == "t" for what, _ in self.shifts)
+        #: Whether the time at rest is summed up with what rounding takes off.
+        self.rests = self.single and self.out.rests
+        # Constant arrays are no arguments: the C knows them by name.
+        constant = 1 if len(self.step.used) == 4 + len(self.inputs) else len(made.tables)
+        self.fixed = [""] * constant
 
-    @property
-    def bytes(self) -> int:
-        """Size of a number."""
-        return 4 if self.single else 8
+    def render(self, template: str, **values: Any) -> str:
+        """A file of the folder `sources`, filled in."""
+        environment = jinja2.Environment(
+            undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+            keep_trailing_newline=True,
+        )  # fmt: skip
+        environment.filters |= {
+            "number": self.out.number,
+            "quoted": quoteattr,
+            "wrap": textwrap.fill,
+        }
+        given = {"code": self, "made": self.made, "n": self.made.name, "room": ROOM}
+        return environment.from_string(source_text(template)).render(given | values)
 
-    def _header(self) -> str:
-        made, n = self.made, self.made.name
-        guard = f"{n.upper()}_H"
-        fields = "".join(
-            f"    {self._type(s)} {s.name}; /* {s.meaning} [{s.unit}] */\n" for s in made.outputs
+    @cached_property
+    def header(self) -> str:
+        """The header."""
+        return self.render("object.h.jinja")
+
+    @cached_property
+    def source(self) -> str:
+        """The source."""
+        return self.render("object.c.jinja", shift=SHIFT, looks=_LOOKS, rounded=_ROUNDED)
+
+    def readme(self) -> str:
+        """How to compile and call it, what a sample costs, what it takes of memory."""
+        return self.render(
+            "README.md.jinja", version=__version__, passes=MOST_PASSES, operations=_OPERATIONS
         )
-        switches = ""
-        if self.single:
-            switches = (
-                f"    int64_t steps; /* origin of the positions in the memory, in steps of "
-                f"{made.grid:.9g} */\n    {self.place} origin;\n"
-            )
-        if self.out.shifts:
-            size = len(self.out.shifts)
-            switches += (
-                f"    {n}_real shift[{size}]; /* origin of time and position for the laws */\n"
-            )
-        if self.rests:
-            switches += f"    {n}_real rest; /* what rounding took off the time at rest */\n"
-        if made.moves:
-            since = " since its start" if self.single else ""
-            switches += (
-                f"    {n}_real switches[{3 * ROOM}]; /* of the last sample: time{since}, mode "
-                "before, mode after */\n"
-                "    int32_t count[4]; /* listed, room, not listed, most */\n"
-            )
-        return f"""{self._comment()}
-#ifndef {guard}
-#define {guard}
 
-#include <stdbool.h>
-#include <stdint.h>
-
-typedef {self.real} {n}_real;
-
-/* State, all of it: copy it to save it. */
-typedef struct {{
-    {n}_real memory[{made.memory.size}];
-    uint64_t samples; /* taken so far */
-{switches}}} {n}_state;
-
-/* What one sample returns. */
-typedef struct {{
-{fields}}} {n}_output;
-
-/* State before the first sample. */
-void {n}_init({n}_state *state{self._list(tuple(s for s, _ in made.starts))});
-
-/* One sample; false, and nothing is changed, if an input is no finite number.
-{textwrap.indent(textwrap.fill(made.returns, 94), "   ")} */
-bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
-{self._look_declaration()}
-#endif
-"""
-
-    def _type(self, signal: Signal) -> str:
+    def type(self, signal: Signal) -> str:
         """Type of a signal at the interface."""
         if signal.whole:
             return "int32_t"
@@ -236,38 +227,84 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
     def _apart(self, signal: Signal) -> bool:
         return signal.place and self.place != self.real
 
-    def _list(self, signals: tuple[Signal, ...]) -> str:
-        return "".join(f", {self._type(s)} {s.name}" for s in signals)
+    def declared(self, signals: tuple[Signal, ...]) -> str:
+        """Parameters of a function, behind others."""
+        return "".join(f", {self.type(s)} {s.name}" for s in signals)
+
+    def cast(self, signal: Signal, text: str) -> str:
+        """A signal of the interface as a number of the kernels."""
+        return f"(real){text}" if self._apart(signal) else text
+
+    def _input(self, signal: Signal) -> str:
+        """An input as the kernel takes it."""
+        if not (signal.place and self.single):
+            return signal.name
+        inner = f"{signal.name} - state->origin"
+        return f"(real)({inner})" if self._apart(signal) else inner
+
+    def output(self, signal: Signal, text: str) -> str:
+        """An output as the interface returns it."""
+        if signal.place and self.single:
+            return f"state->origin + {f'({self.place})' if self._apart(signal) else ''}{text}"
+        return f"(int32_t){text}" if signal.whole else text
 
     @property
-    def rests(self) -> bool:
-        """Whether the time at rest is summed up with what rounding takes off."""
-        return self.single and self.out.rests
-
-    def _look_declaration(self) -> str:
-        if not self.made.moves:
-            return ""
-        n = self.made.name
-        return (
-            "\n/* The same sample, but what the axis shows at its end, under the same input. */\n"
-            f"bool {n}_next({n}_state *state, {n}_real u, {n}_output *output);\n"
-            "\n/* What the axis shows now under an input; nothing moves. */\n"
-            f"bool {n}_look(const {n}_state *state, {n}_real u, {n}_output *output);\n"
-        )
+    def watched(self) -> str:
+        """Position that the origin follows in single precision."""
+        read = [c for s, c in zip(self.made.inputs, self.inputs, strict=True) if s.place]
+        return read[-1] if read else f"state->memory[{self.made.places[0][0]}]"
 
     @property
-    def _numbers(self) -> str:
-        apart = f", positions {self.place}" if self.place != self.real else ""
-        return f"{self.real}{apart}"
+    def time(self) -> str:
+        """Time of a sample."""
+        if self.single:
+            return self.out.number(0.0)
+        return f"(real)state->samples * {self.out.number(self.made.dt)}"
 
-    def _comment(self) -> str:
+    def called(self, function: Function, arguments: list[str]) -> str:
+        """Call of a kernel, of its arguments those that it takes."""
+        given = [a for a, used in zip(arguments, function.used, strict=True) if used]
+        if function.shifted:
+            given.insert(0, "state->shift" if function is self.step else SHIFT)
+        return f"{function.name}({', '.join(given)})"
+
+    def tables(self) -> Iterator[tuple[str, str, list[str]]]:
+        """Name, type and numbers of the constant arrays that the functions read."""
+        for name, array in self.made.tables.items():
+            if f"dfc_{name}" in self.functions or (self.made.moves and name == "numbers"):
+                if array.dtype.kind == "i":
+                    yield name, "int32_t", [str(int(v)) for v in array.ravel()]
+                else:
+                    yield name, "real", [self.out.number(v) for v in array.ravel()]
+
+    @property
+    def state_size(self) -> int:
+        """Bytes of the state."""
+        size = 4 if self.single else 8
+        state = size * self.made.memory.size
+        state += -state % 8 + 8
+        if self.single:
+            state += 8 + (4 if self.place == "float" else 8)
+        state += size * (self.rests + len(self.shifts))
+        if self.made.moves:
+            state += size * 3 * ROOM + 16
+        return state + -state % 8
+
+    @property
+    def constants_size(self) -> int:
+        """Bytes of the constant arrays."""
+        sizes = {"real": 4 if self.single else 8, "int32_t": 4}
+        return sum(len(values) * sizes[kind] for _, kind, values in self.tables())
+
+    def comment(self) -> str:
         """Comment at the head of the header: units, ranges, certificate."""
         made = self.made
+        numbers = self.real if self.place == self.real else f"{self.real}, positions {self.place}"
         axis = made.axis.effective()
         length, force = axis.units
         low, high = axis.travel or (-math.inf, math.inf)
         rows = [f"{made.name}: {made.kind}, from dryfric-control {__version__}", ""]
-        rows += [f"Sampling time {made.dt:.9g} s; numbers are {self._numbers}.", ""]
+        rows += [f"Sampling time {made.dt:.9g} s; numbers are {numbers}.", ""]
         rows += ["Inputs, finite numbers:"]
         rows += [f"  {s.name} [{s.unit}]: {s.meaning}" for s in made.inputs]
         rows += ["Outputs:"]
@@ -283,128 +320,7 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
         lines = [line for row in safe for line in (textwrap.wrap(row, WIDTH) or [""])]
         return "/*\n" + "\n".join(f" * {line}".rstrip() for line in lines) + "\n */"
 
-    def _source(self) -> str:
-        made, n = self.made, self.made.name
-        functions = self.out.text()
-        body = "\n".join(
-            part
-            for part in (
-                f'#include "{n}.h"\n\n#include <math.h>\n#include <stddef.h>\n',
-                f"typedef {n}_real real;\n",
-                self._tables(functions),
-                functions,
-                self._near(),
-                self._init(),
-                self._step(),
-                self._look(),
-            )
-            if part
-        )
-        return f"/* {made.name}: {made.kind}.  Generated; see {n}.h. */\n{body}"
-
-    def _tables(self, functions: str) -> str:
-        """Constant arrays that the functions read."""
-        rows = []
-        for name, array in self.made.tables.items():
-            public = self.made.moves and name == "numbers"
-            if f"dfc_{name}" not in functions and not public:
-                continue
-            whole = array.dtype.kind == "i"
-            values = [str(int(v)) if whole else self.out.number(v) for v in array.ravel()]
-            kind = "int32_t" if whole else "real"
-            inner = textwrap.fill(", ".join(values), 92)
-            inner = textwrap.indent(inner, "    ")
-            rows.append(f"static const {kind} dfc_{name}[{array.size}] = {{\n{inner}\n}};\n")
-        return "\n".join(rows)
-
-    def _init(self) -> str:
-        made, n = self.made, self.made.name
-        rows = [
-            f"    state->memory[{place}] = {f'(real){s.name}' if self._apart(s) else s.name};"
-            for s, place in made.starts
-        ]
-        rows += ["    state->samples = 0;"]
-        rows += [
-            f"    state->shift[{i}] = {self.out.number(0.0)};" for i in range(len(self.out.shifts))
-        ]
-        if self.rests:
-            rows += [f"    state->rest = {self.out.number(0.0)};"]
-        if self.single:
-            rows += ["    state->steps = 0;", "    state->origin = 0;"]
-        for signal, place in made.starts:
-            if signal.place and self.single:
-                rows += [
-                    f"    dfc_centre(state, state->memory[{place}]);",
-                    f"    state->memory[{place}] = (real)({signal.name} - state->origin);",
-                ]
-        if made.moves:
-            rows += [
-                f"    for (int32_t i = 0; i < {3 * ROOM}; ++i) {{",
-                "        state->switches[i] = " + self.out.number(0.0) + ";",
-                "    }",
-                "    state->count[0] = 0;",
-                f"    state->count[1] = {ROOM};",
-                "    state->count[2] = 0;",
-                "    state->count[3] = 100000;",
-            ]
-        given = self._list(tuple(s for s, _ in made.starts))
-        return (
-            f"void {n}_init({n}_state *state{given})\n{{\n"
-            f"    for (int32_t i = 0; i < {made.memory.size}; ++i) {{\n"
-            f"        state->memory[i] = {self.out.number(0.0)};\n    }}\n"
-            + "\n".join(rows)
-            + f"\n{self._parts('x', 'state->shift')}}}\n"
-        )
-
-    def _near(self) -> str:
-        """Functions that keep time and positions near zero in single precision."""
-        if not self.single:
-            return ""
-        made, n, number = self.made, self.made.name, self.out.number
-        rows = [
-            f"    state->memory[{place}] -= "
-            + (f"moved * {number(1.0 / unit)};" if unit != 1.0 else "moved;")
-            for place, unit in made.places
-        ]
-        text = (
-            "/* Moves the origin of the positions to a place. */\n"
-            f"static void dfc_centre({n}_state *state, real place)\n{{\n"
-            f"    const real far = place * {number(1.0 / made.grid)};\n\n"
-            f"    if ((fabsf(far) < {number(1.0)}) || (fabsf(far) > {number(2e9)})) {{\n"
-            "        return;\n    }\n"
-            "    const int32_t steps = (int32_t)far;\n"
-            f"    const real moved = (real)steps * {number(made.grid)};\n"
-            "    state->steps += steps;\n"
-            f"    state->origin = ({self.place})state->steps * "
-            f"{number(made.grid) if self.place == 'float' else repr(made.grid)};\n"
-            + "\n".join(rows)
-            + f"\n{self._parts('x', 'state->shift')}}}\n"
-        )
-        if self._timed:
-            behind = " - (state->samples != 0u)" if made.clock is not None else ""
-            text += (
-                "\n/* Time as the laws know it, less whole periods. */\n"
-                f"static void dfc_now(const {n}_state *state, real *{SHIFT})\n{{\n"
-                f"    const uint64_t samples = state->samples{behind};\n\n"
-                + self._parts("t", SHIFT)
-                + "}\n"
-            )
-        return text
-
-    @property
-    def _timed(self) -> bool:
-        """Whether a law knows the time in single precision."""
-        return any(variable == "t" for variable, _ in self.out.shifts)
-
-    def _parts(self, wanted: str, array: str) -> str:
-        """Entries of `SHIFT` for time or position."""
-        return "".join(
-            f"    {array}[{i}] = {self._part(variable, period)};\n"
-            for i, (variable, period) in enumerate(self.out.shifts)
-            if variable == wanted
-        )
-
-    def _part(self, variable: str, period: float) -> str:
+    def _shift(self, variable: str, period: float) -> str:
         """Time or origin, less whole periods: the part as a fraction of 2^64."""
         count = "samples" if variable == "t" else "(uint64_t)state->steps"
         step = self.made.dt if variable == "t" else self.made.grid
@@ -416,122 +332,6 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
             return "(real)state->origin"
         high, low = f"(real)(uint32_t)({count} >> 32)", f"(real)(uint32_t){count}"
         return f"{high} * {self.out.number(step * 2**32)} + {low} * {self.out.number(step)}"
-
-    def _results(self) -> str:
-        rows = []
-        for i, s in enumerate(self.made.outputs):
-            value = f"{'(int32_t)' if s.whole else ''}out[{i}]"
-            if s.place and self.single:
-                value = f"state->origin + {f'({self.place})' if self._apart(s) else ''}{value}"
-            rows.append(f"    output->{s.name} = {value};")
-        return "\n".join(rows)
-
-    def _guard(self) -> str:
-        names = [f"(real){s.name}" if self._apart(s) else s.name for s in self.made.inputs]
-        test = " || ".join(f"!isfinite({name})" for name in names)
-        return f"    if ({test}) {{\n        return false;\n    }}\n"
-
-    def _called(self, function: Function, arguments: list[str]) -> str:
-        """Call of a kernel, of its arguments those that it takes."""
-        given = [a for a, used in zip(arguments, function.used, strict=True) if used]
-        if function.shifted:
-            given.insert(0, "state->shift" if function is self.step else SHIFT)
-        return f"    {function.name}({', '.join(given)});\n"
-
-    def _taken(self, arguments: list[str]) -> str:
-        """Call of the kernel of one sample, what it returns, and the count of samples."""
-        before, after, state = "", "", "state->memory"
-        if self.single:
-            read = [self._input(s) for s in self.made.inputs if s.place]
-            before = (
-                f"    if ((state->samples % {_LOOKS}u) == 0u) {{\n        dfc_centre(state, "
-                f"{read[-1] if read else f'{state}[{self.made.places[0][0]}]'});\n    }}\n"
-            )
-        if self.single and self.made.clock is not None:
-            # The kernel's own count ends at 2^24; time is counted here.
-            one, zero = self.out.number(1.0), self.out.number(0.0)
-            before += f"    {state}[{self.made.clock}] = (state->samples == 0u) ? {zero} : {one};\n"
-        if self._timed:
-            before += "    dfc_now(state, state->shift);\n"
-        if self.rests:
-            rest, dt = f"{state}[{self.made.rest}]", self.out.number(self.made.dt)
-            before += f"    const real rest = {rest};\n"
-            after = (
-                f"    if (fabsf({rest} - (rest + {dt})) <= {self.out.number(_ROUNDED)} * rest) {{\n"
-                f"        const real more = {dt} + state->rest;\n"
-                f"        {rest} = rest + more;\n"
-                f"        state->rest = more - ({rest} - rest);\n"
-                f"    }} else {{\n        state->rest = {self.out.number(0.0)};\n    }}\n"
-            )
-        after += f"    ++state->samples;\n{self._results()}\n"
-        return f"{before}{self._called(self.step, arguments)}{after}"
-
-    @property
-    def _time(self) -> str:
-        if self.single:
-            return self.out.number(0.0)
-        return f"(real)state->samples * {self.out.number(self.made.dt)}"
-
-    def _input(self, signal: Signal) -> str:
-        """An input as the kernel takes it."""
-        if not (signal.place and self.single):
-            return signal.name
-        inner = f"{signal.name} - state->origin"
-        return f"(real)({inner})" if self._apart(signal) else inner
-
-    def _step(self) -> str:
-        made, n = self.made, self.made.name
-        inputs = [self._input(s) for s in made.inputs]
-        head = f"bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output)\n{{\n"
-        out = f"    real out[{len(made.outputs)}] = {{{self.out.number(0.0)}}};\n\n"
-        if not made.moves:
-            tables = 1 if len(self.step.used) == 4 + len(inputs) else len(made.tables)
-            arguments = [""] * tables + ["state->memory", self._time, *inputs, "out"]
-            return f"{head}{out}{self._guard()}{self._taken(arguments)}    return true;\n}}\n"
-        arguments = ["numbers", "", "state->memory", "t", "dt", *inputs]
-        arguments += ["state->samples == 0u", "state->switches", "state->count", "out"]
-        return (
-            f"/* One sample of length dt from time t on, with these numbers of the axis. */\n"
-            f"static void dfc_move({n}_state *state, const real *numbers, real t, real dt,\n"
-            f"    real u, {n}_output *output)\n{{\n{out}    state->count[0] = 0;\n"
-            f"    state->count[2] = 0;\n    (void)t;\n{self._taken(arguments)}}}\n\n"
-            f"{head}{self._guard()}    dfc_move(state, dfc_numbers, {self._time}, "
-            f"{self.out.number(made.dt)}, u, output);\n"
-            "    return true;\n}\n"
-        )
-
-    def _look(self) -> str:
-        if self.look is None:
-            return ""
-        made, n = self.made, self.made.name
-        dt, zero = self.out.number(made.dt), self.out.number(0.0)
-        size = made.memory.size
-        arguments = ["numbers", "", "memory", "t", "dt", "u", "out"]
-        size_of, copied, now = len(self.out.shifts), "", ""
-        if self.look.shifted:
-            copied = f"    real {SHIFT}[{size_of}];\n"
-            now = (
-                f"    for (int32_t i = 0; i < {size_of}; ++i) {{\n"
-                f"        {SHIFT}[i] = state->shift[i];\n    }}\n"
-            ) + (f"    dfc_now(state, {SHIFT});\n" if self._timed else "")
-        return (
-            f"/* What the axis shows at time t, with these numbers of the axis. */\n"
-            f"static void dfc_show(const {n}_state *state, const real *numbers, real t, real dt,\n"
-            f"    real u, {n}_output *output)\n{{\n"
-            f"    real memory[{size}];\n    real out[{len(made.outputs)}] = {{{zero}}};\n"
-            f"{copied}\n{now}"
-            f"    for (int32_t i = 0; i < {size}; ++i) {{\n"
-            f"        memory[i] = state->memory[i];\n    }}\n"
-            f"    (void)t;\n    (void)dt;\n    (void)u;\n{self._called(self.look, arguments)}"
-            f"{self._results()}\n}}\n\n"
-            f"bool {n}_look(const {n}_state *state, real u, {n}_output *output)\n{{\n"
-            f"{self._guard()}    dfc_show(state, dfc_numbers, {self._time}, {dt}, u, output);\n"
-            "    return true;\n}\n\n"
-            f"bool {n}_next({n}_state *state, real u, {n}_output *output)\n{{\n"
-            f"{self._guard()}    dfc_move(state, dfc_numbers, {self._time}, {dt}, u, output);\n"
-            f"    dfc_show(state, dfc_numbers, {self._time}, {dt}, u, output);\n"
-            "    return true;\n}\n"
-        )
 
     def numbers(self) -> dict[str, Any]:
         """All numbers, for the JSON file."""
@@ -563,94 +363,5 @@ bool {n}_step({n}_state *state{self._list(made.inputs)}, {n}_output *output);
             "starts": [s.name for s, _ in made.starts],
             "memory": plain(made.memory),
             "tables": tables,
-            "operations": {group: self.step.cost[group] for group in _GROUPS},
+            "operations": {group: self.step.cost[group] for group in _OPERATIONS},
         }
-
-    def readme(self) -> str:
-        """How to compile and call it, what a sample costs, what it takes of memory."""
-        made, n = self.made, self.made.name
-        state = self.bytes * made.memory.size
-        state += -state % 8 + 8
-        if self.single:
-            state += 8 + (4 if self.place == "float" else 8)
-        state += self.bytes * (self.rests + len(self.out.shifts))
-        if made.moves:
-            state += self.bytes * 3 * ROOM + 16
-        state += -state % 8
-        constants = sum(
-            array.size * (4 if array.dtype.kind == "i" else self.bytes)
-            for name, array in made.tables.items()
-            if f"dfc_{name}[" in self.source
-        )
-        cost = self.step.cost
-        rows = "\n".join(f"| {words} | {cost[group]} |" for group, words in _WORDS.items())
-        starts = "".join(f", {self.out.number(0.0)}" for _ in made.starts)
-        inputs = "".join(f", {s.name}" for s in made.inputs)
-        following = ""
-        if made.moves:
-            following = (
-                f"`{n}_next` takes the same sample and returns what the axis shows at its end;\n"
-                f"`{n}_look` shows the axis under another input and moves nothing.\n"
-            )
-            bound = (
-                "The axis moves by steps of varied length.  The table counts one step of every "
-                f"loop; a loop that searches a switch, or walks a sample, has {MOST_PASSES} "
-                "passes at most. It is a simulator: measure it where time is short."
-            )
-        else:
-            bound = (
-                "Worst case of one sample: at every branch the dearer side, every loop to its "
-                "end (a loop whose length is known at run time alone counts eight times)."
-            )
-        return f"""# {n}
-
-{made.kind[0].upper()}{made.kind[1:]}, {self.precision} precision, dt = {made.dt:.9g} s.
-Generated by dryfric-control {__version__} from the Python source of its compiled kernels.
-
-| file | what |
-|---|---|
-| {n}.h | types, functions, units, ranges and the certificate |
-| {n}.c | all code and constants |
-| {n}.json | the numbers, with a checksum |
-
-    gcc -std=c99 -O2 -ffp-contract=off -c {n}.c
-
-```c
-{n}_state state;
-{n}_output out;
-{n}_init(&state{starts});
-if ({n}_step(&state{inputs}, &out)) {{ /* use out */ }}
-```
-
-{textwrap.fill(made.returns, 100)}
-{following}
-One state for each instance; functions share nothing and may be called from several threads
-with states of their own.
-
-## Operations of one sample
-
-| operation | count |
-|---|---|
-{rows}
-
-{bound}
-
-## Memory
-
-| what | bytes |
-|---|---|
-| state | {state} |
-| constants | {constants} |
-
-No memory is allocated.  Floating-point contraction (fused multiply-add) changes the last bits.
-"""
-
-
-_WORDS = {
-    "add": "additions and subtractions",
-    "multiply": "multiplications",
-    "divide": "divisions",
-    "compare": "comparisons",
-    "function": "functions of math.h",
-    "call": "calls before inlining",
-}

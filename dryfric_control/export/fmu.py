@@ -14,17 +14,14 @@ import sys
 import tempfile
 import zipfile
 from dataclasses import dataclass, fields
-from importlib import resources
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
-import jinja2
 import numpy as np
 
 from dryfric_control._version import __version__
 from dryfric_control.compiled import axis_step
-from dryfric_control.export.c_code import Code
+from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, exported
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import Effect
@@ -254,6 +251,9 @@ class Variable:
     whole: bool = False
     fixed: bool = False  # set before the start alone
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
+
 
 class Model:
     """Files of one FMU.
@@ -309,9 +309,8 @@ class Model:
             for place in parameter.places
         ]
         numbers = made.tables.get("numbers", np.zeros(0))
-        environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
-        environment.filters["number"] = self.code.out.number
-        return environment.from_string(_source("model.c.jinja")).render(
+        return self.code.render(
+            "model.c.jinja",
             name=made.name,
             moves=made.moves,
             late=bool(made.moves and numbers[axis_step.DELAY] > 0.0),
@@ -330,7 +329,7 @@ class Model:
         """Names and texts of the source."""
         n = self.made.name
         return {
-            f"fmi{self.major}.c": _source(f"fmi{self.major}.c"),
+            f"fmi{self.major}.c": source_text(f"fmi{self.major}.c"),
             "model.c": self.model,
             f"{n}.c": self.code.source,
             f"{n}.h": self.code.header,
@@ -382,83 +381,18 @@ class Model:
 
     def description(self) -> str:
         """modelDescription.xml."""
-        made, three = self.made, self.major == "3"
-        n_in = len(made.inputs)
         units = sorted({v.unit for v in self.variables} - {"1", ""} | {"s"})
-        rotary = made.axis.units != ("m", "N")
-        lines = ['<?xml version="1.0" encoding="UTF-8"?>']
-        identity = f'instantiationToken="{self.token}"' if three else f'guid="{self.token}"'
-        more = "" if three else ' variableNamingConvention="flat" numberOfEventIndicators="0"'
-        lines.append(
-            f'<fmiModelDescription fmiVersion="{self.version}" modelName="{made.name}" {identity} '
-            f"description={quoteattr(made.kind)} "
-            f'generationTool="dryfric-control {__version__}"{more}>'
+        rotary = self.made.axis.units != ("m", "N")
+        return self.code.render(
+            "modelDescription.xml.jinja",
+            version=self.version,
+            package=__version__,
+            token=self.token,
+            infinity=math.inf,
+            units=[(unit, _base_unit(unit, rotary)) for unit in units],
+            variables=self.variables,
+            outputs=[i for i, v in enumerate(self.variables, 1) if v.causality == "output"],
         )
-        can = "FMUState" if three else "FMUstate"
-        fixed = f' fixedInternalStepSize="{made.dt!r}"' if three and not made.moves else ""
-        lines.append(
-            f'  <CoSimulation modelIdentifier="{made.name}" canGetAndSet{can}="true" '
-            f'canSerialize{can}="true" canHandleVariableCommunicationStepSize="true"{fixed}'
-            + ("/>" if three else ">")
-        )
-        if not three:
-            lines.append(f'    <SourceFiles><File name="fmi{self.major}.c"/></SourceFiles>')
-            lines.append("  </CoSimulation>")
-        lines.append("  <UnitDefinitions>")
-        for unit in units:
-            lines.append(f"    <Unit name={quoteattr(unit)}>{_base_unit(unit, rotary)}</Unit>")
-        lines.append("  </UnitDefinitions>")
-        lines.append(f'  <DefaultExperiment startTime="0" stopTime="1" stepSize="{made.dt!r}"/>')
-        lines.append("  <ModelVariables>")
-        if three:
-            lines.append(
-                '    <Float64 name="time" valueReference="0" causality="independent" '
-                'variability="continuous" unit="s"/>'
-            )
-        for reference, variable in enumerate(self.variables, start=1):
-            lines.append(f"    {self._variable(reference, variable)}")
-        lines.append("  </ModelVariables>")
-        outputs = [i for i, v in enumerate(self.variables, start=1) if v.causality == "output"]
-        inputs = " ".join(str(i) for i in range(1, n_in + 1))
-        lines.append("  <ModelStructure>")
-        if three:
-            lines += [f'    <Output valueReference="{i}"/>' for i in outputs]
-            lines += [f'    <InitialUnknown valueReference="{i}"/>' for i in outputs]
-        else:
-            # A sampled object shows what its last sample gave: no input acts at once.
-            depends = f' dependencies="{inputs if made.moves else ""}"'
-            rows = [f'      <Unknown index="{i}"{depends}/>' for i in outputs]
-            unknown = [f'      <Unknown index="{i}"/>' for i in outputs]
-            lines += ["    <Outputs>", *rows, "    </Outputs>"]
-            lines += ["    <InitialUnknowns>", *unknown, "    </InitialUnknowns>"]
-        lines += ["  </ModelStructure>", "</fmiModelDescription>", ""]
-        return "\n".join(lines)
-
-    def _variable(self, reference: int, v: Variable) -> str:
-        """One variable."""
-        three, continuous = self.major == "3", self.made.moves
-        variability = {
-            "input": "continuous" if continuous else "discrete",
-            "output": "discrete" if v.whole or not continuous else "continuous",
-            "parameter": "fixed" if v.fixed else "tunable",
-        }[v.causality]
-        kind = ("Int32" if v.whole else "Float64") if three else "Integer" if v.whole else "Real"
-        initial = {"input": "", "output": ' initial="calculated"', "parameter": ' initial="exact"'}
-        meaning = rotary_words(v.meaning, v.unit)
-        head = (
-            f'name="{v.name}" valueReference="{reference}" description={quoteattr(meaning)} '
-            f'causality="{v.causality}" variability="{variability}"{initial[v.causality]}'
-        )
-        type_part = "" if v.unit in ("1", "") or v.whole else f" unit={quoteattr(v.unit)}"
-        if math.isfinite(v.low):
-            type_part += f' min="{v.low!r}"'
-        if math.isfinite(v.high):
-            type_part += f' max="{v.high!r}"'
-        if v.start is not None:
-            type_part += f' start="{v.start!r}"'
-        if three:
-            return f"<{kind} {head}{type_part}/>"
-        return f"<ScalarVariable {head}><{kind}{type_part}/></ScalarVariable>"
 
     def _build_description(self) -> str:
         """sources/buildDescription.xml of version 3."""
@@ -471,11 +405,6 @@ class Model:
             "    </SourceFileSet>\n"
             "  </BuildConfiguration>\n</fmiBuildDescription>\n"
         )
-
-
-def _source(name: str) -> str:
-    """Text of a file in the folder `sources`."""
-    return resources.files(__package__).joinpath("sources", name).read_text(encoding="utf-8")
 
 
 def _base_unit(unit: str, rotary: bool) -> str:

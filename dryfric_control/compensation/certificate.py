@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import lfilter, oaconvolve
 
@@ -242,16 +243,7 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
         rates[1, 2], rates[2, 2], rates[2, 3] = 1.0 / mass, -1.0 / lag, 1.0 / lag
     else:
         rates[1, 3] = 1.0 / mass
-    # Exponential of a small matrix: a series, after halving and before squaring again.
-    halvings = max(math.ceil(math.log2(max(np.abs(rates).max() * time, 1e-300))) + 3, 0)
-    small = rates * time / 2.0**halvings
-    term = total = np.eye(5)
-    for k in range(1, 16):
-        term = term @ small / k
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return np.asarray(total[:3])
+    return np.asarray(expm(rates * time)[:3])
 
 
 def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Array]:

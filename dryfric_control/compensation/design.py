@@ -30,7 +30,7 @@ from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.design import SAVED as OBSERVER_SAVED
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
-from dryfric_control.observer.own_axis import LEFT_OUT
+from dryfric_control.observer.weights import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import save_object
 from dryfric_control.text import Result, length_text, prefixed, typeset

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.observer.own_axis import LEFT_OUT
 from dryfric_control.observer.runtime import tables
-from dryfric_control.observer.weights import UNCERTAIN_FRACTION, coulomb_level
+from dryfric_control.observer.weights import LEFT_OUT, UNCERTAIN_FRACTION, coulomb_level
 
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
 #: Where the estimate of friction comes from, by law.

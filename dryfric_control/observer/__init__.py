@@ -10,7 +10,6 @@ from dryfric_control.observer.closed_loop import (
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.hybrid_filter import HybridFilter, HybridStepper, hybrid_filter
 from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
-from dryfric_control.observer.own_axis import ObserverWarning
 from dryfric_control.observer.runtime import (
     Estimate,
     ObserverResponse,
@@ -20,6 +19,7 @@ from dryfric_control.observer.runtime import (
 )
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
 from dryfric_control.observer.storage import load_design
+from dryfric_control.observer.weights import ObserverWarning
 
 __all__ = [
     "Certificate",

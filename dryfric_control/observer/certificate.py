@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
-from dryfric_control.observer.switching import hardest_switching, worst_switching
+from dryfric_control.observer.switching import hardest_switching, runs_of, worst_switching
 from dryfric_control.text import Result
 from dryfric_control.ties import ranked
 
@@ -150,13 +150,7 @@ class Certificate(Result):
 
 
 def _run_lengths(word: tuple[int, ...]) -> str:
-    parts: list[list[int]] = []
-    for key in word:
-        if parts and parts[-1][0] == key:
-            parts[-1][1] += 1
-        else:
-            parts.append([key, 1])
-    return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in parts)
+    return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in runs_of(word))
 
 
 def _factors(matrices: Array, graph: ModeGraph, what: str) -> Array:

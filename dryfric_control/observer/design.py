@@ -25,10 +25,8 @@ from dryfric_control.observer.error_model import (
 )
 from dryfric_control.observer.inequalities import SOLVERS
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
-from dryfric_control.observer.own_axis import own_axis
-from dryfric_control.observer.scaling import Scales, scales_of
-from dryfric_control.observer.synthesis import certified_solution
-from dryfric_control.observer.weights import default_weights
+from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
+from dryfric_control.observer.weights import default_weights, own_axis
 from dryfric_control.store.saved import save_object
 from dryfric_control.text import Result
 

@@ -21,9 +21,8 @@ from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.block import Block
 from dryfric_control.observer.error_model import axis_matrices
-from dryfric_control.observer.own_axis import own_axis
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
-from dryfric_control.observer.weights import coulomb_level
+from dryfric_control.observer.weights import coulomb_level, own_axis
 from dryfric_control.order import check_drive_and_reading, check_quantum_and_dt
 
 Array = NDArray[np.float64]

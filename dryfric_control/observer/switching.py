@@ -7,6 +7,7 @@ modes; with the best gain at every sample it bounds what any observer can do.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -202,14 +203,14 @@ def _words(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
                             yield (first,) * long + (second,) * short
 
 
+def runs_of(word: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Each run of one mode in a sequence, with its length."""
+    return [(key, len(list(run))) for key, run in itertools.groupby(word)]
+
+
 def _neighbours(word: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     """Words with one run a little longer or shorter, or doubled up."""
-    runs: list[list[int]] = []
-    for key in word:
-        if runs and runs[-1][0] == key:
-            runs[-1][1] += 1
-        else:
-            runs.append([key, 1])
+    runs = runs_of(word)
     for k, (_key, length) in enumerate(runs):
         for change in (-4, -2, -1, 1, 2, 4):
             if length + change > 0:

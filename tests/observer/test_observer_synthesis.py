@@ -12,8 +12,7 @@ from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.observer import design_pi_observer
 from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices
 from dryfric_control.observer.memory import allowed_pairs, dwell_graph, window_graph
-from dryfric_control.observer.scaling import Scales, scales_of
-from dryfric_control.observer.synthesis import certified_solution
+from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights
 
 DT = 1e-3

@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import inspect
 import math
+import operator
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Hashable
@@ -37,11 +38,6 @@ class Kind:
 
     code: str
 
-    @property
-    def erased(self) -> bool:
-        """Whether the type alone is the value, which then is no argument in C."""
-        return False
-
 
 @dataclass(frozen=True)
 class Pointer(Kind):
@@ -54,25 +50,10 @@ class Pointer(Kind):
 
 
 @dataclass(frozen=True)
-class Whole(Kind):
-    """A whole number that is known."""
+class Known(Kind):
+    """A number that is known; a whole one is an int."""
 
-    value: int = 0
-
-    @property
-    def erased(self) -> bool:
-        return True
-
-
-@dataclass(frozen=True)
-class Number(Kind):
-    """A number that is known."""
-
-    value: float = 0.0
-
-    @property
-    def erased(self) -> bool:
-        return True
+    value: int | float = 0
 
 
 @dataclass(frozen=True)
@@ -84,21 +65,13 @@ class Table(Kind):
     shape: tuple[int, ...] = ()
     values: tuple[float, ...] = ()
 
-    @property
-    def erased(self) -> bool:
-        return True
-
 
 @dataclass(frozen=True)
 class Record(Kind):
-    """A named tuple; one of constants alone is erased."""
+    """A named tuple."""
 
     names: tuple[str, ...] = ()
     kinds: tuple[Kind, ...] = ()
-
-    @property
-    def erased(self) -> bool:
-        return bool(self.kinds) and all(kind.erased for kind in self.kinds)
 
 
 @dataclass(frozen=True)
@@ -109,16 +82,19 @@ class Axis(Kind):
     known: tuple[tuple[int, float], ...] = ()
     base: str = ""  # name of the constant array, where it is one
 
-    @property
-    def erased(self) -> bool:
-        return bool(self.base)
-
 
 @dataclass(frozen=True)
 class Tuple(Kind):
     """Several values."""
 
     kinds: tuple[Kind, ...] = ()
+
+
+def is_erased(kind: Kind) -> bool:
+    """Whether the type alone is the value, which then is no argument in C."""
+    if isinstance(kind, Record):
+        return bool(kind.kinds) and all(map(is_erased, kind.kinds))
+    return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.base != "")
 
 
 F, INT, BOOL, NOTHING = Kind("f"), Kind("i"), Kind("b"), Kind("v")
@@ -163,24 +139,26 @@ _KEYWORDS = frozenset(
     "union unsigned void volatile while _Bool _Complex _Imaginary bool true false".split()
 )
 _MATH = frozenset("exp expm1 sqrt sin cos tan tanh log erfc erf pow copysign atan2".split())
-_COUNTED = {ast.Add: "add", ast.Sub: "add", ast.Mult: "multiply", ast.Div: "divide"}
-_SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_WHOLE = {ast.FloorDiv: "/", ast.Mod: "%", ast.BitAnd: "&", ast.BitOr: "|"}
-_COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_FOLD: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.FloorDiv: lambda a, b: a // b,
-    ast.Mod: lambda a, b: a % b,
-    ast.BitAnd: lambda a, b: a & b,
-    ast.BitOr: lambda a, b: a | b,
-    ast.Lt: lambda a, b: a < b,
-    ast.LtE: lambda a, b: a <= b,
-    ast.Gt: lambda a, b: a > b,
-    ast.GtE: lambda a, b: a >= b,
-    ast.Eq: lambda a, b: a == b,
-    ast.NotEq: lambda a, b: a != b,
+#: Operations: sign, what Python makes of numbers that are known, and what they count as.
+_SIGNS: dict[type, tuple[str, Callable[..., Any], str]] = {
+    ast.Add: ("+", operator.add, "add"),
+    ast.Sub: ("-", operator.sub, "add"),
+    ast.Mult: ("*", operator.mul, "multiply"),
+    ast.Div: ("/", operator.truediv, "divide"),
+}
+_WHOLE: dict[type, tuple[str, Callable[..., Any]]] = {
+    ast.FloorDiv: ("/", operator.floordiv),
+    ast.Mod: ("%", operator.mod),
+    ast.BitAnd: ("&", operator.and_),
+    ast.BitOr: ("|", operator.or_),
+}
+_COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
+    ast.Lt: ("<", operator.lt),
+    ast.LtE: ("<=", operator.le),
+    ast.Gt: (">", operator.gt),
+    ast.GtE: (">=", operator.ge),
+    ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne),
 }
 #: Smaller and larger of two numbers: name, type, and how the second compares.
 _HELPERS = {
@@ -209,10 +187,8 @@ def unified(a: Kind, b: Kind) -> Kind:
     """Type that holds values of both."""
     if a == b:
         return a
-    if isinstance(a, Whole):
-        return unified(INT, b)
-    if isinstance(b, Whole):
-        return unified(a, INT)
+    if isinstance(a, Known) or isinstance(b, Known):
+        return unified(_plain(a), _plain(b))
     if {a, b} <= {F, INT, BOOL}:
         return F if F in (a, b) else INT
     if isinstance(a, Axis) and isinstance(b, Axis) and a.integers == b.integers:
@@ -273,8 +249,6 @@ class Translator:
             return f"const {base} *" if kind.constant else f"{base} *"
         if isinstance(kind, Axis):
             return "const real *"
-        if isinstance(kind, Whole):
-            return "int32_t"
         if isinstance(kind, (Tuple, Record)):
             return self._struct(kind)
         return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
@@ -403,7 +377,7 @@ class _Body:
             self.returned: list[Any] = []
             self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
             for name, kind in self.kinds.items():
-                if kind.erased and name in self.once:
+                if is_erased(kind) and name in self.once:
                     self.bound[name] = self.erased(kind)
             cost = self.block(self.node.body)
             self.results = set(self.returned)
@@ -424,9 +398,9 @@ class _Body:
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
         head = f"/* {' '.join(doc.split())} */\n" if doc else ""
-        result = NOTHING if returns.erased else returns
+        result = NOTHING if is_erased(returns) else returns
         head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
-        if returns.erased:
+        if is_erased(returns):
             return Function(self.name, "", returns, used, True, cost)
         self.lines[:0] = [
             f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
@@ -456,10 +430,10 @@ class _Body:
 
     def erased(self, kind: Kind) -> Value:
         """The value that a type alone is."""
-        if isinstance(kind, Whole):
-            return Value(str(kind.value), INT, kind.value)
-        if isinstance(kind, Number):
-            return Value(self.out.number(kind.value), F, kind.value)
+        if isinstance(kind, Known):
+            whole = isinstance(kind.value, int)
+            text = str(kind.value) if whole else self.out.number(kind.value)
+            return Value(text, INT if whole else F, kind.value)
         if isinstance(kind, Table):
             return Value(kind.name, kind)
         if isinstance(kind, Axis):
@@ -521,16 +495,14 @@ class _Body:
         self.returned.append(value.known)
         plain = _plain(value.kind)
         self.returns = plain if self.returns is None else unified(self.returns, plain)
-        if not self.returns.erased:
+        if not is_erased(self.returns):
             self.emit(f"return {self.converted(value, self.returns)};", value)
 
-    def do_break(self, node: ast.Break) -> None:
+    def do_break(self, node: ast.Break | ast.Continue) -> None:
         self.ended = True
-        self.emit("break;")
+        self.emit(f"{type(node).__name__.lower()};")
 
-    def do_continue(self, node: ast.Continue) -> None:
-        self.ended = True
-        self.emit("continue;")
+    do_continue = do_break
 
     def do_annassign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -559,9 +531,10 @@ class _Body:
                 if isinstance(load, ast.Name) and load.id in self.dead:
                     return
                 right = self.real(self.value(node.value))
-                self.cost[_COUNTED[op]] += 1
+                sign, _, group = _SIGNS[op]
+                self.cost[group] += 1
                 stored = [target] if isinstance(load, ast.Subscript) else []
-                self.emit(f"{target.text} {_SIGNS[op]}= {right.text};", right, *stored)
+                self.emit(f"{target.text} {sign}= {right.text};", right, *stored)
                 if isinstance(node.target, ast.Subscript):
                     self.stored(node.target)
                 return
@@ -584,9 +557,9 @@ class _Body:
             raise self.fail(target, "this cannot be assigned to")
         name = target.id
         held = value.parts and all(
-            p.kind.erased or isinstance(p.kind, Pointer) for p in value.parts
+            is_erased(p.kind) or isinstance(p.kind, Pointer) for p in value.parts
         )
-        if name in self.once and (value.known is not None or value.kind.erased or held):
+        if name in self.once and (value.known is not None or is_erased(value.kind) or held):
             self.bound[name] = value
             return
         kind = _plain(value.kind)
@@ -632,7 +605,7 @@ class _Body:
             parts = list(value.parts)
             if any(not stored.isdisjoint(part.reads or ()) for part in parts[1:]):
                 for i, part in enumerate(parts):
-                    if part.known is None and not part.kind.erased:
+                    if part.known is None and not is_erased(part.kind):
                         parts[i] = self.temporary(part)
             for name, part in zip(names, parts, strict=True):
                 self.assign(name, part)
@@ -783,7 +756,7 @@ class _Body:
                 self.converted(v, k) for v, k in zip(value.parts, kind.kinds, strict=True)
             )
             return f"({self.out.type(kind)}){{{inner}}}"
-        if kind == F and (value.kind == INT or isinstance(value.kind, Whole)):
+        if kind == F and value.kind == INT:
             if value.known is not None:
                 return self.out.number(float(value.known))
             return f"(real){value.within(_UNARY)}"
@@ -793,7 +766,7 @@ class _Body:
             )
         if kind == value.kind or isinstance(kind, (Pointer, Axis)):
             return value.text
-        if kind == INT and (value.kind == BOOL or isinstance(value.kind, Whole)):
+        if kind == INT and value.kind == BOOL:
             return value.text
         if isinstance(kind, Tuple) and isinstance(value.kind, Tuple):
             held = self.temporary(value)
@@ -820,7 +793,7 @@ class _Body:
         result: Value = method(node)
         if result.reads is None:
             decided = result.known is not None and result.kind in (INT, BOOL)
-            result.reads = frozenset(() if decided or result.kind.erased else self.reading)
+            result.reads = frozenset(() if decided or is_erased(result.kind) else self.reading)
         self.reading = outer | result.reads
         return result
 
@@ -883,7 +856,7 @@ class _Body:
         if isinstance(kind, Record):
             place = kind.names.index(node.attr)
             inner = kind.kinds[place]
-            if inner.erased:
+            if is_erased(inner):
                 return self.erased(inner)
             return Value(f"{owner.text}.{node.attr}", inner)
         if isinstance(kind, Table) and node.attr == "shape":
@@ -964,24 +937,25 @@ class _Body:
         if op is ast.Pow:
             return self.power(node, a, b)
         whole = a.kind == INT and b.kind == INT
-        if whole and a.known is not None and b.known is not None and op in _FOLD:
-            return self.constant(_FOLD[op](a.known, b.known), node)
+        if op not in _SIGNS and op not in _WHOLE:
+            raise self.fail(node, f"{op.__name__} has no C here")
+        sign, fold, *group = _SIGNS.get(op) or _WHOLE[op]
+        if whole and a.known is not None and b.known is not None and op is not ast.Div:
+            return self.constant(fold(a.known, b.known), node)
         if op in _WHOLE:
             if not whole:
                 raise self.fail(node, f"{op.__name__} of numbers that are not whole")
-            return Value(f"({a.within(_UNARY)} {_WHOLE[op]} {b.within(_UNARY)})", INT)
-        if op not in _SIGNS:
-            raise self.fail(node, f"{op.__name__} has no C here")
+            return Value(f"({a.within(_UNARY)} {sign} {b.within(_UNARY)})", INT)
         level = _SUM if op in (ast.Add, ast.Sub) else _PRODUCT
         if not whole or op is ast.Div:
             left, right = self.real(a), self.real(b)
             known = _folded(op, left.known, right.known)
             if known is None:
-                self.cost[_COUNTED[op]] += 1
+                self.cost[group[0]] += 1
             kind = F
         else:
             left, right, kind, known = a, b, INT, None
-        text = f"{left.within(level)} {_SIGNS[op]} {right.within(level + 1)}"
+        text = f"{left.within(level)} {sign} {right.within(level + 1)}"
         return Value(text, kind, known, level)
 
     def real(self, value: Value) -> Value:
@@ -1030,9 +1004,9 @@ class _Body:
         for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
             if type(op) not in _COMPARE:
                 raise self.fail(node, f"{type(op).__name__} has no C here")
+            sign, fold = _COMPARE[type(op)]
             if a.known is not None and b.known is not None:
-                truth = _FOLD[type(op)](a.known, b.known)
-                if not truth:
+                if not fold(a.known, b.known):
                     return Value("false", BOOL, False)
                 continue
             if a.kind != b.kind:
@@ -1040,7 +1014,7 @@ class _Body:
             level = _EQUAL if isinstance(op, (ast.Eq, ast.NotEq)) else _ORDER
             if a.kind == F:
                 self.cost["compare"] += 1
-            text = f"{a.within(_SUM)} {_COMPARE[type(op)]} {b.within(_SUM)}"
+            text = f"{a.within(_SUM)} {sign} {b.within(_SUM)}"
             parts.append(Value(text, BOOL, binds=level))
         if not parts:
             return Value("true", BOOL, True)
@@ -1091,11 +1065,11 @@ class _Body:
             return Value(numbers.text, Axis("plant", values, known), binds=numbers.binds)
         names = cls._fields  # type: ignore[attr-defined]
         kinds = tuple(
-            Whole("k", v.known) if v.known is not None and v.kind == INT else _plain(v.kind)
+            Known("k", v.known) if v.known is not None and v.kind == INT else _plain(v.kind)
             for v in given
         )
         kind = Record(cls.__name__, names, kinds)
-        if kind.erased:
+        if is_erased(kind):
             return Value("", kind)
         kind = Record(cls.__name__, names, tuple(_plain(v.kind) for v in given))
         inner = ", ".join(v.text for v in given)
@@ -1129,17 +1103,17 @@ class _Body:
         kinds: list[Kind] = []
         for parameter, value in zip(parameters, given, strict=True):
             if parameter.name in _KNOWN and value.kind == F and value.known is not None:
-                kinds.append(Number("k", value.known))
+                kinds.append(Known("k", float(value.known)))
             elif parameter.name in ("task", "place") and value.kind == INT:
                 if value.known is None:
                     raise self.fail(node, f"{parameter.name} is unknown")
-                kinds.append(Whole("k", value.known))
+                kinds.append(Known("k", value.known))
             elif isinstance(value.kind, Record) and value.kind.code == "integers":
                 kinds.append(value.kind)
             elif name.startswith("dfc_law_") and parameter is not parameters[-1]:
                 kinds.append(F)
             else:
-                kinds.append(_plain(value.kind) if not value.kind.erased else value.kind)
+                kinds.append(_plain(value.kind) if not is_erased(value.kind) else value.kind)
         kinds = [
             Pointer("p", k.element, k.constant, k.known) if isinstance(k, Pointer) else k
             for k in kinds
@@ -1149,7 +1123,7 @@ class _Body:
         self.cost["call"] += 1
         if not made.pure:
             self.pure = False
-        if made.returns.erased:
+        if is_erased(made.returns):
             return self.erased(made.returns)
         if made.known is not None:
             return self.constant(made.known, node)
@@ -1170,7 +1144,7 @@ def _folded(op: type, a: float | None, b: float | None) -> float | None:
     """Result of an operation on numbers that are known."""
     if a is None or b is None or (op is ast.Div and b == 0.0):
         return None
-    result = a / b if op is ast.Div else _FOLD[op](a, b)
+    result = _SIGNS[op][1](a, b)
     return float(result) if math.isfinite(result) else None
 
 
@@ -1183,8 +1157,8 @@ def _codes(kind: Kind) -> str:
 
 def _plain(kind: Kind) -> Kind:
     """The type without what is known of the value alone."""
-    if isinstance(kind, Whole):
-        return INT
+    if isinstance(kind, Known):
+        return INT if isinstance(kind.value, int) else F
     if isinstance(kind, Pointer) and kind.length:
         return Pointer("p", kind.element, kind.constant)
     return kind

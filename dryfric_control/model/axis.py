@@ -766,7 +766,15 @@ def _read(numbers: Any, integers: Any, t: float, x: float) -> float:
 
 def _held(a: Matrix, b: Matrix, h: float, method: str) -> tuple[Matrix, Matrix]:
     """Matrices of a time h over which the input is held."""
-    n = len(a)
+    n, rate = len(a), -float(a[1, 1])
+    if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:  # closed form
+        fall = -np.expm1(-rate * h)
+        moved = fall / rate if rate * h > 1e-8 else h * (1.0 - 0.5 * rate * h)
+        drift = (h - moved) / rate if rate * h > 1e-4 else h**2 * (0.5 - rate * h / 6.0)
+        gain = b[1, 0]
+        return np.array([[1.0, moved], [0.0, 1.0 - fall]]), np.array(
+            [[gain * drift], [gain * moved]]
+        )
     rates = h * np.block([[a, b], [np.zeros((1, n + 1))]])
     held = np.eye(n + 1) + rates if method == "euler" else scipy.linalg.expm(rates)
     return held[:n, :n], held[:n, n:]

@@ -136,7 +136,7 @@ def test_tanh_follows_its_closed_form():
 @pytest.mark.slow
 def test_tanh_tends_to_the_sign_law():
     axis = coulomb_axis(stick_speed=1e-9)
-    u = 5.0 * np.sin(2 * np.pi * 2.0 * DT * np.arange(700))
+    u = 5.0 * np.sin(2 * np.pi * 2.0 * DT * np.arange(350))
     exact, _, _, _ = Sign().run(axis, u, DT)
     gap = [np.abs(Tanh(speed=w).run(axis, u, DT)[0] - exact).max() for w in (1e-2, 1e-3, 1e-4)]
     # First order in the width, up to a logarithm: the creep at rest is w artanh(u/Fc).
@@ -195,6 +195,7 @@ def test_dahl_slows_down_along_its_closed_form():
     np.testing.assert_allclose(v**2, v0**2 - 2 / 2.0 * spent, atol=3e-7)
 
 
+@pytest.mark.slow
 def test_dahl_hysteresis_between_reversals():
     # Whatever the motion, from one reversal (xr, Fr) to the next
     # F = s Fc + (Fr - s Fc) exp(-s sigma0 (x - xr) / Fc).
@@ -364,6 +365,7 @@ def test_discontinuous_laws_dissipate_and_rest_only_when_held(amplitude, frequen
         )  # Sign holds the level at v = 0, exp(-(Sigma/vs)^2) = 0.9996 of breakaway's excess
 
 
+@pytest.mark.slow
 @each_law
 def test_sampling_time_does_not_matter(law):
     # A triangle is the same input at both sampling times; the long samples need steps.

@@ -972,6 +972,7 @@ for _export in ("export_c", "export_fmu"):
 rows(
     ("export_c", dict(precision="half"), "double"),
     ("export_c", dict(folder=3.0), "path"),
+    ("export_fmu", dict(name="model"), "is that of a file in every FMU"),
     ("export_fmu", dict(version="1.0"), "2.0"),
     ("export_fmu", dict(path="axis.zip"), "ends in .fmu"),
     ("export_fmu", dict(path="nowhere/axis.fmu"), "make it first", "nowhere"),

@@ -116,6 +116,8 @@ def export_fmu(
     if version not in VERSIONS:
         raise ValueError(f'version must be "3.0" or "2.0", got {version!r}')
     made = exported(obj, name, dt)
+    if made.name in ("model", "fmi", "fmi2", "fmi3"):
+        raise ValueError(f'name {made.name!r} is that of a file in every FMU: pass name="..."')
     try:
         target = Path(path)
     except TypeError:
@@ -330,6 +332,7 @@ class Model:
         n = self.made.name
         return {
             f"fmi{self.major}.c": source_text(f"fmi{self.major}.c"),
+            "fmi.c": source_text("fmi.c"),
             "model.c": self.model,
             f"{n}.c": self.code.source,
             f"{n}.h": self.code.header,

@@ -20,6 +20,7 @@ from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_fi
 from dryfric_control.export import entries
 from dryfric_control.export.translate import (
     BOOL,
+    KEYWORDS,
     F,
     Function,
     Kind,
@@ -48,11 +49,7 @@ ROOM = 16
 #: Longest line of delayed drives, in samples.
 MOST_DELAY = 4096
 #: Words of C that a name must not be.
-_TAKEN = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while main bool true false real".split()
-)
+_TAKEN = KEYWORDS | {"main", "real"}
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ class Function:
     reads: frozenset[str] = frozenset()  # variables, and functions that it calls
 
 
-_KEYWORDS = frozenset(
+KEYWORDS = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if "
     "inline int long register restrict return short signed sizeof static struct switch typedef "
     "union unsigned void volatile while _Bool _Complex _Imaginary bool true false".split()
@@ -1166,7 +1166,7 @@ def _plain(kind: Kind) -> Kind:
 
 def _c(name: str) -> str:
     """A Python name as a C name."""
-    return f"{name}_" if name in _KEYWORDS else name
+    return f"{name}_" if name in KEYWORDS else name
 
 
 def _base(node: ast.expr) -> str:

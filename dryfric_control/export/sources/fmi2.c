@@ -26,24 +26,15 @@ static fmi2Status failed(const instance_t *instance, const char *why)
     return fmi2Error;
 }
 
-static fmi2Status told(const instance_t *instance, const char *why)
-{
-    return why == NULL ? fmi2OK : failed(instance, why);
-}
+#define FMI(name) fmi2##name
+#define HANDLE fmi2Component
+#define STATE(verb, rest) fmi2##verb##FMUstate##rest
+#define UNPACK fmi2DeSerializeFMUstate
+#include "fmi.c"
 
 const char *fmi2GetTypesPlatform(void)
 {
     return fmi2TypesPlatform;
-}
-
-const char *fmi2GetVersion(void)
-{
-    return fmi2Version;
-}
-
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
-{
-    return fmi2OK;
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
@@ -64,11 +55,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return instance;
 }
 
-void fmi2FreeInstance(fmi2Component c)
-{
-    free(c);
-}
-
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean ends, fmi2Real stop)
 {
@@ -81,75 +67,24 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
     return fmi2OK;
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    model_start(&((instance_t *)c)->model);
-    return fmi2OK;
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    return fmi2OK;
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    model_reset(&((instance_t *)c)->model);
-    return fmi2OK;
-}
-
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
-    return told(c, model_read(&((instance_t *)c)->model, vr, n, value));
+    return told(c, model_read(MODEL(c), vr, n, value));
 }
 
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
 {
-    return told(c, model_count(&((instance_t *)c)->model, vr, n, value));
+    return told(c, model_count(MODEL(c), vr, n, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
-    return told(c, model_write(&((instance_t *)c)->model, vr, n, value));
+    return told(c, model_write(MODEL(c), vr, n, value));
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean final)
 {
-    return told(c, model_step(&((instance_t *)c)->model, time, step));
-}
-
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    return told(c, model_keep(state, &((instance_t *)c)->model));
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-    memcpy(&((instance_t *)c)->model, state, sizeof(model_t));
-    return fmi2OK;
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    free(*state);
-    *state = NULL;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-    *size = sizeof(model_t);
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-{
-    return told(c, model_pack(state, bytes, size));
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-{
-    return told(c, model_unpack(state, bytes, size));
+    return told(c, model_step(MODEL(c), time, step));
 }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)

@@ -24,20 +24,11 @@ static fmi3Status failed(const instance_t *instance, const char *why)
     return fmi3Error;
 }
 
-static fmi3Status told(const instance_t *instance, const char *why)
-{
-    return why == NULL ? fmi3OK : failed(instance, why);
-}
-
-const char *fmi3GetVersion(void)
-{
-    return fmi3Version;
-}
-
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String categories[])
-{
-    return fmi3OK;
-}
+#define FMI(name) fmi3##name
+#define HANDLE fmi3Instance
+#define STATE(verb, rest) fmi3##verb##FMUState##rest
+#define UNPACK fmi3DeserializeFMUState
+#include "fmi.c"
 
 fmi3Instance fmi3InstantiateCoSimulation(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
@@ -57,21 +48,10 @@ fmi3Instance fmi3InstantiateCoSimulation(
     return instance;
 }
 
-void fmi3FreeInstance(fmi3Instance c)
-{
-    free(c);
-}
-
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean given, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean ends, fmi3Float64 stop)
 {
     ((instance_t *)c)->model.start = start;
-    return fmi3OK;
-}
-
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-    model_start(&((instance_t *)c)->model);
     return fmi3OK;
 }
 
@@ -80,82 +60,37 @@ fmi3Status fmi3EnterStepMode(fmi3Instance c)
     return fmi3OK;
 }
 
-fmi3Status fmi3Terminate(fmi3Instance c)
-{
-    return fmi3OK;
-}
-
-fmi3Status fmi3Reset(fmi3Instance c)
-{
-    model_reset(&((instance_t *)c)->model);
-    return fmi3OK;
-}
-
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
                           size_t nvalues)
 {
     return told(c, n != nvalues ? "every variable is one number"
-                                : model_read(&((instance_t *)c)->model, vr, n, values));
+                                : model_read(MODEL(c), vr, n, values));
 }
 
 fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Int32 values[],
                         size_t nvalues)
 {
     return told(c, n != nvalues ? "every variable is one number"
-                                : model_count(&((instance_t *)c)->model, vr, n, values));
+                                : model_count(MODEL(c), vr, n, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                           const fmi3Float64 values[], size_t nvalues)
 {
     return told(c, n != nvalues ? "every variable is one number"
-                                : model_write(&((instance_t *)c)->model, vr, n, values));
+                                : model_write(MODEL(c), vr, n, values));
 }
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean final,
                       fmi3Boolean *events, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
-    model_t *model = &((instance_t *)c)->model;
+    model_t *model = MODEL(c);
     const char *why = model_step(model, time, step);
     *events = false;
     *terminate = false;
     *early = false;
     *last = model->time;
     return told(c, why);
-}
-
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    return told(c, model_keep(state, &((instance_t *)c)->model));
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
-{
-    memcpy(&((instance_t *)c)->model, state, sizeof(model_t));
-    return fmi3OK;
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
-{
-    *size = sizeof(model_t);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-{
-    return told(c, model_pack(state, bytes, size));
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
-{
-    return told(c, model_unpack(state, bytes, size));
 }
 
 /* What a model of this kind does not have: every importer asks for these names. */

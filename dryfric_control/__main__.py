@@ -210,35 +210,33 @@ def _pairs(text: str) -> dict[str, str | None]:
     return pairs
 
 
-def _gains(text: str) -> dict[str, float]:
-    """Factors by channel, a number alone being that of the input."""
-    return _numbers(text if "=" in text else f"u={text}", text, "a number or such as u=35,x=1e-6")
+def _numbers(right: str, alone: str = "") -> Callable[[str], dict[str, float]]:
+    """Reader of numbers by name, one alone being that of `alone`; `right` is said in errors."""
+
+    def read(text: str) -> dict[str, float]:
+        pairs = f"{alone}={text}" if alone and "=" not in text else text
+        try:
+            return {name: float(value or "none") for name, value in _pairs(pairs).items()}
+        except (ValueError, argparse.ArgumentTypeError):
+            raise argparse.ArgumentTypeError(f"{text!r} must be {right}") from None
+
+    return read
+
+
+_gains = _numbers("a number or such as u=35,x=1e-6", "u")
+_tolerances = _numbers("such as viscous=0.5,mass=0.1")
+_inertias = _numbers("a number or such as elbow=0.1,wrist=0.02", "all")
 
 
 def _loads(text: str) -> float | dict[str, float]:
     """An inertia, or inertias by joint."""
-    right = "a number or such as elbow=0.1,wrist=0.02"
-    found = _numbers(text if "=" in text else f"all={text}", text, right)
-    return found if "=" in text else found["all"]
+    return _inertias(text) if "=" in text else _inertias(text)["all"]
 
 
 _LOAD = (
     "--load", _loads, "J or JOINT=J,..", "inertia that the bodies of the model have about the "
     "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed",
 )  # fmt: skip
-
-
-def _tolerances(text: str) -> dict[str, float]:
-    """Relative standard deviations by name."""
-    return _numbers(text, text, "such as viscous=0.5,mass=0.1")
-
-
-def _numbers(pairs: str, text: str, right: str) -> dict[str, float]:
-    """Numbers by name; what is right is said where they are none."""
-    try:
-        return {name: float(value or "none") for name, value in _pairs(pairs).items()}
-    except (ValueError, argparse.ArgumentTypeError):
-        raise argparse.ArgumentTypeError(f"{text!r} must be {right}") from None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

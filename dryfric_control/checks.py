@@ -25,13 +25,7 @@ def finite(name: str, value: object, *, unit: str = "") -> float:
 
 
 def positive(name: str, value: object, *, unit: str = "", zero: bool = False) -> float:
-    """Convert to a finite float above zero (or not below zero, with `zero`).
-
-    Raises
-    ------
-    ValueError
-        If `value` is not such a number.
-    """
+    """Convert to a finite float above zero (or not below zero, with `zero`)."""
     number = finite(name, value, unit=unit)
     if number < 0.0 or (number == 0.0 and not zero):
         bound = "zero or more" if zero else "more than zero"
@@ -74,13 +68,7 @@ def whole(name: str, value: object, least: int = 1) -> int:
 
 
 def instance(name: str, value: object, kind: type, mend: str = "") -> None:
-    """Reject an argument of another type.
-
-    Raises
-    ------
-    ValueError
-        If `value` is not a `kind`; `mend` is a hint how to get one.
-    """
+    """Reject an argument of another type; `mend` is a hint how to get the right one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ValueError(

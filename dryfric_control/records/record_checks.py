@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.checks import finite
 from dryfric_control.records.bad_readings import roundest
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
@@ -73,12 +73,8 @@ def checked_notes(notes: Any) -> tuple[str, ...]:
 
 def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
     """Units under their SI names; time is always in seconds."""
-    if units is not None and not isinstance(units, Mapping):
-        raise ValueError(f'units must be a mapping such as {{"x": "m"}}, got {units!r}')
     labels = {"t": "s"}
-    for role, unit in (units or {}).items():
-        if role not in ("t", "u", "x", *EXTRAS):
-            raise ValueError(f"units: {role!r} is no channel; the channels are t, u and x")
+    for role, unit in units_by_role(units).items():
         if unit == "" or unit is None:
             continue
         factor, si = si_unit(role, unit)
@@ -149,23 +145,6 @@ def vector(name: str, value: Any, gaps: bool = False) -> FloatArray:
     return out
 
 
-def extra_vectors(channels: Any, size: int, gaps: bool = False) -> dict[str, FloatArray]:
-    """Velocity, acceleration and second position as vectors of a length."""
-    if channels is not None and not isinstance(channels, Mapping):
-        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
-    found = {}
-    for name, values in (channels or {}).items():
-        if name not in EXTRAS:
-            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
-        found[name] = vector(f"channels[{name!r}]", values, gaps)
-        if found[name].size != size:
-            raise ValueError(
-                f"channels[{name!r}] has {found[name].size} samples but t has {size}; cut them to "
-                "one length"
-            )
-    return found
-
-
 class Channels(NamedTuple):
     """The channels of a record as vectors of one length, and what was made up of them."""
 
@@ -181,25 +160,33 @@ def vectors(
     t: Any, u: Any, x: Any, reference: Any, channels: Any = None, gaps: bool = False
 ) -> Channels:
     """The channels as vectors; no drive is one of zero, no position that of the velocity."""
-    notes: tuple[str, ...] = ()
+    if channels is not None and not isinstance(channels, Mapping):
+        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
+    for name in channels or {}:
+        if name not in EXTRAS:
+            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
     tv = vector("t", t, gaps)
-    more = extra_vectors(channels, tv.size, gaps)
+
+    def checked(name: str, values: Any) -> FloatArray:
+        array = vector(name, values, gaps)
+        if array.size != tv.size:
+            raise ValueError(
+                f"{name} has {array.size} samples but t has {tv.size}; cut them to one length"
+            )
+        return array
+
+    more = {name: checked(f"channels[{name!r}]", one) for name, one in (channels or {}).items()}
+    notes: tuple[str, ...] = ()
     if u is None:
         u = np.zeros(tv.size)
         notes += (NO_DRIVE,)
     if x is None and "v" in more:
         sound = np.isfinite(tv) & np.isfinite(more["v"])
-        path = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
         x = np.full(tv.size, np.nan)
-        x[sound] = path
+        x[sound] = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
         notes += ("x is the integral of v, from 0: its offset is free, that of v makes it drift",)
-    uv, xv = vector("u", u, gaps), vector("x", x, gaps)
-    rv = None if reference is None else vector("reference", reference, gaps)
-    for name, array in (("u", uv), ("x", xv), ("reference", rv)):
-        if array is not None and array.size != tv.size:
-            raise ValueError(
-                f"{name} has {array.size} samples but t has {tv.size}; cut them to one length"
-            )
+    uv, xv = checked("u", u), checked("x", x)
+    rv = None if reference is None else checked("reference", reference)
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
     return Channels(tv, uv, xv, rv, more, notes)

@@ -556,7 +556,7 @@ def _lost(
             moved = [replay(axis, r).positions - replay(without, r).positions for r in records]
             error = _rms(np.concatenate(moved)) if moved else math.nan
             found.append(Loss(joint, what, instead, error, length))
-    holds, needed = float(np.abs(form.columns(np.full(1, 1e-9), shape) @ coefficients)[0]), 0.0
+    holds = float(np.abs(form.columns(np.full(1, 1e-9), shape) @ coefficients)[0])
     needed = _breakaway(axis, states)
     if not form.breakaway and abs(holds - needed) > 0.01 * needed:
         words = f"breakaway friction force {needed:.4g} {force}"

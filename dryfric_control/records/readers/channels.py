@@ -362,6 +362,16 @@ def _listing(headings: list[str]) -> str:
     return shown + (f" and {len(headings) - 20} more" if len(headings) > 20 else "")
 
 
+def units_by_role(units: Any) -> dict[str, Any]:
+    """Units that a caller states by channel."""
+    if units is not None and not isinstance(units, Mapping):
+        raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {units!r}')
+    for role in units or {}:
+        if role not in ("t", "u", "x", *EXTRAS):
+            raise ValueError(f"units: {role!r} is no channel; the channels are t, u and x")
+    return dict(units or {})
+
+
 def to_si(
     found: Channels, gain: float | Mapping[str, float] | Scaling, declared: Any = None
 ) -> Channels:
@@ -372,11 +382,7 @@ def to_si(
     gain after it.
     """
     scaling = Scaling.of(gain)
-    if declared is not None and not isinstance(declared, Mapping):
-        raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {declared!r}')
-    for key in declared or {}:
-        if key not in ("t", "u", "x", *EXTRAS):
-            raise ValueError(f"units: {key!r} is no channel; the channels are t, u and x")
+    said_units = units_by_role(declared)
     for key in scaling.gain:
         if key not in found.values:
             raise ValueError(
@@ -386,7 +392,7 @@ def to_si(
     quantum = found.quantum
     for role in values:
         key = "x" if role == "reference" else role
-        unit, said = found.units.get(role, ""), (declared or {}).get(key, "")
+        unit, said = found.units.get(role, ""), said_units.get(key, "")
         factor, unit, si, done = _conversion(role, unit, said, scaling, found.where)
         notes += done
         if factor != 1:

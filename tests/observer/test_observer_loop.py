@@ -24,15 +24,7 @@ from dryfric_control.observer import (
     score_estimate,
     switch_delays,
 )
-from dryfric_control.observer.figures import (
-    draw_coulomb_maps,
-    draw_friction,
-    draw_modes,
-    draw_position,
-    draw_speed,
-)
 from dryfric_control.observer.monte_carlo import Mismatch, MonteCarlo, SwitchedEstimator
-from dryfric_control.text import typeset
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
@@ -306,35 +298,6 @@ def test_switch_delays_by_hand():
     assert delay[:2].tolist() == [0.5, -0.5]
     assert np.isnan(delay[2])
     assert delay[3] == -1.0
-
-
-def test_figures_of_the_paper(run):
-    length, force = run.axis.units
-    drawn = [
-        (draw_coulomb_maps(run.axis, run.design.axis), [f"friction [{force}]"]),
-        (draw_position(run), [f"position [{length}]", f"error [{length}]"]),
-        (draw_speed(run), [f"velocity [{length}/s]", f"error [{length}/s]"]),
-        (draw_friction(run), [f"friction [{force}]", f"error [{force}]"]),
-        (draw_modes(run), ["mode", "mode error"]),
-    ]
-    for plot, labels in drawn:
-        assert isinstance(plot, ct.ControlPlot)
-        assert [one.get_ylabel() for one in plot.axes.ravel()] == list(map(typeset, labels))
-        matplotlib.pyplot.close(plot.figure)
-    error = draw_position(run).axes.ravel()[1].lines[0].get_ydata()
-    np.testing.assert_array_equal(error, run.estimate.y[0] - run.plant.y[0])
-    matplotlib.pyplot.close("all")
-
-
-def test_results_show_themselves(run, design):
-    assert "missed 0" in run.summary()
-    assert run.to_dict()["switches"] == 40
-    assert len(run.plot().axes.ravel()) == 4
-    found = presets.clutch_monte_carlo(design, runs=2, duration=0.5, progress=False)
-    assert len(found.plot().axes.ravel()) == 4
-    assert "2 random mismatches" in found.summary()
-    assert len(found.to_dict()["scores"]["paper"]) == 2
-    matplotlib.pyplot.close("all")
 
 
 # --- borders --------------------------------------------------------------------------

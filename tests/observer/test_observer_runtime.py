@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 
-import control as ct
 import matplotlib
 import numpy as np
 import pytest
@@ -258,14 +257,6 @@ def test_mirrored_axis_gives_the_mirrored_estimate(plus, minus, seed, rule):
 # --- borders --------------------------------------------------------------------------
 
 
-def test_inputs_are_left_alone(clutch):
-    design, u, y = clutch
-    kept = u.copy(), y.copy()
-    observe(design, u, y)
-    np.testing.assert_array_equal(u, kept[0])
-    np.testing.assert_array_equal(y, kept[1])
-
-
 def test_stepper_refuses_what_is_no_number_and_stays_as_it_was(clutch):
     design, u, y = clutch
     first, second = ObserverStepper(design), ObserverStepper(design)
@@ -283,14 +274,3 @@ def test_stepper_starts_at_the_first_reading(clutch):
     whole, stepper = observe(design, u, y).y, ObserverStepper(design)
     steps = np.array([stepper.step(*one) for one in zip(u, y, strict=True)]).T
     np.testing.assert_allclose(steps, whole, rtol=1e-9, atol=1e-9)
-
-
-def test_response_shows_itself(clutch):
-    design, u, y = clutch
-    estimate = observe(design, u[:500], y[:500])
-    assert isinstance(estimate, ct.TimeResponseData)
-    drawn = estimate.plot()
-    assert isinstance(drawn, ct.ControlPlot)
-    labels = [one.get_ylabel() for one in drawn.axes.ravel()]
-    assert labels == ["position [inc]", "velocity [inc/s]", "torque [N·m]"]
-    matplotlib.pyplot.close(drawn.figure)

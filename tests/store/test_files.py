@@ -368,7 +368,7 @@ def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
         pytest.skip(f"the library that reads {kind} is not installed")
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
-    @settings(max_examples=500, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+    @settings(max_examples=150, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
     @given(st.sampled_from(sound), damage.damages)
     def one(content, changes):  # type: ignore[no-untyped-def]
         broken = damage.damaged(content, changes)

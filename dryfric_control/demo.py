@@ -42,6 +42,11 @@ from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import length_text, percent
 
+#: What it does and how long that takes, as measured for the README.
+ABOUT = (
+    "Four parts: stick-slip, a fit with its replay, the figures of the paper, a diagnosis. About "
+    "15 s of a core; the first time, while code is compiled for later runs too, 67 s."
+)
 #: Part of the record that is fitted; the rest is held out.
 TRAINING = 0.6
 _FREE = ("mass", "viscous", "coulomb", "bias_force")
@@ -218,11 +223,12 @@ def run(
         raise ValueError(f"--out {folder} is a file: name a folder")
     folder.mkdir(parents=True, exist_ok=True)
 
-    say("Stick-slip of a mass pulled by a spring: stick_slip.png")
+    say(ABOUT)
+    say("1/4 Stick-slip of a mass pulled by a spring: stick_slip.png")
     save(stick_slip(), folder / "stick_slip.png")
 
     fitted, summary, figures = fit_and_replay(axis, record, controller)
-    say(f"Fit of {record.name or 'the record'}, first {TRAINING:.0%}:")
+    say(f"2/4 Fit of {record.name or 'the record'}, first {TRAINING:.0%}:")
     say(fitted.summary())
     say(
         f"Coulomb level and bias force together: {summary['coulomb_plus']:.4g} N "
@@ -242,18 +248,18 @@ def run(
             f"RMS, force error {loop['force_rms']:.3g} N RMS ({percent(loop['relative_force'])} "
             "of the drive force)"
         )
-    say("Friction, state machine and closed loop, figures 1 to 3")
+    say("3/4 The paper's figures: 1 to 3, friction, state machine, actuator and closed loop")
     figures |= model()
-    say("Slow ramp on a simulated bench, figures 4 to 6 of the paper (about ten seconds)")
+    say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
     summary["bench"], drawn = bench(say)
     figures |= drawn
-    say("Switched PI observer in closed loop, figures 7 to 11 of the paper")
+    say("    7 to 11, switched PI observer in closed loop")
     summary["observer"], drawn = observe_clutch()
     figures |= drawn
     for name, figure in figures.items():
         save(figure, folder / f"{name}.png")
 
-    say("Diagnosis of a simulated axis with an unmodelled Stribeck peak: report.html")
+    say("4/4 Diagnosis of a simulated axis with an unmodelled Stribeck peak: report.html")
     found = hidden_cause()
     say(found.summary())
     write_report(found, folder)

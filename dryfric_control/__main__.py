@@ -73,7 +73,9 @@ def parser() -> argparse.ArgumentParser:
         made.set_defaults(run=run, own=made)
         return made
 
-    demo = command(_demo, "stick-slip, a fit with its replay, the figures of the paper, a diagnosis")
+    demo = command(
+        _demo, "stick-slip, a fit with its replay, the figures of the paper, a diagnosis"
+    )
     demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
     _add(
         demo,

@@ -16,7 +16,7 @@ from dryfric_control.diagnosis.candidates import (
     holds,
     with_effect,
 )
-from dryfric_control.diagnosis.gram import Gram, Proposal
+from dryfric_control.diagnosis.gram import Gram, Proposal, raised
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
@@ -121,30 +121,35 @@ def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray
     return z
 
 
+def held(problem: Problem, likelihood: Likelihood, z: FloatArray, turns: int = FEW) -> Solution:
+    """Parameters fitted with the noises held, as far as slopes of forces lead."""
+    one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
+    one.low, one.high = likelihood.low.copy(), likelihood.high.copy()
+    one.low[noises] = one.high[noises] = z[noises]
+    return maximise(one, z, turns, problem.until, True)
+
+
 def continued(
     problem: Problem, likelihood: Likelihood, z: FloatArray, parts: Sequence[float]
 ) -> FloatArray:
     """Parameters fitted at random forces held at parts of the drive, one after the other."""
-    held, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
     for part in parts:
-        z = with_force(likelihood, z, part)
-        held.low, held.high = likelihood.low.copy(), likelihood.high.copy()
-        held.low[noises] = held.high[noises] = z[noises]
-        z = maximise(held, z, SOME, problem.until, True).z
+        z = held(problem, likelihood, with_force(likelihood, z, part), SOME).z
     return z
 
 
-def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution) -> Solution:
-    """Fit of a proposal from a large random force, lowered by continuation.
+def walked(
+    likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
+) -> FloatArray:
+    """Parameters of a shape with a memory, each tried at factors of its value.
 
     With a large random force the filter follows the readings and the cost is smooth, but for
-    ridges that slopes do not cross: its own parameters are walked along first.
+    ridges that slopes do not cross.
     """
-    likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-    start = z = with_force(likelihood, likelihood.start(noises=noises_of(now)), LOWERED[0])
+    start = z = with_force(likelihood, z, LOWERED[0])
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
-            if p.name not in one.free or p.value(z[j]) == 0.0:
+            if p.name not in own or p.value(z[j]) == 0.0:
                 continue
             tried = [z.copy() for _ in factors]
             for new, factor in zip(tried, factors, strict=True):
@@ -153,11 +158,12 @@ def lowered(problem: Problem, one: Proposal, free: Sequence[str], now: Solution)
                 )
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     # What a large random force hides is not decided there.
-    z = min(
-        (start, z), key=lambda at: likelihood.tried(with_force(likelihood, at, LOWERED[-1])).cost
-    )
-    z = continued(problem, likelihood, z, LOWERED[1:])
-    return maximise(likelihood, z, FEW, problem.until, True)
+    return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
+
+
+def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
+    """Coordinates with other noises."""
+    return np.concatenate((z[: z.size - noises.size], noises))
 
 
 def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
@@ -171,10 +177,10 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
-    held = begun(problem, axis, free, fit, SOME, base=())
-    if held.cost > fit.cost:
+    back = begun(problem, axis, free, fit, SOME, base=())
+    if back.cost > fit.cost:
         return fit
-    again = problem.fit(held.axis, free, noises_of(held), SOME, each=each_of(held))
+    again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
     return min(fit, again, key=cost_of)
 
 
@@ -416,11 +422,22 @@ class Search:
         """Full fits: all for a few iterations, the promising ones to the end."""
         problem, free = self.problem, self.problem.free_of(now)
 
+        # A proposal must gain at the noises at which it was proposed, where the cost is smooth.
+        noises = raised(problem, now)
+        model = problem.likelihood(now.axis, free, each=each_of(now))
+        level = held(problem, model, model.start(noises=noises)).cost
+
         def first(one: Proposal) -> Solution | None:
             try:
+                likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
+                z = likelihood.start(noises=noises)
                 if one.remembers:
-                    return lowered(problem, one, free, now)
-                return begun(problem, one.axis, (*free, *one.free), now, quick=True)
+                    z = walked(likelihood, z, one.free, noises)
+                    z = continued(problem, likelihood, z, LOWERED)
+                fit = held(problem, likelihood, with_noises(z, noises))
+                if level - fit.cost < 0.5 * self._needed(one):
+                    return None
+                return maximise(likelihood, fit.z, FEW, problem.until, True)
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
                 self._fail("+".join(one.names), str(wrong))
                 return None
@@ -530,15 +547,18 @@ class Search:
 
         return problem.parallel(one, rows)
 
+    def _needed(self, one: Proposal) -> float:
+        """What the causes of a proposal cost."""
+        return sum(LEAST + self.odds[n] for n in one.names)
+
     def _hopeful(self, now: Solution, look: Look, top: float) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one."""
         one, fit = look.proposal, look.fit
-        needed = sum(LEAST + self.odds[n] for n in one.names)
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
         gain = now.cost - fit.cost + AHEAD * look.hope
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
-        return gain + max(prior, 0.0) > 0.5 * needed and gain > top - SLACK
+        return gain + max(prior, 0.0) > 0.5 * self._needed(one) and gain > top - SLACK
 
     def without(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""

@@ -33,8 +33,6 @@ _FASTER, _NEARLY_ALL = 3.0, 0.995
 _SLOWEST = 0.1
 # Longest time, over the length of the record, by which a drive may be late.
 _LATEST = 0.03
-# A characteristic speed above this fraction of it: the effect acts at most speeds.
-_WIDE = 0.5
 # Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
 # narrower play the filter differs from that without one, but not the machine.  An error of the
 # readings within half an increment is their rounding.
@@ -139,30 +137,16 @@ def placed(
     return all((low < v * near and v < high * near) or low <= v <= high for v, low, high in bounds)
 
 
-def wide(name: str, values: Mapping[str, float], records: Sequence[Record]) -> bool:
-    """Whether an effect with a characteristic speed acts at most speeds of the records.
-
-    `values`: by the full names of its free parameters.
-    """
-    kinds = effect_class(name).parameters()
-    speeds = [v for n, v in values.items() if kinds[n.partition(".")[2]]["unit"] == "m/s"]
-    return bool(speeds) and max(speeds) > _WIDE * max(map(_fastest, records))
-
-
-def amounts(
-    name: str, own: Iterable[str], everywhere: bool = False
-) -> Iterator[tuple[str, float, bool]]:
+def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
     """Those of a candidate's free parameters that tell whether it is there.
 
     Amounts with a value at which the effect vanishes: full name, that value, and whether
-    others may do without it.  The cost is too rough for standard errors of parameters that act
-    only at breakaway, unless they act at most speeds (`everywhere`).
+    others may do without it.
     """
     kinds = effect_class(name).parameters()
     for full in own:
         kind = kinds[full.partition(".")[2]]
-        acts = everywhere or not kind["breaks_away"]
-        if kind["kind"] == "amount" and kind["neutral"] is not None and acts:
+        if kind["kind"] == "amount" and kind["neutral"] is not None:
             yield full, kind["neutral"], kind["optional"]
 
 

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dryfric_control.diagnosis.candidates import amounts, effect_class, placed, wide
+from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.effects.naming import named
 
-# Standard errors by which an amount must differ from none.
-_SURE = 2.0
+# Slope of the log-likelihood with the logarithm of a parameter at a bound that presses it there.
+_PRESSED = 1.0
 
 
 def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
@@ -41,23 +42,35 @@ def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> s
     reason = impossible(problem, fit, name, own)
     if reason:
         return reason
-    values, errors = fit.values(), fit.standard_errors()
-    here = {n: values[n] for n in own if n in values}
-    records = [r.record for r in fit.problem.runs]
-    for full in here:
-        of_kind = effect_class(name).parameters()[full.partition(".")[2]]
-        # A peak narrower than the record shows still raises breakaway.
-        if full in fit.at_bound and not (of_kind["kind"] == "speed" and of_kind["breaks_away"]):
-            return f"{full} ended at a bound"
-    everywhere = wide(name, here, records)
+    if any(full in fit.at_bound and _pressed(fit, full) for full in own):
+        return "ended at a bound"
     rows = [
-        (abs(values[full] - neutral) > _SURE * errors[full], optional)
-        for full, neutral, optional in amounts(name, list(here), everywhere)
+        (_loss(fit, full, neutral) > LEAST, optional)
+        for full, neutral, optional in amounts(name, own)
     ]
     needed = all(there for there, optional in rows if not optional)
     if not (needed or any(there for there, optional in rows if optional)):
         return "not determined"
     return ""
+
+
+def _pressed(fit: Solution, name: str) -> bool:
+    """Whether data want a parameter beyond its bound, rather than leave it open."""
+    slopes = fit.gradients.sum(axis=0) if fit.gradients.size else np.full(fit.z.size, np.inf)
+    rows = zip(fit.problem.names, slopes, strict=False)
+    return any(abs(slope) > _PRESSED for one, slope in rows if one == name)
+
+
+def _loss(fit: Solution, name: str, neutral: float) -> float:
+    """Log-likelihood that is lost without an amount, the other parameters as they are.
+
+    Standard errors do not tell: where an effect acts at single events, differences have no slope.
+    """
+    z, problem = fit.z.copy(), fit.problem
+    for j, p in enumerate(problem.parameters):
+        if p.name == name:
+            z[j] = p.search(max(neutral, p.low))
+    return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
 
 
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:

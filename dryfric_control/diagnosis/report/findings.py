@@ -320,6 +320,8 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     '-1.010704 +- 0.000038 N'
     >>> with_error(1234.5, 160.0), with_error(2.1e-5, 3e-7, "m")
     ('1230 +- 160', '(2.100 +- 0.030)e-05 m')
+    >>> with_error(2.36, 54000.0, "N")
+    '2.4 +- 5.4e+04 N'
     """
     unit = "" if unit == "1" else f" {unit}"
     if not math.isfinite(error):
@@ -327,6 +329,8 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     if error <= 0.0:
         return f"{value:.5g}{unit}"
     last = int(f"{error:.1e}".split("e")[1]) - 1
+    if value != 0.0 and round(value, -last) == 0.0:
+        return f"{value:.2g} +- {error:.2g}{unit}"  # the value, not a zero that was not found
     size = max(abs(value), error)
     if 1e-3 <= size < 1e6:
         digits = max(-last, 0)

@@ -53,8 +53,8 @@ _SPEEDS = (math.sqrt(3.0), -math.sqrt(3.0), 0.0, 0.0, 0.0)
 _FORCES = (0.0, 0.0, math.sqrt(3.0), -math.sqrt(3.0), 0.0)
 _MEANS = (1.0 / 6.0, 1.0 / 6.0, 0.0, 0.0, 2.0 / 3.0)
 _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
-# A drive above the breakaway level by less than the first number, in standard deviations of
-# the random force averaged since it exceeds that level, may be noise of the recorded input: the
+# A drive that has exceeded the breakaway level by less than the first number, in standard
+# deviations of the sum of the random force since then, may be noise of the recorded input: the
 # mean stays at rest.  Beyond the second number it moves.
 _MAY_HOLD = (1.5, 3.0)
 # Margin to breakaway, in standard deviations of the random force, beyond which it is excluded.
@@ -204,24 +204,16 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
 
 @step.internal
 def _beyond(plant, held, t, x, v, rest):
-    """Excess of the drive over what friction can hold, with its sign; 0 if it holds."""
+    """Side to which the drive pulls, and its excess over what friction can hold, negative below."""
     w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
     level = step.breakaway_level(plant, t, x, w, s, rest)
     beyond = s * w - level
-    if beyond <= 0.0:
-        return 0.0
-    # A level that grows with the load falls with the drive.
-    less = level - step.breakaway_level(plant, t, x, w - s * beyond, s, rest)
-    return s * beyond * beyond / max(beyond - less, 1e-3 * beyond)
-
-
-@step.internal
-def _doubted(excess, deviation):
-    """Part of an excess of the drive over breakaway that may be noise of the recorded input."""
-    sure, certain = _MAY_HOLD
-    doubt = (certain * deviation - abs(excess)) / ((certain - sure) * deviation)
-    return excess * min(max(doubt, 0.0), 1.0) * (1.0 + 1e-9)
+    if beyond > 0.0:
+        # A level that grows with the load falls with the drive.
+        less = level - step.breakaway_level(plant, t, x, w - s * beyond, s, rest)
+        beyond *= beyond / max(beyond - less, 1e-3 * beyond)
+    return s, beyond
 
 
 @step.internal
@@ -385,7 +377,7 @@ def _innovations(
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
         two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
     row, side, kept = 0, 0.0, False
-    over, pulled = 1, 0.0
+    over, pulled, pull = 1, 0.0, 0.0
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
@@ -434,11 +426,13 @@ def _innovations(
             drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
             doubt = 0.0
             if not sliding:
-                excess = _beyond(plant, step.held_force(drive), t, x, v, rest)
-                over = over + 1 if excess * pulled > 0.0 else 1
-                pulled = excess
-                # Noise of so many samples has a smaller mean.
-                doubt = _doubted(excess, deviation / math.sqrt(over))
+                s, beyond = _beyond(plant, step.held_force(drive), t, x, v, rest)
+                # The excess of so many samples that is noise grows as their root.
+                pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
+                over, pull = over + 1 if pulled > beyond else 1, s
+                sure, certain = _MAY_HOLD
+                part = (certain - pulled / (deviation * math.sqrt(over))) / (certain - sure)
+                doubt = s * max(beyond, 0.0) * min(max(part, 0.0), 1.0) * (1.0 + 1e-9)
             if not plain:
                 # This also advances the drive.
                 count[0] = 0

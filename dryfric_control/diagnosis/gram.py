@@ -31,7 +31,8 @@ from dryfric_control.estimation.likelihood import BOLD, Likelihood, Point, wonde
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import Column, View, simulated
+from dryfric_control.model.effects.columns import Column, View, difference, simulated
+from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
@@ -39,8 +40,9 @@ FloatArray = NDArray[np.float64]
 # Largest change of an innovation by a simulated shape, in standard deviations, and bounds of the
 # change of a base parameter in the start of a fit.
 _FAR, _BASE = 30.0, (0.4, 2.5)
-# Columns whose responses are computed at once, and ridge of the normal equations.
-_AT_ONCE, _RIDGE = 32, 1e-9
+# Columns whose responses are computed at once, ridge of the normal equations, and the relative
+# change of a nominal effect's parameter whose force is a column.
+_AT_ONCE, _RIDGE, _CHANGED = 32, 1e-9, 0.05
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,7 @@ class Gram:
         for name in self.names:
             try:
                 if name in present:
-                    found[name] = [*_changes(present[name])]
+                    found[name] = [*_changes(name, present[name], cast(View, self.here))]
                 else:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as problem:
@@ -345,7 +347,33 @@ class Gram:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
                 found.append((now - before, list(chosen)))
+        pair = self._pair()
+        if pair:
+            gain = self.gain(pair) - before
+            if gain > max(self.singles[self.items[g].name] + self._chance(g) for g in pair):
+                found.append((gain, pair))
         return found
+
+    def _pair(self) -> list[int]:
+        """The two columns that gain most beyond what they gain alone; selection does not see them.
+
+        Such as an asymmetry that a wrong constant force of the nominal axis hides.
+        """
+        some = [g for g, one in enumerate(self.items) if len(one.at) == 1 and one.gain == -math.inf]
+        if len(some) < 2:
+            return []
+        at, f = [self.items[g].at[0] for g in some], self.fixed
+        base = np.linalg.solve(self.g[:f, :f] + _RIDGE * np.eye(f), self.g[:f, at])
+        m = self.g[np.ix_(at, at)] - self.g[:f, at].T @ base
+        h, d = self.b[at] - base.T @ self.b[:f], np.maximum(np.diag(m), _RIDGE)
+        det = np.outer(d, d) - m * m
+        first = (np.outer(h, d) - m * h) / np.maximum(det, 1e-300)  # the first coefficient
+        gain = first * h[:, None] + first.T * h[None, :] - np.add.outer(h * h / d, h * h / d)
+        wrong = np.array([self.items[g].column.positive for g in some])[:, None] & (first <= 0.0)
+        names = np.array([self.items[g].name for g in some])
+        gain[(det < SAME**2 * np.outer(d, d)) | wrong | wrong.T | (names[:, None] == names)] = 0.0
+        i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        return [some[i], some[j]] if gain[i, j] > 0.0 else []
 
     def _chance(self, g: int) -> float:
         return CHANCE + self.odds[self.items[g].name]
@@ -447,10 +475,22 @@ class Gram:
             yield axis, tuple(free)
 
 
-def _changes(effect: object) -> Iterator[Column]:
-    """Other values of an effect that the nominal axis has."""
-    now = {n: float(getattr(effect, n)) for n in type(effect).named_parameters()}  # type: ignore[attr-defined]
-    for name, value in now.items():
-        for factor in (0.2, 0.7, 1.4, 2.0):
-            changed = now | {name: factor * value}
-            yield simulated(**changed)
+def _changes(name: str, effect: Effect, view: View) -> Iterator[Column]:
+    """Other values of an effect that the nominal axis has: relative changes of each parameter."""
+    now = dict(zip(type(effect).named_parameters(), effect.values, strict=True))
+    for one, value in now.items():
+        if value == 0.0:
+            continue
+        force = None
+        if effect.action in ("force", "friction", "input"):
+            axis = with_effect(view.axis, name, now | {one: value * (1.0 + _CHANGED)}).axis
+            force = difference(axis, view) / _CHANGED
+        if force is None or not np.any(force):
+            for factor in (0.2, 0.7, 1.4, 2.0):
+                yield simulated(**now | {one: factor * value})
+            continue
+
+        def values(c: Sequence[float], one: str = one, value: float = value) -> dict[str, float]:
+            return now | {one: value * (1.0 + float(c[0]))}
+
+        yield Column(values, (force,))

@@ -196,11 +196,15 @@ def prior_of(fit: Solution) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A proposal while it is fitted; `hope`: fall of the cost that another step may bring."""
+    """A proposal while it is fitted.
+
+    `hope`: fall of the cost that another step may bring; `first`: that of the first look.
+    """
 
     proposal: Proposal
     fit: Solution
     hope: float
+    first: float
     turns: int = 0
 
 
@@ -430,11 +434,13 @@ class Search:
         def first(one: Proposal) -> Solution | None:
             try:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-                z = likelihood.start(noises=noises)
+                alike = noises.copy()  # a random force that accelerates as much
+                alike[::2] += 2.0 * math.log(one.axis.mass / now.axis.mass)
+                z = likelihood.start(noises=alike)
                 if one.remembers:
-                    z = walked(likelihood, z, one.free, noises)
+                    z = walked(likelihood, z, one.free, alike)
                     z = continued(problem, likelihood, z, LOWERED)
-                fit = held(problem, likelihood, with_noises(z, noises))
+                fit = held(problem, likelihood, with_noises(z, alike))
                 if level - fit.cost < 0.5 * self._needed(one):
                     return None
                 return maximise(likelihood, fit.z, FEW, problem.until, True)
@@ -455,7 +461,8 @@ class Search:
         some = [looked[p] for p in proposals]
         # What no machine can have must not outdo what it may.
         waiting = [
-            Look(p, f, f.promised) for p, f in zip(proposals, some, strict=True)
+            Look(p, f, f.promised, now.cost - f.cost)
+            for p, f in zip(proposals, some, strict=True)
             if f is not None
             and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
         ]  # fmt: skip
@@ -476,7 +483,7 @@ class Search:
             reason = next(filter(None, reasons), "")
             return Row(one.names, one.free, fit, worth, one.predicted, reason)
 
-        rows, top = list[Row](), -math.inf
+        rows, top, first_of = list[Row](), (-math.inf, -math.inf), dict[tuple[str, ...], float]()
         while True:
             # The most promising goes on; what can neither pay nor outdo the best is left, and
             # joined causes of which one alone fits better: the next round begins there.
@@ -500,11 +507,15 @@ class Search:
             if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
                 best = max((r.evidence for r in rows if not r.reason), default=0.0)
                 rows.append(self._restored(now, row(one, fit), best, one.held))
-                falls = [now.cost - r.fit.cost for r in rows if not r.reason and r.evidence > 0.0]
-                top = max(falls, default=-math.inf)
+                first_of[one.names] = last.first
+                falls = [
+                    (now.cost - r.fit.cost, first_of[r.names]) for r in rows
+                    if not r.reason and r.evidence > 0.0
+                ]  # fmt: skip
+                top = max(falls, default=(-math.inf, -math.inf))
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
-                waiting.append(Look(one, fit, hope, turns))
+                waiting.append(Look(one, fit, hope, last.first, turns))
 
     def _restored(self, now: Solution, row: Row, top: float, start: FrictionAxis | None) -> Row:
         """The row with the base back at nominal where that may decide which one is best."""
@@ -551,14 +562,19 @@ class Search:
         """What the causes of a proposal cost."""
         return sum(LEAST + self.odds[n] for n in one.names)
 
-    def _hopeful(self, now: Solution, look: Look, top: float) -> bool:
-        """Whether a fit may still gain what its causes cost, and as much as the best one."""
+    def _hopeful(self, now: Solution, look: Look, top: tuple[float, float]) -> bool:
+        """Whether a fit may still gain what its causes cost, and as much as the best one.
+
+        `top`: what that gained in the end, and at the first look: looks are compared with looks.
+        """
         one, fit = look.proposal, look.fit
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
         gain = now.cost - fit.cost + AHEAD * look.hope
+        equal = not look.turns and look.first > top[1] - SLACK
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
-        return gain + max(prior, 0.0) > 0.5 * self._needed(one) and gain > top - SLACK
+        pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
+        return pays and (equal or gain > top[0] - SLACK)
 
     def without(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""

@@ -32,8 +32,9 @@ _TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
 # Lengths of the steps along the principal axes, in standard errors, that are tried where the cost
 # is rough.
 _POLLED = (3.0, 10.0)
-# Fractions of the random force that are tried where a search ends.
-_QUIETER = (0.5, 0.2, 0.07)
+# Fractions of the random force that are tried where a search ends: the first crosses a ridge of a
+# rough cost.
+_QUIETER = (0.9, 0.5, 0.2, 0.07)
 
 
 def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:

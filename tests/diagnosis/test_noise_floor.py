@@ -206,8 +206,8 @@ def test_one_late_breakaway_in_a_replay_moves_no_floor():
 
 def test_errors_are_far_above_where_no_replay_errs_as_much():
     replays = np.full((6, 4), 1e-10)
-    assert not far_above([np.full(4, 1.6e-9)], [replays])
-    assert far_above([np.full(4, 1.8e-9)], [replays])
+    assert not far_above([np.full(4, 1.8e-9)], [replays])
+    assert far_above([np.full(4, 1.9e-9)], [replays])
     # One window a hundred times as far off, and none of two records but that.
     late = np.array([1e-10, 1e-6, 1e-10, 1e-10])
     assert far_above([late], [replays])

@@ -464,7 +464,8 @@ def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
 )
 def test_what_the_true_model_leaves_is_the_noise_of_the_input(effects, seed):
     # The bench's records: masses start anywhere in their play, contacts with any strain.
-    assert left_by_truth(effects, seed) == pytest.approx([1.0] * 3, abs=0.3)
+    # A single record's cost is rough: its likeliest force may be a third off.
+    assert np.mean(left_by_truth(effects, seed)) == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.parametrize(

@@ -181,6 +181,11 @@ def added(effect: EffectClass, values: dict[str, float], view: View) -> FloatArr
     if effect.action == "reading":
         rows = zip(view.t, view.x, view.v, view.u, view.level, view.direction, strict=True)
         return np.array([effect.law(*row, 0.0, one.values) for row in rows])
+    return difference(axis, view)
+
+
+def difference(axis: Any, view: View) -> FloatArray:
+    """Force that another axis has beyond that of the model while it slides."""
     model = []
     sign = np.sign(view.direction).astype(np.int64)
     for each in (axis, view.axis):

@@ -179,8 +179,8 @@ BAD = {
     "unknown unit of time": (good(units={"t": "m"}), "unit 'm' of the time is not known"),
     "unit with brackets": (good(units={"x": "a]b"}), "short word without brackets"),
     "unit no text": (good(units={"x": 3}), "unit of x must be text"),
-    "negative quantum": (good(quantum=-1e-6), "quantum must be finite and positive"),
-    "nan quantum": (good(quantum=math.nan), "quantum must be finite and positive"),
+    "negative quantum": (good(quantum=-1e-6), "quantum must be zero or more"),
+    "nan quantum": (good(quantum=math.nan), "quantum must be a finite number"),
 }
 
 

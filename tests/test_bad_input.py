@@ -714,7 +714,9 @@ rows(
     ("read_record", dict(rate=1e3), "leave rate= out", "column of time"),
     ("read_record", dict(rate=1e3, dt=1e-3), "without a column of time", "rate and dt"),
     ("read_record", dict(max_gap=0.1), "give dt=", "max_gap"),
-    ("read_record", dict(dt=1e-3, max_gap=-1.0), "positive", "max_gap"),
+    ("read_record", dict(dt=1e-3, max_gap=-1.0), "more than zero", "max_gap"),
+    ("read_record", dict(columns={"referense": "x"}), "Did you mean 'reference'"),
+    ("read_record", dict(columns={"x": None}), "column of velocity", "x"),
     ("read_record", dict(gain={"w": 2.0}), "channels are", "'w'"),
     ("read_record", dict(gain={"v": 2.0}), "it has t, u, x", "'v'"),
     ("read_record", dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
@@ -722,7 +724,10 @@ rows(
     ("read_record", dict(joint="elbow"), "available", "joint 'elbow'"),
     ("Scaling", dict(gain=3), "number or a mapping"),
     ("Scaling", dict(gain={"x": 0.0}), "not zero", "gain"),
+    ("Scaling", dict(gain={"x": NAN}), "finite", "gain"),
+    ("Scaling", dict(gain={"y": 1.0}), "the channels are", "'y'"),
     ("Scaling", dict(gain={"reference": 2.0}), "takes the gain of x"),
+    ("Scaling", dict(torque_constant=1.0, force_constant=1.0), "a motor has one"),
     *(
         ("Scaling", dict([(name, 0.0)]), "more than zero", name)
         for name in (
@@ -863,8 +868,8 @@ files(
     ),
     (
         "bare.json",
-        '{"format": "dryfric-control observer design", "version": 2}',
-        "axis",
+        '{"format": "dryfric-control observer design", "version": 1}',
+        "content",
         "save the observer",
     ),
     ("deep.json", "[" * 100_000, "deep.json", "JSON"),
@@ -1049,7 +1054,12 @@ for _name in ("to_isaac", "to_simscape"):
     )
 rows(
     ("to_isaac", dict(load=None), "give load"),
-    ("to_simscape", dict(result=AXIS.replace(units=("counts", "V"))), "the blocks take", "units"),
+    (
+        "to_simscape",
+        dict(result=AXIS.replace(units=("counts", "V"))),
+        "and the axis has units",
+        "units",
+    ),
     ("motion_profile", dict(points=[0.0, NAN]), "finite"),
     ("motion_profile", dict(points=[[0.0, 1.0]]), "shape"),
     ("motion_profile", dict(points=1e12), "units of points", "points"),

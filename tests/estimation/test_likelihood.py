@@ -82,46 +82,6 @@ def test_agrees_with_a_textbook_filter(sliding):
     np.testing.assert_allclose(fast[0, 1:], slow[0, 1:], atol=1e-5 * math.sqrt(slow[1, -1]))
 
 
-def test_agrees_with_the_density_of_all_readings_together():
-    """Innovations factor the joint normal density of the readings."""
-    rng = np.random.default_rng(2)
-    n, force, reading = 60, 0.25, 4e-12
-    u = np.full(n, 20.0)
-    # Noise far below what the filter allows for, so that no reading is doubted.
-    y = LINEAR.simulate(u, dt=DT, v0=1.0).y[0] + 2e-8 * rng.standard_normal(n)
-    out, _ = innovations(LINEAR, u, y, force, reading)
-    split = -0.5 * np.sum(np.log(2.0 * np.pi * out[1, 1:]) + out[0, 1:] ** 2 / out[1, 1:])
-
-    lam = LINEAR.viscous / LINEAR.mass
-    fall = math.exp(-lam * DT)
-    a = np.array([[1.0, (1.0 - fall) / lam], [0.0, fall]])
-    b = np.array([0.5 * DT**2, DT]) / LINEAR.mass
-    drive = np.array([(DT - (1.0 - fall) / lam) / LINEAR.viscous, (1.0 - fall) / LINEAR.viscous])
-    m = compiled.FIRST
-    v0 = (y[m] - y[0]) / (m * DT)
-    mean, cov = np.array([y[0], v0]), np.diag(
-        [reading, 0.1 * v0 * v0 + 4.0 * reading / (m * DT) ** 2 + force * (DT / LINEAR.mass) ** 2]
-    )  # fmt: skip
-    maps, means = [], []
-    root = np.linalg.cholesky(cov)
-    spread = np.hstack([root, np.zeros((2, n - 1))])
-    for k in range(1, n):
-        spread = a @ spread
-        spread[:, 1 + k] += math.sqrt(force) * b
-        mean = a @ mean + drive * 19.0
-        maps.append(spread[0].copy())
-        means.append(mean[0])
-    # Work in units of the reading's noise, else the determinant is out of range.
-    rows = np.array(maps) / math.sqrt(reading)
-    joint = rows @ rows.T + np.eye(n - 1)
-    rest = (y[1:] - np.array(means)) / math.sqrt(reading)
-    _, log_det = np.linalg.slogdet(joint)
-    whole = -0.5 * (
-        rest @ np.linalg.solve(joint, rest) + log_det + (n - 1) * math.log(2.0 * np.pi * reading)
-    )
-    assert split == pytest.approx(whole, rel=1e-6)
-
-
 def moved_axis(rng, noise, reading, seconds=6.0):
     """A record with rests and reversals, force noise on the recorded input."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)

@@ -3,15 +3,11 @@
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
+import native
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import native
 
 import dryfric_control as dfc
 from dryfric_control.compiled import compensation, hybrid_filter, observer

@@ -2,14 +2,10 @@
 
 import dataclasses
 import shutil
-import sys
-from pathlib import Path
 
+import native
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import native
 
 import dryfric_control as dfc
 from dryfric_control.export import export_fmu

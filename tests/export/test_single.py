@@ -1,14 +1,10 @@
 """Single precision after hours and far from zero, against double precision and closed forms."""
 
 import subprocess
-import sys
-from pathlib import Path
 
+import native
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import native
 
 import dryfric_control as dfc
 from dryfric_control.compiled import axis_step, compensation, hybrid_filter, observer

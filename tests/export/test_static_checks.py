@@ -3,14 +3,11 @@
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
+import native
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import native
 
 import dryfric_control as dfc
 from dryfric_control.export import export_c

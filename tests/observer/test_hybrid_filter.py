@@ -107,40 +107,9 @@ def test_of_a_density_that_is_nearly_all_tail_the_rest_is_left():
     assert np.all(np.isfinite(kernel._without(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
 
 
-def test_what_was_cut_before_is_not_cut_again():
-    # Nothing has moved: only the part that time allows.  All new: all of it.
-    assert kernel._share(0.8, 0.8, 0.02) == pytest.approx(0.02)
-    assert kernel._share(0.8, 0.9, 0.02) == pytest.approx(0.02)
-    assert kernel._share(1.0, 0.8, 0.0) == pytest.approx(1.0)
-    # Of a density with 0.8 inside, 0.1 crosses the bound: what is left is (1 - 0.1/0.8).
-    share = kernel._share(0.8, 0.7, 0.0)
-    assert 1.0 - share * (1.0 - 0.7) == pytest.approx(1.0 - 0.1 / 0.8)
-
-
-@njit
-def add(s, i, k, factor):
-    kernel._add(axis_step.pointer(s), 0, i, k, factor)
-
-
-@pytest.mark.parametrize(("i", "k"), [(0, 1), (1, 0), (1, 4), (5, 2)])
-def test_a_state_is_added_to_another(i, k):
-    root = np.random.default_rng(0).normal(size=(6, 6))
-    step = np.eye(6)
-    step[i, k] = 0.7
-    lower = np.tril_indices(6)
-    s = (root @ root.T)[lower]
-    add(s, i, k, 0.7)
-    assert s == pytest.approx((step @ root @ root.T @ step.T)[lower], rel=1e-12)
-
-
 @njit
 def make_positive(s):
     kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
-
-
-@njit
-def arrive(s, mode, probability):
-    kernel._arrive(axis_step.pointer(s), 0, mode, probability, kernel.LEAVING)
 
 
 @njit
@@ -187,25 +156,6 @@ def test_a_covariance_is_kept_or_made_positive(seed):
     assert np.linalg.eigvalsh(mended / np.outer(d, d))[0] > -1e-14
     # nothing grows: a small pivot must not become a large column
     assert np.all(np.diag(mended) <= np.diag(bad) * (1.0 + 1e-9))
-
-
-def test_moments_of_two_densities_that_meet():
-    rng = np.random.default_rng(3)
-    s = np.zeros(kernel.SIZE)
-    means, spreads, parts = rng.standard_normal((2, 6)), [spread(rng), spread(rng)], (0.3, 0.5)
-    for mean, P, part in zip(means, spreads, parts, strict=True):
-        put(s, kernel.LEAVING, mean, P)
-        arrive(s, 1, part)
-    at = kernel.ARRIVED + kernel.GAUSSIAN + 1
-    share = np.array(parts) / 0.8
-    mean = share @ means
-    total = sum(
-        w * (P + np.outer(m - mean, m - mean))
-        for w, P, m in zip(share, spreads, means, strict=True)
-    )
-    assert s[at] == pytest.approx(0.8)
-    np.testing.assert_allclose(s[at + 1 : at + 7], mean)
-    np.testing.assert_allclose(covariance_at(s, at + 1), total)
 
 
 @pytest.mark.parametrize("column", [0, 1])

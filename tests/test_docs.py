@@ -28,7 +28,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
-PAGES = ["README.md", "docs/tutorial.md", "docs/observer.md", "docs/effects.md", *GUIDES]
+PAGES = ["README.md", "docs/index.md", "docs/tutorial.md", "docs/observer.md", "docs/effects.md", *GUIDES]
 
 
 def extension(name):
@@ -192,7 +192,8 @@ def test_badges_state_what_the_project_file_states():
 #: Every page that is read as it is, on a code host too.
 MARKDOWN = sorted(
     str(path.relative_to(ROOT))
-    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("*/*.md"))
+    for place in ("", "benchmarks", "docs", "docs/*")
+    for path in ROOT.glob(f"{place}/*.md" if place else "*.md")
 )
 NOTEBOOKS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
 
@@ -261,7 +262,7 @@ def test_every_page_with_code_is_run():
 
 
 #: Pages whose diagnoses try the whole catalogue; those of the others try some causes.
-WHOLE = ("README.md", "docs/tutorial.md")
+WHOLE = ("README.md", "docs/index.md", "docs/tutorial.md")
 
 
 @pytest.fixture

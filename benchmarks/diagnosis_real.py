@@ -3,7 +3,7 @@
     python benchmarks/diagnosis_real.py [emps] [laas] [pneumatic] [bam] [--time-limit S]
 
 What is known about each record stands in ../shared/data/README.md.  EMPS, a linear
-drive: every contiguous 40 % from the published symmetric parameters, each tested by the
+drive: every contiguous 40 % from the published symmetric model with its offset, tested by the
 force residual on the rest.  LAAS, a motor's bench: cogging of 72 a turn.  Pneumatic: one
 seal at four pressures, whose Coulomb level grows.  BAM, a servo pendulum: the logs at
 kp = 100 together, tested on those at kp = 400.
@@ -37,8 +37,8 @@ def diagnosed(title: str, axis, record, **settings) -> dfc.Diagnosis:  # type: i
 
 def emps(**settings) -> None:  # type: ignore[no-untyped-def]
     """Viscous asymmetry on every contiguous 40 %."""
-    record = dfc.read_record(DATA / "emps" / "DATA_EMPS.mat")
-    axis = dfc.FrictionAxis(mass=95.11, viscous=203.5, coulomb=20.39)
+    record = dfc.datasets.emps(DATA / "emps" / "DATA_EMPS.mat")
+    axis = dfc.datasets.emps_axis()
     n = len(record)
     for start in (0.0, 0.2, 0.3, 0.6):
         a, b = round(start * n), round((start + 0.4) * n)

@@ -28,7 +28,14 @@ from dryfric_control.model.effects.effect import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
-PAGES = ["README.md", "docs/index.md", "docs/tutorial.md", "docs/observer.md", "docs/effects.md", *GUIDES]
+PAGES = [
+    "README.md",
+    "docs/index.md",
+    "docs/tutorial.md",
+    "docs/observer.md",
+    "docs/effects.md",
+    *GUIDES,
+]
 
 
 def extension(name):

@@ -41,8 +41,8 @@ FloatArray = NDArray[np.float64]
 # change of a base parameter in the start of a fit.
 _FAR, _BASE = 30.0, (0.4, 2.5)
 # Columns whose responses are computed at once, ridge of the normal equations, and the relative
-# change of a nominal effect's parameter whose force is a column.
-_AT_ONCE, _RIDGE, _CHANGED = 32, 1e-9, 0.05
+# change of a nominal effect's parameter whose force is a column; pairs that are solved in full.
+_AT_ONCE, _RIDGE, _CHANGED, _PAIRS = 32, 1e-9, 0.05, 50
 
 
 @dataclass(frozen=True)
@@ -347,15 +347,15 @@ class Gram:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
                 found.append((now - before, list(chosen)))
-        pair = self._pair()
-        if pair:
-            gain = self.gain(pair) - before
-            if gain > max(self.singles[self.items[g].name] + self._chance(g) for g in pair):
-                found.append((gain, pair))
-        return found
+        pairs = [(self.gain(pair) - before, pair) for pair in self._pairs()]
+        helping = [
+            (gain, pair) for gain, pair in pairs
+            if gain > max(self.singles[self.items[g].name] + self._chance(g) for g in pair)
+        ]  # fmt: skip
+        return [*found, *sorted(helping, reverse=True)[:JOINT]]
 
-    def _pair(self) -> list[int]:
-        """The two columns that gain most beyond what they gain alone; selection does not see them.
+    def _pairs(self) -> list[list[int]]:
+        """Two columns that gain most beyond what they gain alone; selection does not see them.
 
         Such as an asymmetry that a wrong constant force of the nominal axis hides.
         """
@@ -372,8 +372,10 @@ class Gram:
         wrong = np.array([self.items[g].column.positive for g in some])[:, None] & (first <= 0.0)
         names = np.array([self.items[g].name for g in some])
         gain[(det < SAME**2 * np.outer(d, d)) | wrong | wrong.T | (names[:, None] == names)] = 0.0
-        i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
-        return [some[i], some[j]] if gain[i, j] > 0.0 else []
+        gain = np.triu(gain)
+        best = np.argsort(-gain, axis=None)[:_PAIRS]
+        rows = np.stack(np.unravel_index(best, gain.shape), axis=1)
+        return [[some[i], some[j]] for i, j in rows if gain[i, j] > 0.0]
 
     def _chance(self, g: int) -> float:
         return CHANCE + self.odds[self.items[g].name]

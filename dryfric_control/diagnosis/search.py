@@ -441,7 +441,7 @@ class Search:
                     z = walked(likelihood, z, one.free, alike)
                     z = continued(problem, likelihood, z, LOWERED)
                 fit = held(problem, likelihood, with_noises(z, alike))
-                if level - fit.cost < 0.5 * self._needed(one):
+                if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
                 return maximise(likelihood, fit.z, FEW, problem.until, True)
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:

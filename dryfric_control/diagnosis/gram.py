@@ -355,9 +355,10 @@ class Gram:
         return [*found, *sorted(helping, reverse=True)[:JOINT]]
 
     def _pairs(self) -> list[list[int]]:
-        """Two columns that gain most beyond what they gain alone; selection does not see them.
+        """Columns that gain most beside a value of the nominal axis's effects, beyond both alone.
 
-        Such as an asymmetry that a wrong constant force of the nominal axis hides.
+        As base parameters, such values may be wrong and hide an effect: a constant force hides an
+        asymmetry.  Selection does not see two that help only together.
         """
         some = [g for g, one in enumerate(self.items) if len(one.at) == 1 and one.gain == -math.inf]
         if len(some) < 2:
@@ -371,6 +372,8 @@ class Gram:
         gain = first * h[:, None] + first.T * h[None, :] - np.add.outer(h * h / d, h * h / d)
         wrong = np.array([self.items[g].column.positive for g in some])[:, None] & (first <= 0.0)
         names = np.array([self.items[g].name for g in some])
+        believed = np.isin(names, [*named(self.problem.believed)])
+        wrong |= ~(believed[:, None] | believed)
         gain[(det < SAME**2 * np.outer(d, d)) | wrong | wrong.T | (names[:, None] == names)] = 0.0
         gain = np.triu(gain)
         best = np.argsort(-gain, axis=None)[:_PAIRS]

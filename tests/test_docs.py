@@ -298,7 +298,16 @@ def bench(page, tmp_path, monkeypatch):
     matplotlib.pyplot.close("all")
 
 
+@pytest.fixture
+def own_catalogue(monkeypatch):
+    """Without the effects that other tests have registered in this process."""
+    for slug, effect in list(REGISTRY.items()):
+        if not effect.__module__.startswith("dryfric_control."):
+            monkeypatch.delitem(REGISTRY, slug)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("own_catalogue")
 @pytest.mark.parametrize("page", PAGES)
 def test_code_of_the_pages_runs(page, bench):
     """Blocks of one page in turn: plain code is run, a transcript is compared as well."""

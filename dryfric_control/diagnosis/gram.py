@@ -178,7 +178,9 @@ class Gram:
             problem.tolerance.get(n, BOLD) ** -2 if problem.nominal[n] > 0.0 else 1e-6
             for n in self.base
         ]
-        self.g[np.diag_indices(self.fixed)] += ridge / np.maximum(self.scale[: self.fixed] ** 2, 1e-300)
+        self.g[np.diag_indices(self.fixed)] += ridge / np.maximum(
+            self.scale[: self.fixed] ** 2, 1e-300
+        )
         self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
         for name in self.names:
             some = [i.column for i in self.items if i.name == name]

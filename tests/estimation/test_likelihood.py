@@ -156,6 +156,18 @@ def test_a_moving_axis_is_read_as_without_cells(sliding):
     np.testing.assert_allclose(cells, fine, rtol=1e-4, atol=1e-4 * q)
 
 
+def test_a_load_dependence_that_vanishes_changes_nothing():
+    """Slow breakaways of a loop: what the filter takes for noise must not hang on the law."""
+    case = truth.make_case("inertia", 41, "off")
+    axis, costs = believed(replace(case, believed=case.actual)), []
+    for effects in ((), (dfc.effects.LoadDependence(1e-7),)):
+        problem = Likelihood(axis.replace(effects=effects), (), [prepare(record(case))])
+        z = problem.start(0.01)
+        z[-1] = problem.low[-1]
+        costs.append(problem.at(z).cost)
+    assert costs[1] == pytest.approx(costs[0], abs=1.0)
+
+
 @pytest.mark.parametrize("dwell", (0.0, 3.0))
 def test_noise_of_the_recorded_drive_moves_no_resting_axis(dwell):
     """Just below breakaway the drive as recorded exceeds the level again and again."""

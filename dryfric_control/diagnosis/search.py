@@ -99,9 +99,8 @@ def long_run(fit: Solution) -> float:
 
 
 def begun(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = FEW,
-    quick: bool = False, **settings: Any,
-) -> Solution:  # fmt: skip
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, **settings: Any
+) -> Solution:
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
     From far away a small random force leads to a local minimum, thousands of units too high: with
@@ -111,7 +110,7 @@ def begun(
     z = likelihood.start(noises=noises_of(now))
     if likelihood.tried(z).cost > now.cost + SLACK:
         z = likelihood.start(1.0)
-    return maximise(likelihood, z, turns, problem.until, quick)
+    return maximise(likelihood, z, SOME, problem.until)
 
 
 def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
@@ -177,7 +176,7 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
-    back = begun(problem, axis, free, fit, SOME, base=())
+    back = begun(problem, axis, free, fit, base=())
     if back.cost > fit.cost:
         return fit
     again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
@@ -444,7 +443,7 @@ class Search:
                 if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
                 return maximise(likelihood, fit.z, FEW, problem.until, True)
-            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
+            except (ValueError, ArithmeticError) as wrong:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
@@ -473,7 +472,7 @@ class Search:
                     return maximise(fit.problem, fit.z, FEW, problem.until, again=True)
                 names = (*free, *one.free)
                 return problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
-            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as wrong:
+            except (ValueError, ArithmeticError) as wrong:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
@@ -584,7 +583,7 @@ class Search:
         causes = [c for c in now.causes if c != name]
         if not holds(problem.believed, name):
             rest, causes = renumbered(rest, name), renumbered(causes, name)
-        less = begun(problem, axis, rest, fit, SOME)
+        less = begun(problem, axis, rest, fit)
         before = self._rounds.get(frozenset(causes))
         return Model(less if before is None else min(less, before[0], key=cost_of), tuple(causes))
 

@@ -194,9 +194,10 @@ class Solution:
             while np.all(there[noise] < problem.high[noise]):
                 there[noise] = np.minimum(there[noise] + _LOUDER, problem.high[noise])
                 point = problem.tried(there)
-                if not point.out or not blocks(point)[mine].sum() < costs[mine].sum():
+                here = blocks(point)[mine] if point.out else costs[mine]
+                if not here.sum() < costs[mine].sum():
                     break
-                costs[mine] = blocks(point)[mine]
+                costs[mine] = here
         return costs, (found[0], found[1]), half
 
     def held_out(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Free runs over the windows of a record, and their normal equations, compiled.
+"""Free runs over the windows of a record, compiled.
 
 They release the interpreter lock, so that starts and candidates can run in threads.
 """
@@ -48,18 +48,16 @@ class Evaluation(NamedTuple):
 
     Attributes
     ----------
-    errors, by_x, by_v : ndarray, shape (n,)
-        Simulated - measured position, and its slopes with the start state.
+    errors : ndarray, shape (n,)
+        Simulated - measured position.
     starts : ndarray, shape (3, nwindows)
         Corrections of the start states; position of a load in its play (-1 to 1)
         if it does not continue from the previous window, else NaN.
     costs : ndarray, shape (nwindows,)
-        Sum of squares over scale^2, plus the cost of the corrections.
+        Sum of squares over noise^2, plus the cost of the corrections.
     """
 
     errors: Any
-    by_x: Any
-    by_v: Any
     starts: Any
     costs: Any
 
@@ -71,7 +69,7 @@ class Search(NamedTuple):
     linked: bool  # windows pass on their inner states
     uniform: bool  # the axis is the same at every position
     scale: float  # standard deviation of the errors
-    rounds: int  # of new slopes with the start state; negative: no search and no slopes
+    rounds: int  # of new slopes with the start state
     offsets: Any  # other start velocities, in standard deviations
 
 
@@ -240,19 +238,18 @@ def _needed(active, linked, i):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def free_runs(axis, w, active, linked, starts, out):
-    """Positions of free runs over the active windows from corrected start states.
+def free_runs(axis, w, active, out):
+    """Positions of free runs over the active windows from their start states.
 
-    `axis` is the `Arrays` of an axis, `starts` as in `Evaluation`.  A window continues
-    with the inner states and the time at rest at the end of the previous one, if that
-    was run; `linked`: the window before an active one is run too.
+    `axis` is the `Arrays` of an axis.  A window continues with the inner states and the
+    time at rest at the end of the previous one, if that was run.
     """
     run = _run_of(axis)
     inner = np.full(axis_step.N_INNER + 1, np.nan)
     for i in range(w.edges.shape[0] - 1):
-        if _needed(active, linked, i):
-            _inner_at(run, w, i, starts[2, i], inner)
-            _free_run(run, w, i, w.x0[i] + starts[0, i], w.v0[i] + starts[1, i], inner, out)
+        if active[i]:
+            _inner_at(run, w, i, np.nan, inner)
+            _free_run(run, w, i, w.x0[i], w.v0[i], inner, out)
             _end(run.memory, inner)
         else:
             inner[:] = np.nan
@@ -283,39 +280,34 @@ def _start_terms(w, i, scale, dx, dv, errors, by_x, by_v):
 
 
 @axis_step.internal
-def _search_start(run, w, i, search, rounds, dx, dv, inner, at, out, tried, after):
+def _search_start(run, w, i, search, rounds, dx, dv, inner, scratch, out, tried, after):
     """Search the start state of window i from the corrections dx, dv.
 
-    Leaves the run in out[a:b], its slopes in at.by_x and at.by_v and the inner
-    states at its end in `after`.  With rounds < 0 there is one run from the given
-    corrections, and no slopes.
+    Leaves the run in out[a:b] and the inner states at its end in `after`.
     """
+    errors, by_x, by_v = scratch
     a, b, scale = w.edges[i], w.edges[i + 1], search.scale
     x0, v0 = w.x0[i], w.v0[i]
     _free_run(run, w, i, x0 + dx, v0 + dv, inner, out)
     _end(run.memory, after)
     cost = _cost(w, i, out, dx, dv, scale)
-    if rounds < 0:
-        return _Found(dx, dv, cost)
     hx, hv = _SLOPE * w.x_error[i], _SLOPE * w.v_error[i]
-    for turn in range(rounds + 1):
+    for _ in range(rounds):
         if search.uniform:
-            at.by_x[a:b] = 1.0
+            by_x[a:b] = 1.0
         else:
             _free_run(run, w, i, x0 + dx + hx, v0 + dv, inner, tried)
             for k in range(a, b):
-                at.by_x[k] = (tried[k] - out[k]) / hx
+                by_x[k] = (tried[k] - out[k]) / hx
         _free_run(run, w, i, x0 + dx, v0 + dv + hv, inner, tried)
         for k in range(a, b):
-            at.by_v[k] = (tried[k] - out[k]) / hv
-        if turn == rounds:
-            break
+            by_v[k] = (tried[k] - out[k]) / hv
         again = False
         # Steps along fixed slopes as long as they lower the cost enough, then new slopes.
         for _ in range(_STEPS):
             for k in range(a, b):
-                at.errors[k] = out[k] - w.x[k]
-            xx, xv, vv, gx, gv = _start_terms(w, i, scale, dx, dv, at.errors, at.by_x, at.by_v)
+                errors[k] = out[k] - w.x[k]
+            xx, xv, vv, gx, gv = _start_terms(w, i, scale, dx, dv, errors, by_x, by_v)
             det = xx * vv - xv * xv
             sx = -(vv * gx - xv * gv) / det
             sv = -(xx * gv - xv * gx) / det
@@ -354,7 +346,7 @@ def project(axis, w, search, at):
     n_inner, n = axis_step.N_INNER, w.x.shape[0]
     inner, after, other = np.full(n_inner + 1, np.nan), np.empty(n_inner + 1), np.empty(n_inner + 1)
     out, tried, better = np.empty(n), np.empty(n), np.empty(n)
-    starts = at.starts
+    scratch, starts = (np.empty(n), np.empty(n), np.empty(n)), at.starts
     for i in range(w.edges.shape[0] - 1):
         a, b, active = w.edges[i], w.edges[i + 1], search.active[i]
         if not _needed(search.active, search.linked, i):
@@ -364,7 +356,7 @@ def project(axis, w, search, at):
         # Of a window that is not requested, only what it passes on matters.
         turns = search.rounds if active else min(search.rounds, 1)
         found = _search_start(
-            run, w, i, search, turns, starts[0, i], starts[1, i], inner, at, out, tried, after
+            run, w, i, search, turns, starts[0, i], starts[1, i], inner, scratch, out, tried, after
         )
         best, width, place = starts[2, i], 2.0 / (_PLACES - 1), np.nan
         tries = search.offsets.shape[0] if active else 0
@@ -392,7 +384,7 @@ def project(axis, w, search, at):
                     place = min(max(place, -1.0), 1.0)
                 _inner_at(run, w, i, place, inner)
             new = _search_start(
-                run, w, i, search, search.rounds, 0.0, dv, inner, at, better, tried, other
+                run, w, i, search, search.rounds, 0.0, dv, inner, scratch, better, tried, other
             )
             if new.cost < found.cost:
                 found = new
@@ -404,49 +396,6 @@ def project(axis, w, search, at):
         for k in range(a, b):
             at.errors[k] = out[k] - w.x[k]
         _copy(after, 0, n_inner + 1, inner)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def normal_terms(w, active, at, slopes, scale):
-    """Gradient and normal matrix of each active window, its start state eliminated.
-
-    `slopes` has one row of errors for each parameter.  With start slopes S,
-    their prior P and M = S'S + P, the normal matrix is D'D - D'S inv(M) S'D,
-    all over scale^2; zero for windows not active.  The third array contains, for dx
-    and dv, the best step (first column) and its slope with each parameter; without
-    parameters only this array is computed.
-    """
-    p, nw = slopes.shape[0], w.edges.shape[0] - 1
-    g, h, back = np.zeros((nw, p)), np.zeros((nw, p, p)), np.zeros((nw, 2, p + 1))
-    c = np.empty((p, 2))
-    for i in range(nw):
-        if not active[i]:
-            continue
-        a, b = w.edges[i], w.edges[i + 1]
-        xx, xv, vv, gx, gv = _start_terms(
-            w, i, scale, at.starts[0, i], at.starts[1, i], at.errors, at.by_x, at.by_v
-        )
-        det = xx * vv - xv * xv
-        back[i, 0, 0] = -(vv * gx - xv * gv) / det
-        back[i, 1, 0] = -(xx * gv - xv * gx) / det
-        for j in range(p):
-            c[j, 0], c[j, 1], total = 0.0, 0.0, 0.0
-            for k in range(a, b):
-                c[j, 0] += slopes[j, k] * at.by_x[k]
-                c[j, 1] += slopes[j, k] * at.by_v[k]
-                total += slopes[j, k] * at.errors[k]
-            by_x = (vv * c[j, 0] - xv * c[j, 1]) / det
-            by_v = (xx * c[j, 1] - xv * c[j, 0]) / det
-            back[i, 0, j + 1], back[i, 1, j + 1] = -by_x, -by_v
-            g[i, j] = (total - by_x * gx - by_v * gv) / scale**2
-            for m in range(j + 1):
-                total = 0.0
-                for k in range(a, b):
-                    total += slopes[j, k] * slopes[m, k]
-                total -= by_x * c[m, 0] + by_v * c[m, 1]
-                h[i, j, m] = total / scale**2
-                h[i, m, j] = h[i, j, m]
-    return g, h, back
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.diagnosis.thresholds import EXCESS, STRAY
 from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
@@ -18,13 +19,9 @@ from dryfric_control.records.resolution import QUANTA
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-REPLAYS = 6
 # A window is an outlier if its score exceeds the worst of its replays by this much: errors
 # about 1.7 times as large as any that noise caused.
 _BEYOND = 1.0
-# A mean score above that of the replays is significant if it exceeds this many standard
-# errors, and an excess that an error of the noise estimate could cause.
-_FAR, _LEAST = 4.0, 0.15
 # Random force, over that of an input's rounding, below which the rounding does not act.
 _ACTS = 0.5
 # RMS error over that of a usual replay from which something is left to find.
@@ -65,14 +62,14 @@ class Floor:
     def reached(self, scores: FloatArray, active: BoolArray) -> bool:
         """Whether the scores of a record are consistent with noise alone.
 
-        Tests the tail (one window in forty may be an outlier, as a breakaway may lie
-        at the edge of a sample) and the mean of the other windows.
+        Tests the tail (some windows may be outliers, as a breakaway may lie at the edge of a
+        sample) and the mean of the other windows.
         """
         out = self.outliers(scores, active)
-        if out.sum() > max(1, active.sum() // 40):
+        if out.sum() > max(2, STRAY * active.sum()):
             return False
         excess, spread = self.excess(scores, active & ~out)
-        return bool(excess < max(_LEAST, _FAR * spread))
+        return bool(excess < max(EXCESS, 4.0 * spread))
 
     def excess(self, scores: FloatArray, active: BoolArray) -> tuple[float, float]:
         """Mean score above the replays' mean, and its standard error."""

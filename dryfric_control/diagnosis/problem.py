@@ -120,6 +120,11 @@ class Problem:
         clock = () if self.shift is None else (SHIFT,)
         base = self.base if base is None else base
         names = tuple(dict.fromkeys((*base, *clock, *self.also, *free)))
+        # Effects on the base become part of it, unless they are free.
+        owners = {name.partition(".")[0] for name in names}
+        kept = [e for n, e in named(axis).items() if n in owners and e.action == "axis"]
+        rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
+        axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         problem = self.view(
             axis, names, self.runs, believed=self.believed, tolerance=self.tolerance,
             own=self.own, each=each, hold=self.hold, scales=self.scales, wonder=wonder,
@@ -152,7 +157,13 @@ class Problem:
         """
         runs = [replace(r, u=np.zeros(r.u.size)) if idle else r for r in self.runs]
         problem = self.view(
-            axis, (), runs, hold=self.hold, scales=self.scales, shift=self.shift or 0.0
+            axis.effective(),
+            (),
+            runs,
+            believed=self.believed,
+            hold=self.hold,
+            scales=self.scales,
+            shift=self.shift or 0.0,
         )
         return maximise(problem, problem.start(1.0, noises), NOISES, self.until)
 

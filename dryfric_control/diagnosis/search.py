@@ -29,7 +29,6 @@ from dryfric_control.diagnosis.thresholds import (
     LARGEST,
     LEAST,
     LONGEST,
-    LOWERED,
     MOST,
     MOVED,
     NOTED,
@@ -39,6 +38,7 @@ from dryfric_control.diagnosis.thresholds import (
     STRONG,
     WALKED,
 )  # fmt: skip
+from dryfric_control.estimation.continuation import LOWERED, continued, held, with_force
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
@@ -111,30 +111,6 @@ def begun(
     if likelihood.tried(z).cost > now.cost + SLACK:
         z = likelihood.start(1.0)
     return maximise(likelihood, z, SOME, problem.until)
-
-
-def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
-    """Coordinates with the random force a part of the drive."""
-    z = z.copy()
-    z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
-    return z
-
-
-def held(problem: Problem, likelihood: Likelihood, z: FloatArray, turns: int = FEW) -> Solution:
-    """Parameters fitted with the noises held, as far as slopes of forces lead."""
-    one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
-    one.low, one.high = likelihood.low.copy(), likelihood.high.copy()
-    one.low[noises] = one.high[noises] = z[noises]
-    return maximise(one, z, turns, problem.until, True)
-
-
-def continued(
-    problem: Problem, likelihood: Likelihood, z: FloatArray, parts: Sequence[float]
-) -> FloatArray:
-    """Parameters fitted at random forces held at parts of the drive, one after the other."""
-    for part in parts:
-        z = held(problem, likelihood, with_force(likelihood, z, part), SOME).z
-    return z
 
 
 def walked(
@@ -287,7 +263,7 @@ class Search:
             if held:
                 return problem.fit(start, turns=FEW)
             open_minded = problem.likelihood(start, wonder=False)
-            z = continued(problem, open_minded, open_minded.start(), LOWERED)
+            z = continued(open_minded, open_minded.start(), until=problem.until)
             return maximise(problem.likelihood(start), z, FEW, problem.until)
 
         rows = [(axis, True), *((one, False) for one in starts)]
@@ -428,7 +404,7 @@ class Search:
         # A proposal must gain at the noises at which it was proposed, where the cost is smooth.
         noises = raised(problem, now)
         model = problem.likelihood(now.axis, free, each=each_of(now))
-        level = held(problem, model, model.start(noises=noises)).cost
+        level = held(model, model.start(noises=noises), until=problem.until).cost
 
         def first(one: Proposal) -> Solution | None:
             try:
@@ -438,8 +414,8 @@ class Search:
                 z = likelihood.start(noises=alike)
                 if one.remembers:
                     z = walked(likelihood, z, one.free, alike)
-                    z = continued(problem, likelihood, z, LOWERED)
-                fit = held(problem, likelihood, with_noises(z, alike))
+                    z = continued(likelihood, z, until=problem.until)
+                fit = held(likelihood, with_noises(z, alike), until=problem.until)
                 if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
                 return maximise(likelihood, fit.z, FEW, problem.until, True)

@@ -13,8 +13,8 @@ from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
 from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
-from dryfric_control.estimation.parameters import Parameter, choose, typical, values_of
-from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.parameters import Parameter, values_of
 from dryfric_control.estimation.windows import cut, positions
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -212,7 +212,7 @@ class Refit:
 
     Attributes
     ----------
-    problem : Problem
+    problem : Likelihood
         The hypothesis with its parameters free.
     known : Runs
         Windows of the known record.
@@ -221,7 +221,7 @@ class Refit:
     quantum : float
     """
 
-    problem: Problem
+    problem: Likelihood
     known: Runs
     positions: FloatArray
     quantum: float
@@ -231,7 +231,6 @@ class Refit:
         """Refit of the base and all effects of an axis, with some windows of a record."""
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
-        axis, parameters = choose(axis, names, typical([record]))
         windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
         length = int(windows.samples[0])
         whole = windows.samples >= length
@@ -246,7 +245,7 @@ class Refit:
             record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
             windows.rest[:count], active,
         )  # fmt: skip
-        problem = Problem(axis, parameters, [windows])
+        problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, known, known.positions(axis), quantum)
 
     def best(self, staged: Staged, stage: Stage, trial: Trial) -> FloatArray:
@@ -274,7 +273,7 @@ class Refit:
         """
         change = staged.excitation.change
         problem = self.problem
-        first = problem.start
+        first = problem.start()[: len(problem.names)]
         reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
         def errors(z: FloatArray) -> FloatArray | None:

@@ -14,9 +14,8 @@ CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0
 SAME = 0.3
 # Part of the force of an effect that another must leave, with base parameters, to act alike.
 SAME_FORCE = 1e-3
-# Random force over the drive, one after the other, at which a shape that was simulated is fitted.
-# WALKED: factors of its parameters that are tried at first.
-LOWERED, WALKED = (0.3, 0.1), ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))
+# Factors of the parameters of a shape with a memory that are tried at a large random force.
+WALKED = ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))
 # Full fits: slack within which a proposal is fitted on, the ratio of what it may still gain to
 # what its last step brought and promises, and the promise that ends a fit.
 SLACK, AHEAD, ENOUGH = 8.0, 5.0, 0.05

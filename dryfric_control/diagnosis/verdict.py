@@ -16,12 +16,10 @@ from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor,
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
 from dryfric_control.diagnosis.thresholds import (
-    EXCESS,
     MUTED,
     REPLAYED,
     REPLAYS,
     SMOOTH,
-    STRAY,
     WORSE,
 )  # fmt: skip
 from dryfric_control.estimation.solution import Solution
@@ -110,7 +108,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         floor: Floor = noise_floor(w, axis, drawn[i], at, active, force=final.random_force(i))
         replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
-        if not _as_replayed(floor, scores, active):
+        if not floor.reached(scores, active):
             structured = True
             most = float(floor.worst[active].max())
             here = where(np.where(active, scores, np.nan), most, w, problem.believed.units)
@@ -150,8 +148,6 @@ def _merged(w: Windows, parts: Sequence[Evaluation], half: NDArray[np.int64]) ->
     by_sample, (one, two) = np.repeat(half, w.samples) == 1, parts
     return Evaluation(
         np.where(by_sample, two.errors, one.errors),
-        np.where(by_sample, two.by_x, one.by_x),
-        np.where(by_sample, two.by_v, one.by_v),
         np.where(half == 1, two.starts, one.starts),
         np.where(half == 1, two.costs, one.costs),
     )
@@ -184,15 +180,6 @@ def _imposed(problem: Problem, final: Solution) -> Judged:
 def _gain(squares: Sequence[FloatArray], unit: str) -> Gain:
     """Error reduction from mean squares before, after and of the floor, shape (nblocks,)."""
     before, after, _ = squares
-    low, high = ratio_interval(before, np.maximum(after, 1e-300), np.arange(before.size))
+    low, high = ratio_interval(before, np.maximum(after, 1e-300))
     first, last, floor = (float(np.sqrt(row.mean())) for row in squares)
     return Gain(first, last, floor, (low, high), unit)
-
-
-def _as_replayed(floor: Floor, scores: FloatArray, active: BoolArray) -> bool:
-    """Whether the errors of free runs are those of replays with the random force."""
-    out = floor.outliers(scores, active)
-    if out.sum() > max(2, STRAY * active.sum()):
-        return False
-    excess, spread = floor.excess(scores, active & ~out)
-    return bool(excess < max(EXCESS, 4.0 * spread))

@@ -11,7 +11,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import savgol_coeffs
 
 from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_and_encoder
-from dryfric_control.estimation.problem import Problem
+from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
@@ -214,12 +214,12 @@ def at_the_mass(
     return axis.replace(effects=kept), record.replace(u=force, x=x if moved else None)
 
 
-def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> FloatArray:
+def force_start(problem: Likelihood, z: FloatArray, records: Sequence[Record]) -> FloatArray:
     """Search coordinates that explain the drive force of sliding samples.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Likelihood
         The problem, for its parameters and bounds.
     z : ndarray, shape (nparameters,)
         Starting point; coordinates that the sliding samples do not determine stay there.
@@ -233,11 +233,12 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
     parts = [Sliding(r, _ENOUGH // len(records)) for r in records]
     if sum(p.t.size for p in parts) < 10 * z.size:
         return z
+    low, high = problem.low[: z.size], problem.high[: z.size]
     scale = float(np.std(np.concatenate([p.u for p in parts]))) or 1.0
 
     def residual(point: FloatArray) -> FloatArray:
         try:
-            axis = problem.model_at(point).axis
+            axis = problem.axis_at(point)
         except ValueError:
             return np.full(sum(p.t.size for p in parts), 1e3)
         return np.concatenate([p.force_residual(axis) for p in parts]) / scale
@@ -245,8 +246,8 @@ def force_start(problem: Problem, z: FloatArray, records: Sequence[Record]) -> F
     def searched(start: FloatArray) -> OptimizeResult:
         return least_squares(
             residual,
-            np.clip(start, problem.low, problem.high),
-            bounds=(problem.low, problem.high),
+            np.clip(start, low, high),
+            bounds=(low, high),
             loss="soft_l1",
             f_scale=0.1,
             max_nfev=30,

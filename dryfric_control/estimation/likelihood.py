@@ -79,6 +79,8 @@ _HIDDEN = 0.05
 _STILL = 0.5
 # Largest number of stretches that are foreseen worst, and their shortest length [samples].
 _WORST, _SHORT = 8, 500
+# Factor by which an elastic part that is too stiff already may become stiffer.
+_STIFFER = 1.5
 # Bounds of the standard deviation of the random force, over the RMS drive.
 _FORCE = (1e-5, 10.0)
 
@@ -186,6 +188,8 @@ class Likelihood:
         Nominal axis, the centre of the prior of base parameters; `axis` by default.
     tolerance : mapping of str to float, optional
         Relative standard deviation of a prior.
+    priors : sequence of str, optional
+        Base parameters with a prior where no tolerance is given: a factor of 2.
     wonder : bool, optional
         Whether changes of base parameters cost as assumptions do.
     own : sequence of str, optional
@@ -207,6 +211,7 @@ class Likelihood:
         *,
         believed: FrictionAxis | None = None,
         tolerance: Mapping[str, float] | None = None,
+        priors: Sequence[str] = BASE,
         wonder: bool = False,
         own: Sequence[str] = (),
         each: Mapping[tuple[str, int], float] | None = None,
@@ -217,11 +222,6 @@ class Likelihood:
         self.runs, self.shift, self.each = tuple(runs), shift, dict(each or {})
         records = [r.record for r in self.runs]
         found: tuple[Parameter, ...] = ()
-        # Effects on the base become part of it, unless they are free.
-        owners = {name.partition(".")[0] for name in free}
-        kept = [e for n, e in named(axis).items() if n in owners and e.action == "axis"]
-        rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
-        axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         if free:
             axis, found = choose(axis, free, scales or typical(records))
         self.axis = axis
@@ -229,6 +229,7 @@ class Likelihood:
         self.first = hold == "first"
         tolerance = dict(tolerance or {})
         believed = (believed or axis).effective()
+        self._stiffest = [max(1.0, _STIFFER * stiffness(believed, r.dt)) for r in records]
         self.parameters: list[Parameter] = []
         self.place: list[int] = []  # record of a parameter, -1: all
         for p in found:
@@ -241,7 +242,7 @@ class Likelihood:
         # and whether a change costs as an assumption does.
         self.beliefs: dict[int, tuple[float, float, bool]] = {}
         for j, p in enumerate(self.parameters):
-            value = abs(float(values_of(believed, [p.name])[0])) if p.name in BASE else 0.0
+            value = abs(float(values_of(believed, [p.name])[0])) if p.name in priors else 0.0
             if p.name in tolerance:
                 value = abs(float(values_of(believed, [p.name])[0]))
             if value > 0.0:
@@ -334,7 +335,7 @@ class Likelihood:
         check_pace(axis, record.dt)
         arrays = axis.arrays(record.dt)
         numbers = arrays.numbers.copy()
-        if stiffness(axis, record.dt) > 1.0:
+        if stiffness(axis, record.dt) > self._stiffest[i]:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         finest = min((e.shortest_length for e in axis.effects), default=math.inf)
         if finest < _FINEST * record.resolution.step:

@@ -137,6 +137,30 @@ class Solution:
                 continue  # no such axis
         return axes
 
+    def information_of(self, steps: FloatArray) -> FloatArray:
+        """Information about steps of the parameters, one a row, from differences along them."""
+        problem, count = self.problem, len(steps)
+        total = np.zeros((count, count))
+        for i, run in enumerate(problem.runs):
+            here, blocks = self.point.out[i], run.edges.size - 1
+            slopes = np.zeros((count, 2, len(run.record)))
+            for step, slope in zip(steps, slopes, strict=True):
+                for side in (1.0, -1.0):
+                    there = self.z.copy()
+                    there[: step.size] += side * step
+                    if np.any(there != np.clip(there, problem.low, problem.high)):
+                        continue
+                    try:
+                        out = problem.innovations(there, i)[0]
+                    except ValueError:  # no such axis
+                        continue
+                    compiled.slopes(here, here, out, 0.0, side, slope)
+                    break
+            g, h = np.zeros((blocks, count)), np.zeros((blocks, count, count))
+            compiled.normal_terms(here, run.active, run.edges, slopes, g, h)
+            total += h.sum(axis=0)
+        return total
+
     @cached_property
     def crossed(self) -> tuple[FloatArray, tuple[FloatArray, FloatArray], NDArray[np.int64]]:
         """Held-out costs of the blocks, parameters fitted without each half, half of each block.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from dryfric_control.estimation.windows import Windows
 from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
@@ -18,9 +17,9 @@ FloatArray = NDArray[np.float64]
 _BLOCK = 1.0
 # Least number of blocks for the estimate of a variance.
 _FEWEST = 20
-# Eigenvalue over the largest one below which a direction counts as undetermined: above the
-# round-off of difference slopes, below any real record.
-_UNSEEN = 1e-6
+# Eigenvalue over the largest one below which a direction may be undetermined, and below which
+# it is, as in no record of a determined one.
+_FAINT, _UNSEEN = 1e-2, 1e-6
 # A block is left out almost entirely: it may be the only one that determines a direction.
 _LEFT_OUT = 1.0 - 1e-6
 
@@ -30,45 +29,16 @@ def block_length(records: Sequence[Record]) -> float:
     return min(_BLOCK, sum(r.duration for r in records) / _FEWEST)
 
 
-def block_labels(windows: Sequence[Windows], seconds: float | None = None) -> NDArray[np.int64]:
-    """Number of the contiguous block that each window belongs to.
-
-    Parameters
-    ----------
-    windows : sequence of Windows
-        One entry for each record.
-    seconds : float, optional
-        Length of a block.  Default: 1 s, less if that gave under 20 blocks.
-
-    Returns
-    -------
-    ndarray of int64, shape (nwindows,)
-    """
-    length = block_length([w.record for w in windows]) if seconds is None else seconds
-    labels: list[NDArray[np.int64]] = []
-    first = 0
-    for w in windows:
-        inside = (w.start_times - w.start_times[0]) / length + 1e-9
-        own = np.unique(inside.astype(np.int64), return_inverse=True)[1]
-        labels.append(own + first)
-        first += int(own.max()) + 1
-    return np.concatenate(labels)
-
-
-def by_block(values: FloatArray, labels: NDArray[np.int64]) -> FloatArray:
-    """Sum of the windows' values in each block."""
-    total = np.zeros((int(labels.max()) + 1, *values.shape[1:]))
-    np.add.at(total, labels, values)
-    return total
-
-
-def unseen(normal: FloatArray) -> FloatArray:
+def unseen(normal: FloatArray, again: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Directions in which the cost does not change, as rows.
 
     Parameters
     ----------
     normal : ndarray, shape (nparameters, nparameters)
         Normal matrix in search coordinates.
+    again : callable
+        Normal matrix of some steps, one a row, from differences along these: those of the
+        coordinates do not cancel to the last digits.
 
     Returns
     -------
@@ -81,13 +51,13 @@ def unseen(normal: FloatArray) -> FloatArray:
     rows = list(np.eye(size.size)[size == 0.0])
     seen = np.flatnonzero(size)
     if seen.size:
-        scaled = normal[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
-        values, vectors = np.linalg.eigh(scaled)
-        for value, vector in zip(values, vectors.T, strict=True):
-            if value < _UNSEEN * values[-1]:
-                row = np.zeros(size.size)
-                row[seen] = vector / size[seen]
-                rows.append(row / np.linalg.norm(row))
+        steps = np.eye(size.size)[seen] / size[seen, None]
+        values, vectors = np.linalg.eigh(steps @ normal @ steps.T)
+        if values[0] < _FAINT * values[-1]:
+            steps = vectors.T @ steps
+            values, vectors = np.linalg.eigh(again(steps))
+        for row in (vectors.T @ steps)[values < _UNSEEN * values[-1]]:
+            rows.append(row / np.linalg.norm(row))
     return np.asarray(rows, dtype=np.float64).reshape(-1, size.size)
 
 
@@ -100,52 +70,43 @@ def _inverse(normal: FloatArray, away: FloatArray) -> FloatArray:
     return np.asarray(basis @ inner @ basis.T)
 
 
-def jackknife(
-    gradients: FloatArray, normals: FloatArray, labels: NDArray[np.int64], prior: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def jackknife(g: FloatArray, h: FloatArray, prior: FloatArray, away: FloatArray) -> FloatArray:
     """Covariance from leaving out one block at a time, linearised.
 
     Parameters
     ----------
-    gradients : ndarray, shape (nwindows, nparameters)
-    normals : ndarray, shape (nwindows, nparameters, nparameters)
-    labels : ndarray of int64, shape (nwindows,)
+    g : ndarray, shape (nblocks, nparameters)
+        Gradients.
+    h : ndarray, shape (nblocks, nparameters, nparameters)
+        Normal matrices.
     prior : ndarray, shape (nparameters,)
         Precision of the prior, in search coordinates: it keeps a parameter of
         unknown magnitude within its decade, and thereby the parameters that are
         correlated with it.
+    away : ndarray, shape (ndirections, nparameters)
+        Directions that the record does not determine; left out of the covariance.
 
     Returns
     -------
-    covariance : ndarray, shape (nparameters, nparameters)
-    away : ndarray, shape (ndirections, nparameters)
-        Directions that the record does not determine; left out of the covariance.
+    ndarray, shape (nparameters, nparameters)
     """
-    g, h = by_block(gradients, labels), by_block(normals, labels)
-    total = h.sum(axis=0)
-    away = unseen(total)
-    count = g.shape[0]
+    total, count = h.sum(axis=0), g.shape[0]
     if away.shape[0] == total.shape[0] or count < 2:
-        return np.full(total.shape, np.inf), away
+        return np.full(total.shape, np.inf)
     left = total - h * _LEFT_OUT + np.diag(prior)
     moved = np.einsum("bij,bj->bi", _inverse(left, away), g)
     moved -= moved.mean(axis=0)
-    return np.asarray((count - 1) / count * moved.T @ moved), away
+    return np.asarray((count - 1) / count * moved.T @ moved)
 
 
 def bootstrap(
-    gradients: FloatArray,
-    normals: FloatArray,
-    labels: NDArray[np.int64],
-    prior: FloatArray,
-    repeats: int,
-    seed: int,
+    g: FloatArray, h: FloatArray, prior: FloatArray, away: FloatArray, repeats: int, seed: int
 ) -> FloatArray:
     """Steps of the parameters when blocks are drawn with replacement.
 
     Parameters
     ----------
-    gradients, normals, labels, prior
+    g, h, prior, away
         As for `jackknife`.
     repeats : int
         Number of resamplings.
@@ -157,8 +118,6 @@ def bootstrap(
     ndarray, shape (repeats, nparameters)
         One Gauss-Newton step each, in search coordinates.
     """
-    g, h = by_block(gradients, labels), by_block(normals, labels)
-    away = unseen(h.sum(axis=0))
     rng = np.random.default_rng(seed)
     counts = rng.multinomial(g.shape[0], np.full(g.shape[0], 1.0 / g.shape[0]), size=repeats)
     # A resampling may miss the only block that determines a direction.
@@ -167,14 +126,12 @@ def bootstrap(
     return np.asarray(-np.einsum("rij,rj->ri", inverse, weights @ g))
 
 
-def degrees_of_freedom(
-    normals: FloatArray, labels: NDArray[np.int64], prior: FloatArray
-) -> FloatArray:
+def degrees_of_freedom(h: FloatArray, prior: FloatArray, away: FloatArray) -> FloatArray:
     """Degrees of freedom of the variances found by `jackknife`.
 
     Parameters
     ----------
-    normals, labels, prior
+    h, prior, away
         As for `jackknife`.
 
     Returns
@@ -195,9 +152,7 @@ def degrees_of_freedom(
     determines a parameter nearly alone is fitted closely, so that its residual says
     little about the error (R. Bell, D. McCaffrey, Survey Methodology 28, 2002).
     """
-    h = by_block(normals, labels)
     total = h.sum(axis=0)
-    away = unseen(total)
     inverse = _inverse(total + np.diag(prior), away)
     without = _inverse(total - h * _LEFT_OUT + np.diag(prior), away)
     moves = without @ h
@@ -212,16 +167,14 @@ def degrees_of_freedom(
 
 
 def ratio_interval(
-    before: FloatArray, after: FloatArray, labels: NDArray[np.int64], level: float = 0.9
+    before: FloatArray, after: FloatArray, level: float = 0.9
 ) -> tuple[float, float]:
     """Confidence interval of a ratio of RMS errors, blocks drawn with replacement.
 
     Parameters
     ----------
-    before, after : ndarray, shape (nwindows,)
+    before, after : ndarray, shape (nblocks,)
         Squared errors.
-    labels : ndarray of int64, shape (nwindows,)
-        Block of each window.
     level : float, optional
         Probability with which the interval covers the true ratio.
 
@@ -229,7 +182,7 @@ def ratio_interval(
     -------
     low, high : float
     """
-    blocks = by_block(np.column_stack([before, after]), labels)
+    blocks = np.column_stack([before, after])
     picks = np.random.default_rng(0).integers(0, len(blocks), size=(2000, len(blocks)))
     sums = blocks[picks].sum(axis=1)
     low, high = np.quantile(

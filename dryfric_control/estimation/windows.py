@@ -27,13 +27,8 @@ from dryfric_control.ties import NEAR, above, samples
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-#: Median score of the moving windows up to which free runs count as reaching the noise of the
-#: readings, whose own score is 0.22.
-REACHED = 0.35
-#: A window has full weight up to this multiple of the scale of its errors: the few with a
-#: mistimed breakaway have less, but no direction of motion loses all weight
-#: (`benchmarks/identification.py coverage`, `benchmarks/diagnosis.py`).
-ROBUST = 2.0
+# Multiple of the noise from which a score grows with the logarithm of the errors alone.
+_ROBUST = 2.0
 # A window moves if the range of its readings exceeds this many standard deviations of their
 # noise (`benchmarks/diagnosis.py`, condition short).
 _MOVING = 4.0
@@ -165,16 +160,7 @@ class Windows:
         windowed = self.arrays(shift)._replace(x0=self.x0 + dx, v0=self.v0 + dv)
         return positions(axis, windowed, active)
 
-    def evaluate(
-        self,
-        axis: FrictionAxis,
-        active: BoolArray,
-        scale: float | None = None,
-        starts: FloatArray | None = None,
-        rounds: int = _ROUNDS,
-        thorough: bool = False,
-        shift: float = 0.0,
-    ) -> Evaluation:
+    def evaluate(self, axis: FrictionAxis, active: BoolArray, thorough: bool = False) -> Evaluation:
         """Errors of an axis over windows, each from its most likely start state.
 
         Parameters
@@ -182,53 +168,22 @@ class Windows:
         axis : FrictionAxis
         active : ndarray of bool, shape (nwindows,)
             Windows to run.
-        scale : float, optional
-            Standard deviation of the errors.  Default: `floor`.
-        starts : ndarray, shape (3, nwindows), optional
-            Start of the search for the start states, as in `Evaluation`.
-        rounds : int, optional
-            Rounds of the search; below 0 the runs begin at `starts` without a search.
         thorough : bool, optional
-            Whether windows that end far above the scale are searched again, from
+            Whether windows that end far above the noise are searched again, from
             other velocities.
-        shift : float, optional
-            Time by which the input acts later than recorded [s].
         """
-        n, offsets = int(self.edges[-1]), _OFFSETS if thorough else _OFFSETS[:0]
-        starts = no_corrections(len(self)) if starts is None else starts.copy()
-        at = Evaluation(np.zeros(n), np.zeros(n), np.zeros(n), starts, np.zeros(len(self)))
-        scale = self.floor if scale is None else scale
-        search = Search(active, linked(axis), uniform(axis), scale, rounds, offsets)
-        project(axis.arrays(self.record.dt), self.arrays(shift), search, at)
+        at = Evaluation(
+            np.zeros(int(self.edges[-1])), np.zeros((3, len(self))), np.zeros(len(self))
+        )
+        at.starts[2] = np.nan
+        offsets = _OFFSETS if thorough else _OFFSETS[:0]
+        search = Search(active, linked(axis), uniform(axis), self.floor, _ROUNDS, offsets)
+        project(axis.arrays(self.record.dt), self.arrays(), search, at)
         return at
-
-    def loss(self, costs: FloatArray, active: BoolArray) -> float:
-        """Sum over the windows of n c^2 log(1 + cost/(n c^2))."""
-        n = self.samples[active] * ROBUST**2
-        return float(np.sum(n * np.log1p(costs[active] / n)))
 
     def scores(self, costs: FloatArray) -> FloatArray:
         """log(1 + cost/(n c^2)) of every window: 0.22 at the noise floor."""
-        return np.asarray(np.log1p(costs / (self.samples * ROBUST**2)))
-
-    def reached(self, scores: FloatArray, seen: BoolArray | bool = True) -> bool:
-        """Whether the median error of free runs is that of the readings' noise.
-
-        If so, no random force acts, and free runs are the sharpest criterion.
-
-        Parameters
-        ----------
-        scores : ndarray, shape (nwindows,)
-            `scores` at the noise of the readings.
-        seen : ndarray of bool, shape (nwindows,), optional
-            Windows to use, of those that move.
-        """
-        seen = seen & self.moving
-        return bool(np.any(seen) and np.median(scores[seen]) < REACHED)
-
-    def weights(self, costs: FloatArray) -> FloatArray:
-        """Weight of every window, the derivative of its loss with respect to its cost."""
-        return np.asarray(1.0 / (1.0 + costs / (self.samples * ROBUST**2)))
+        return np.asarray(np.log1p(costs / (self.samples * _ROBUST**2)))
 
     def spread(self, values: NDArray) -> NDArray:
         """One value a window, repeated over its samples, shape (n,)."""
@@ -239,31 +194,15 @@ class Windows:
         return np.asarray(np.add.reduceat(errors**2, self.edges[:-1]) / self.samples)
 
 
-def no_corrections(count: int) -> FloatArray:
-    """Start states without corrections, shape (3, nwindows), see `Evaluation`."""
-    starts = np.zeros((3, count))
-    starts[2] = np.nan
-    return starts
-
-
 def positions(
-    axis: FrictionAxis,
-    windowed: Windowed,
-    active: BoolArray | None = None,
-    starts: FloatArray | None = None,
+    axis: FrictionAxis, windowed: Windowed, active: BoolArray | None = None
 ) -> FloatArray:
-    """Positions of free runs over the active windows, shape (n,).
-
-    Without `starts` all windows of an axis with inner states are run; with them
-    (see `Evaluation`), the active ones and those that pass inner states on to them.
-    """
+    """Positions of free runs over the active windows, shape (n,); all with inner states."""
     arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
-    if active is None or (starts is None and arrays.integers[STRUCTURE]):
+    if active is None or arrays.integers[STRUCTURE]:
         active = np.ones(count, bool)
     out = np.zeros(int(windowed.edges[-1]))
-    hand_on = starts is not None and linked(axis)
-    starts = no_corrections(count) if starts is None else starts
-    free_runs(arrays, windowed, active, hand_on, starts, out)
+    free_runs(arrays, windowed, active, out)
     return out
 
 
@@ -282,8 +221,6 @@ def cut(
     record: Record,
     window: float = 0.25,
     hold: str = "zero",
-    smoothing: int | None = None,
-    edges: NDArray[np.int64] | None = None,
 ) -> Windows:
     """Cut a record into windows and find the state at their starts.
 
@@ -295,12 +232,6 @@ def cut(
         Length of a window [s].
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or interpolated linearly between samples.
-    smoothing : int, optional
-        Length of the Savitzky-Golay window in samples, odd.  Default: the record's
-        `smoothing_window`.
-    edges : ndarray of int64, shape (nwindows + 1,), optional
-        First sample of each window and the end, instead of equal windows;
-        the first must be 0 and the last the record's length.
 
     Returns
     -------
@@ -331,13 +262,12 @@ def cut(
             f"window = {window:g} s is {length} samples of this record of {len(record)}{slow}: "
             f"choose between {5 * record.dt:g} and {len(record) * record.dt:g} s"
         )
-    if edges is None:
-        edges = np.arange(0, len(record), length, dtype=np.int64)
-        if len(record) - edges[-1] < max(5, length // 2) and edges.size > 1:
-            edges = edges[:-1]
-        edges = np.append(edges, len(record))
+    edges = np.arange(0, len(record), length, dtype=np.int64)
+    if len(record) - edges[-1] < max(5, length // 2) and edges.size > 1:
+        edges = edges[:-1]
+    edges = np.append(edges, len(record))
     starts = edges[:-1]
-    size = record.smoothing_window if smoothing is None else smoothing
+    size = record.smoothing_window
     smooth = record.derivatives(size)
     shorter = max(5, (size // 2) | 1)
     noise = record.resolution.deviation

@@ -1,4 +1,4 @@
-"""Fit an axis to measured records by windowed free runs."""
+"""Fit an axis to measured records by the likelihood of a hybrid filter."""
 
 from __future__ import annotations
 
@@ -16,22 +16,28 @@ from tqdm import tqdm
 
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
-from dryfric_control.estimation.both_noises import Evidence, by_free_runs, by_likelihood
+from dryfric_control.estimation.continuation import continued
 from dryfric_control.estimation.force_residual import Sliding, force_start
+from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import (
+    SHIFT,
     Parameter,
     checked_knowledge,
     choose,
     typical,
 )
 from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
-from dryfric_control.estimation.problem import Problem, minimise
+from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import (
+    block_length,
     bootstrap,
     degrees_of_freedom,
     expanded,
     half_width,
     jackknife,
+    unseen,
 )
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
@@ -40,14 +46,18 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
-from dryfric_control.ties import SQUARES, ranked
+from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
 _SAME = {"inertia": "mass"}
-# Starts by default where a parameter acts at breakaway: the cost has several valleys.
-_STARTS = 6
+# Starts by default, and where a parameter acts at breakaway: the cost has several valleys.
+_STARTS, _MANY = 2, 6
+# Iterations from each of many starts, from those that are kept, and from the best of them.
+_FEW, _SOME, _LAST, _KEPT = 4, 15, 30, 2
+# Difference of log-likelihoods that prefers no end to that from the nominal values.
+_EQUAL = 0.5
 # Power of what is left at low frequency over that of white noise, from which the model
 # does not fit (`benchmarks/identification.py coverage`).
 _LASTING = 1.5
@@ -114,8 +124,8 @@ class Fit(Result):
         What the record does not determine, and why.
     random_force, reading_noise : tuple of float
         Noises of each record, standard deviations: of a force that changes from sample
-        to sample in addition to the model, 0 where free runs reach the noise of
-        the readings and NaN where it was not estimated, and of the readings.
+        to sample in addition to the model, 0 where it moves nothing that the readings
+        show, and of the readings.
     training : tuple of Replay
         Windowed free runs over the records of the fit, one for each, from the
         smoothed state at the start of each window.
@@ -158,8 +168,8 @@ class Fit(Result):
             Lower and upper end for each parameter.
         """
         _check_level(level)
-        searched, z, _, normals, labels, covariance = self._terms
-        freedom = degrees_of_freedom(normals, labels, _prior(searched))
+        searched, z, _, normals, away, covariance = self._terms
+        freedom = degrees_of_freedom(normals, _prior(searched), away)
         reach = half_width(level, freedom) * np.sqrt(np.diag(covariance))
         return {
             p.name: (p.value(c - r), p.value(c + r))
@@ -188,9 +198,9 @@ class Fit(Result):
         _check_level(level)
         whole("repeats", repeats)
         whole("seed", seed, least=0)
-        searched, z, gradients, normals, labels, _ = self._terms
-        steps = bootstrap(gradients, normals, labels, _prior(searched), repeats, seed)
-        freedom = degrees_of_freedom(normals, labels, _prior(searched))
+        searched, z, gradients, normals, away, _ = self._terms
+        steps = bootstrap(gradients, normals, _prior(searched), away, repeats, seed)
+        freedom = degrees_of_freedom(normals, _prior(searched), away)
         ends = expanded(steps, level, freedom)
         return {
             p.name: (p.value(c + a), p.value(c + b))
@@ -242,9 +252,8 @@ class Fit(Result):
             yield from run._shown()
             yield (
                 f"noise of the readings: {length_text(noise, length)} RMS; random force: "
-                + ("not estimated" if math.isnan(pushed) else
-                   f"{pushed:.3g} {force} RMS" if pushed else "none")
-            )  # fmt: skip
+                + (f"{pushed:.3g} {force} RMS" if pushed else "none")
+            )
         yield from (f"warning: {message}" for message in self.messages)
 
     def to_dict(self) -> dict[str, Any]:
@@ -372,8 +381,8 @@ def fit(
     tolerance : mapping of str to float, optional
         Relative standard deviations of nominal values, such as ``{"viscous": 0.5}``.
     window : float, optional
-        Length of the free runs [s].  Default: 0.25 s; without a drive, whose noise would add
-        up in them, an eighth of the shortest record.
+        Length of the free runs that show the fit [s].  Default: 0.25 s; without a drive, whose
+        noise would add up in them, an eighth of the shortest record.
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     starts : int, optional
@@ -411,22 +420,16 @@ def fit(
 
     Notes
     -----
-    The record is cut into windows.  In each the axis runs freely from the
-    smoothed state at its start; the errors of position are minimised over the
-    parameters and, within what encoder noise allows, over the states at the
-    starts, which are projected out.  So the noise of a start does not bias
-    the parameters, and no force error is integrated for longer than a window.
-    Windows are weighted by the loss log(1 + (RMS/c)^2), c twice the median
-    RMS, against single mistimed breakaways.
+    The likelihood of the readings is maximised, by a filter that runs the hybrid axis and is
+    corrected by each reading, as in `diagnose`.  A random force acts in addition to the model:
+    noise of the recorded input, or what the axis lacks.  It and the noise of the readings are
+    estimated together with the parameters, so that the noise of a start does not bias them, and
+    Student's t is their distribution, against single mistimed breakaways.  From each start the
+    search begins at a large random force, where the likelihood is smooth.
 
-    Where free runs reach the noise of the readings, estimates and
-    standard errors are those of free runs.  Elsewhere a random force acts in addition
-    to the model: noise of the recorded input, or what the axis lacks.  From the end of the free
-    runs the search then goes on by the likelihood of a hybrid filter, as in
-    `diagnose`, with the random force and the noise of the readings estimated
-    together with the parameters.  Samples within 10 ms of a start or stop, and slower
-    than 2 % of the high velocities, do not count there unless a parameter acts by
-    breakaway: a noisy input releases the model but not the machine.
+    Where a random force acts, samples within 10 ms of a start or stop, and slower than 2 % of
+    the high velocities, do not count unless a parameter acts by breakaway: a noisy input
+    releases the model but not the machine.
 
     Standard errors come from leaving out blocks of the record, so that they hold
     where what is left is correlated in time for less than a block.  They do not
@@ -469,14 +472,71 @@ def fit(
         instance(name, r, Record, "see dfc.read_record")
     records = tuple(_coarser(axis, r) for r in records)
     window = _window(records) if window is None else window
-    parts = [cut(r, window, hold) for r in records]
+    for r in records:
+        cut(r, window, hold)
     check_distinct(records)
     for r in records:
         check_units(axis, r)
         warn_if_implausible(axis, r)
-    return fit_windows(
-        axis, parts, free, starts, block, seed, jobs, progress, window, tolerance, noises=True
-    )
+    problem = problem_of(axis, records, free, tolerance, hold, block)
+    if starts is None:
+        starts = _MANY if any(p.breaks_away for p in problem.parameters) else _STARTS
+    points = _starting_points(problem, records, starts, seed)
+    return likeliest(problem, points, window, jobs, progress)
+
+
+def problem_of(
+    axis: FrictionAxis,
+    records: Sequence[Record],
+    free: Sequence[str],
+    tolerance: Mapping[str, float] | None = None,
+    hold: str = "zero",
+    block: float | None = None,
+) -> Likelihood:
+    """Likelihood of parameters of an axis in records, without a prior but for `tolerance`."""
+    axis, parameters = choose(axis, free, typical(records))
+    length = block_length(records) if block is None else block
+    return Likelihood(
+        axis, [p.name for p in parameters], [prepare(r, block=length) for r in records],
+        tolerance=tolerance, priors=(), hold=hold,
+    )  # fmt: skip
+
+
+def likeliest(
+    problem: Likelihood,
+    points: Sequence[FloatArray],
+    window: float = _WINDOW,
+    jobs: int = 1,
+    progress: bool = False,
+    name: str = "fit",
+    kept: int = _KEPT,
+) -> Fit:
+    """The fit from the most likely end of searches from some points, nominal values first."""
+    noises = problem.start(1.0)[len(problem.names) :]
+    few = _FEW if len(points) > kept else _SOME
+
+    def search(point: FloatArray) -> Solution:
+        own = problem.on(problem.runs)
+        return maximise(own, continued(own, np.concatenate((point, noises))), few)
+
+    run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
+    ends = list(
+        tqdm(
+            run(joblib.delayed(search)(p) for p in points),
+            total=len(points), desc=name, unit="start", disable=not progress,
+        )
+    )  # fmt: skip
+    ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
+    if few < _SOME:
+        ends = [maximise(one.problem, one.z, _SOME, again=True) for one in ends]
+    best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
+    found = maximise(best.problem, best.z, _LAST, again=True)
+    acting = any(acts(found, i) for i in range(len(problem.runs)))
+    if acting and not any(p.breaks_away for p in problem.parameters):
+        rows = zip(found.problem.runs, found.point.states, strict=True)
+        clear = found.problem.on([away_from_rest(run, states) for run, states in rows])
+        found = maximise(clear, found.z, _SOME, again=True)
+    return _result(found, points[0], window, acting)
 
 
 def _coarser(axis: FrictionAxis, record: Record) -> Record:
@@ -528,97 +588,34 @@ def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     legend_above(ax)
 
 
-def fit_windows(
-    axis: FrictionAxis,
-    parts: Sequence[Windows],
-    free: Sequence[str],
-    starts: int | None = None,
-    block: float | None = None,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: bool = False,
-    window: float = 0.25,
-    tolerance: Mapping[str, float] | None = None,
-    least: float = 0.0,
-    noises: bool = False,
-) -> Fit:
-    """The fit itself, on records that are already cut; see `fit` and `minimise`.
-
-    `noises`: whether the likelihood decides where free runs miss the readings' noise.
-    """
-    records = [w.record for w in parts]
-    nominal = axis
-    axis, parameters = choose(axis, free, typical(records))
-    problem = Problem(axis, parameters, parts, tolerance=tolerance)
-    first = problem.start
-    if starts is None:
-        starts = _STARTS if problem.breaks_away.any() else 2
-    points = _starting_points(problem, first, records, starts, seed)
-
-    def search(point: FloatArray) -> tuple[FloatArray, list[float]]:
-        own = Problem(axis, parameters, parts, tolerance=tolerance)
-        return minimise(own, point, least), own.scales
-
-    run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
-    found = list(
-        tqdm(
-            run(joblib.delayed(search)(p) for p in points),
-            total=len(points),
-            desc="fit",
-            unit="start",
-            disable=not progress,
-        )
-    )
-    # Ends are compared, and their uncertainty found, at the scale of the closest.
-    problem.scales = np.min([scales for _, scales in found], axis=0).tolist()
-    losses = [problem.loss(z, problem.evaluate(z)) for z, _ in found]
-    z = found[ranked(losses, SQUARES)[0]][0]
-    evidence, reached = by_free_runs(problem, z, block)
-    if noises and not reached:
-        # Free runs that a random force drives apart say little of a phase, on whose wrong side
-        # an amplitude falls to zero: what explains the drive force is tried as well.
-        phased = any(p.kind == "angle" for p in parameters)
-        also = points[1:2] if phased else []
-        likely = by_likelihood(problem, [z, *also], nominal, tolerance or {}, block)
-        evidence = evidence if likely is None else likely
-    return _result(problem, first, evidence, window, nominal=noises)
-
-
-def assess(axis: FrictionAxis, parts: Sequence[Windows], free: Sequence[str]) -> Fit:
-    """Uncertainty of the parameters of an axis as it is, without a search."""
-    axis, parameters = choose(axis, free, typical([w.record for w in parts]))
-    problem = Problem(axis, parameters, parts)
-    z = problem.start
-    problem.narrow(z)
-    return _result(problem, z, by_free_runs(problem, z, None)[0], 0.25)
-
-
 def _check_level(level: float) -> None:
     if not 0.0 < finite("level", level) < 1.0:
         raise ValueError(f"level must lie between 0 and 1, got {level!r}")
 
 
 def _starting_points(
-    problem: Problem, first: FloatArray, records: Sequence[Record], starts: int, seed: int
+    problem: Likelihood, records: Sequence[Record], starts: int, seed: int
 ) -> list[FloatArray]:
     """The nominal values, the force regression, and points around them."""
+    first = problem.start()[: len(problem.names)]
     points = [first]
     if starts > 1:
         points.append(_possible(problem, force_start(problem, first, records), first))
     rng = np.random.default_rng(seed)
+    low, high = problem.low[: first.size], problem.high[: first.size]
     while len(points) < starts:
         base = points[len(points) % 2]
         spread = np.array([_spread(p, c) for p, c in zip(problem.parameters, base, strict=True)])
         point = base + spread * rng.standard_normal(base.size)
-        points.append(_possible(problem, np.clip(point, problem.low, problem.high), base))
+        points.append(_possible(problem, np.clip(point, low, high), base))
     return points
 
 
-def _possible(problem: Problem, point: FloatArray, base: FloatArray) -> FloatArray:
+def _possible(problem: Likelihood, point: FloatArray, base: FloatArray) -> FloatArray:
     """The point, moved towards a base until there is such an axis."""
     for _ in range(8):
         try:
-            problem.model_at(point)
+            problem.axis_at(point)
         except ValueError:  # a Coulomb map that turns negative inside the travel
             point = 0.5 * (point + base)
         else:
@@ -640,10 +637,10 @@ def _prior(parameters: Sequence[Parameter]) -> FloatArray:
     return np.array([1.0 / np.log(10.0) ** 2 if p.logarithmic else 0.0 for p in parameters])
 
 
-def _limits(problem: Problem, z: FloatArray) -> list[str]:
+def _limits(problem: Likelihood, z: FloatArray) -> list[str]:
     """Parameters that a fit left at a bound other than zero."""
     found = []
-    for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=True):
+    for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=False):
         value = p.value(c)
         if (c <= low or c >= high) and value != 0.0:
             found.append(
@@ -653,7 +650,7 @@ def _limits(problem: Problem, z: FloatArray) -> list[str]:
     return found
 
 
-def _far(problem: Problem, first: FloatArray, z: FloatArray) -> list[str]:
+def _far(problem: Likelihood, first: FloatArray, z: FloatArray) -> list[str]:
     """Base parameters that a fit left far from their start values, in one message."""
     ends = []
     for p, start, end in zip(problem.parameters, first, z, strict=True):
@@ -676,11 +673,10 @@ def _far(problem: Problem, first: FloatArray, z: FloatArray) -> list[str]:
     ]
 
 
-def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
+def _misfit(axis: FrictionAxis, found: Solution, force: float) -> list[str]:
     """Words for a random force that is correlated in time."""
-    if evidence.lasting < _LASTING:
+    if force == 0.0 or lasting(found) < _LASTING:
         return []
-    force = max(evidence.force)
     level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
     share = f" ({percent(force / level)} of the Coulomb level)" if level > 0.0 else ""
     return [
@@ -690,20 +686,24 @@ def _misfit(axis: FrictionAxis, evidence: Evidence) -> list[str]:
     ]
 
 
-def _result(
-    problem: Problem, first: FloatArray, evidence: Evidence, window: float, nominal: bool = False
-) -> Fit:
-    """The fit from its end; `nominal`: whether it started from what the user gave."""
-    z, gradients, normals, labels = evidence[:4]
-    prior = _prior(problem.parameters) + problem.prior(z)[2]
-    covariance, away = jackknife(gradients, normals, labels, prior)
+def _result(found: Solution, first: FloatArray, window: float, acting: bool) -> Fit:
+    """The fit from its end; `acting`: whether a random force acts."""
+    problem, count = found.problem, first.size
+    z, low, high = (part[:count] for part in (found.z, problem.low, problem.high))
+    gradients = found.gradients[:, :count]
+    normals = found.curvature() * found.information[:, :count, :count]
+    prior = _prior(problem.parameters) + problem.prior_terms(found.z)[2][:count]
+    away = unseen(normals.sum(axis=0), found.information_of)
+    covariance = jackknife(gradients, normals, prior, away)
     if away.size:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
-        z = np.clip(z - basis @ (basis.T @ (z - first)), problem.low, problem.high)
-    model = problem.model_at(z)
-    values = np.array(list(problem.values(z).values()))
-    slopes = np.array([p.slope(v) for p, v in zip(problem.parameters, values, strict=True)])
+        z = np.clip(z - basis @ (basis.T @ (z - first)), low, high)
+    names, parameters = problem.names, tuple(problem.parameters)
+    hold = "first" if problem.first else "zero"
+    values = np.array([p.value(c) for p, c in zip(parameters, z, strict=True)])
+    axis = problem.axis_at(z)
+    slopes = np.array([p.slope(v) for p, v in zip(parameters, values, strict=True)])
     errors = slopes * np.sqrt(np.diag(covariance))
     blind = np.any(np.abs(away) > 1e-3, axis=0)
     errors[blind] = np.inf
@@ -713,27 +713,25 @@ def _result(
         correlation = covariance / np.outer(spread, spread)
     correlation = np.where(np.isfinite(correlation), correlation, 0.0)
     np.fill_diagonal(correlation, 1.0)
-    names = problem.names
-    records = [w.record for w in problem.windows]
-    messages = cannot_tell(
-        model.axis, records, problem.parameters, values, errors, correlation, away, slopes
-    )
-    messages += (*_limits(problem, z), *_misfit(model.axis, evidence))
-    messages += tuple(_far(problem, first, z)) if nominal else ()
-    messages = tuple(rotary_words(message, model.axis.units[1]) for message in messages)
+    runs = range(len(problem.runs))
+    records = [r.record for r in problem.runs]
+    force = tuple(found.random_force(i) if acting else 0.0 for i in runs)
+    messages = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
+    messages += (*_limits(problem, z), *_misfit(axis, found, max(force)))
+    messages += tuple(_far(problem, first, z))
+    messages = tuple(rotary_words(message, axis.units[1]) for message in messages)
     for message in messages:
         warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
+    given = dict(zip(names, values.tolist(), strict=True))
     return Fit(
-        model.axis,
-        dict(zip(names, values.tolist(), strict=True)),
+        axis,
+        given,
         dict(zip(names, errors.tolist(), strict=True)),
         correlation,
-        {p.name: p.unit for p in problem.parameters},
+        {p.name: p.unit for p in parameters},
         messages,
-        evidence.force,
-        evidence.reading,
-        tuple(
-            replay(model.axis, w.record, window, w.hold, shift=model.shift) for w in problem.windows
-        ),
-        (problem.parameters, z, gradients, normals, labels, covariance),
+        force,
+        tuple(found.reading_noise(i) for i in runs),
+        tuple(replay(axis, r, window, hold, shift=given.get(SHIFT, 0.0)) for r in records),
+        (parameters, z, gradients, normals, away, covariance),
     )

@@ -2,47 +2,33 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import joblib
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
-from dryfric_control.estimation.force_residual import Sliding
-from dryfric_control.estimation.parameters import Scales, choose, typical
-from dryfric_control.estimation.problem import Problem, minimise
-from dryfric_control.estimation.windows import Windows, cut
-from dryfric_control.identification.fit import Fit, FitWarning, assess, fit_windows
+from dryfric_control.estimation.parameters import values_of
+from dryfric_control.identification.fit import Fit, likeliest, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
-from dryfric_control.ties import NEAR, above, ranked
+from dryfric_control.ties import NEAR, above
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
 
 _FEWEST = 5
-# Points of the regression that are replayed; ripple this close is as good as equal.
-_TRIED, _CLOSE = 8, 0.05
-# Fall of a fit's loss that is not worth another step: valleys differ by hundreds.
-_LEAST = 0.5
-# Slips of each direction that the first fit reads, from this part of their way on.
-_SOME, _GONE = 8, 0.03
-# Where the peak is looked for first, as parts of the slips' speed.
-_SPEEDS = np.geomspace(0.01, 1.0, 21)
-# Sliding samples that the regression reads.
-_ENOUGH = 5000
+# Where the search starts: excess, width of the peak over the high velocities (this quantile),
+# and stick velocity over that width.
+_EXCESS, _SPEEDS, _FAST, _STICK = 0.2, (0.3, 0.03, 0.003), 0.98, (1.0, 0.01)
 # Shorter halts do not differ from a reading that lags.
 _SHORTEST = 10
 # A move shorter than this part of the long slips is part of one stick phase:
@@ -259,7 +245,7 @@ def identify_stribeck(
         What to fit, see `fit`.  The Coulomb levels are fitted again by
         default: a crawl inside the peak has raised them.
     starts : int, optional
-        Number of starting points, the most promising of a coarse search.
+        Number of the most likely ends of the first search from which it goes on.
     jobs : int, optional
         Number of starts that run at the same time.
     progress : bool, optional
@@ -276,17 +262,10 @@ def identify_stribeck(
 
     Notes
     -----
-    Free runs as in `fit`, but each window starts in the middle of a stick
-    phase and ends in the next: it holds one breakaway, which shows the
-    excess, and one slip, which shows over what velocity the excess decays.
-
-    Their cost has several minima.  So the forces of sliding and of breakaway
-    are regressed first, over a grid of vs, and refined by free runs of slips
-    alone; the fit starts from the peak whose ripple comes closest, and where it
-    ends with a worse one, that peak is kept.
-
-    A stick velocity far below `vs` acts only through v - Sigma and is
-    poorly determined; see ``fit.messages`` for what the record does not determine.
+    The likelihood of `fit`, which has several maxima: each breakaway shows the excess, each
+    slip over what velocity it decays.  So the search starts from peaks of three widths, each
+    with a stick velocity as large and a hundredth of it, and goes on from the likeliest ends.
+    See ``fit.messages`` for what the record does not determine.
 
     Examples
     --------
@@ -314,52 +293,16 @@ def identify_stribeck(
             f"record holds {sticks.end.size} stick phases that end in motion, at least {_FEWEST} "
             "are needed: crawl slower, or with a softer loop"
         )
-    middles = (sticks.begin + sticks.end) // 2
-    inner = middles[(middles >= 5) & (middles <= len(record) - 5)]
-    edges = np.unique([0, *inner, len(record)])
-    windows = cut(record, edges=edges)
-
-    def miss(one: FrictionAxis) -> tuple[float, float]:
-        """How far the ripple of an axis is off, where that is equal its free runs."""
-        squares = windows.mean_squares(windows.run(one) - record.x)
-        floor = sum(part**2 for part in record.resolution)
-        cost = float(np.mean(np.log(squares + floor)))
-        if controller is None or measured is None:
-            return 0.0, cost
-        own = _replayed(replay_loop(one, record, controller))
-        if own is None:
-            return np.inf, cost
-        off = np.log([own.amplitude / measured.amplitude, own.period / measured.period])
-        return max(float(np.max(np.abs(off))), _CLOSE), cost
-
-    def closest(axes: list[FrictionAxis]) -> list[FrictionAxis]:
-        """The same, the closest first; those that tie in the order given."""
-        misses = [miss(one) for one in axes]
-        order = ranked([cost for _, cost in misses])
-        again = ranked([misses[i][0] for i in order])
-        return [axes[order[i]] for i in again]
-
-    measured = ripple(record)
-    coarse = _coarse(axis, record, sticks, free)[:_TRIED]
-    points = closest(coarse)
-    points += _refined(
-        points[:starts], _slips(record, sticks), typical([record]), free, jobs, progress
+    axis, guesses = _guesses(axis, record, free)
+    problem = problem_of(axis, [record], free)
+    points = [
+        np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
+        for values in (values_of(one, problem.names) for one in guesses)
+    ]
+    found = likeliest(
+        problem, points, jobs=jobs, progress=progress, name="identify_stribeck", kept=starts
     )
-    best = closest(points)[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        # Which run comes closest may depend on one breakaway: where there may be more
-        # than one start, the forces count too.
-        ends = [
-            fit_windows(p, [windows], free, starts=1, least=_LEAST)
-            for p in dict.fromkeys((best, coarse[0])[:starts])
-        ]
-        nearest = closest([end.axis for end in ends])[0]
-        found = next(end for end in ends if end.axis is nearest)
-        if closest([found.axis, best])[0] is best:
-            found = assess(best, [windows], free)  # the search went to a wrong valley
-    for message in found.messages:
-        warnings.warn(message, FitWarning, stacklevel=2)
+    measured = ripple(record)
     loop = replayed = None
     branches: tuple[Record, ...] = ()
     if controller is not None:
@@ -397,169 +340,17 @@ def _replayed(loop: LoopReplay) -> Ripple | None:
     return ripple(Record(record.t, y[4], y[5], record.reference, quantum=record.quantum or 0.0))
 
 
-def _coarse(
-    axis: FrictionAxis, record: Record, sticks: Sticks, free: Sequence[str]
-) -> list[FrictionAxis]:
-    """Peaks that explain the forces, the best first, each in a valley of its own.
-
-    Force of sliding samples: Fc(x) + sigma Fc0(x) g(v), of breakaway:
-    Fc(x) + sigma Fc0(x), with the levels given as Fc0: for each vs a linear
-    regression for the coefficients of Fc and for sigma.
-    """
-    slide = Sliding(record, _ENOUGH)
-    bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
-    friction = -slide.force_residual(bare) - axis.viscous * slide.v
-    at = _break_aways(record, sticks)
-    sides = np.concatenate([slide.direction, sticks.direction])
-    places = np.concatenate([slide.x, record.x[at]])
-    force = sides * np.concatenate([friction, record.u[at]])
-    level = np.where(sides > 0, axis.coulomb(places, 1), axis.coulomb(places, -1))
-    speed = np.concatenate([np.abs(slide.v), np.zeros(at.size)])
-    weight = np.ones(sides.size)
-    weight[slide.t.size :] = np.sqrt(max(slide.t.size, 1) / at.size)
-    fastest = float(np.quantile(speed[: slide.t.size], 0.9)) if slide.t.size else axis.stick_speed
-    levels_free = any(name.startswith("coulomb") for name in free)
-    bases = _bases(axis, places, sides) if levels_free else np.empty((sides.size, 0))
-    found = [] if axis.stribeck is None else [(-1.0, axis)]
-    for vs in _SPEEDS * fastest:
-        # The nominal stick velocity, and where the paper starts: at vs.
-        for stick in {axis.stick_speed, vs if "stick_speed" in free else axis.stick_speed}:
-            g = np.exp(-((np.maximum(speed - stick, 0.0) / vs) ** 2))
-            rows = np.column_stack([bases, level * g])
-            coefficients, cost = _regression(rows, force if levels_free else force - level, weight)
-            try:
-                one = axis.replace(
-                    coulomb=_map(axis, coefficients[:-1]) if levels_free else axis.coulomb,
-                    stribeck=Stribeck(float(np.clip(coefficients[-1], 0.02, 3.0)), float(vs)),
-                    stick_speed=float(stick),
-                )
-            except ValueError:  # a map that turns negative
-                continue
-            found.append((cost, one))
-    chosen: list[FrictionAxis] = []
-    for i in ranked([cost for cost, _ in found], NEAR * float(np.abs(force).max())):
-        one = found[i][1]
-        if all(_apart(one, other) for other in chosen):
-            chosen.append(one)
-    return chosen or [axis.replace(stribeck=Stribeck(0.2, 0.3 * fastest))]
-
-
-def _bases(axis: FrictionAxis, x: FloatArray, sides: NDArray[np.int64]) -> FloatArray:
-    """Powers of position of each direction, as many as its level has."""
-    low, high = axis.travel or (0.0, 1.0)
-    z = (x - low) / (high - low)
-    plus = np.vander(z, len(axis.coulomb.plus), increasing=True) * (sides > 0)[:, None]
-    minus = np.vander(z, len(axis.coulomb.minus), increasing=True) * (sides < 0)[:, None]
-    return np.column_stack([plus, minus])
-
-
-def _map(axis: FrictionAxis, coefficients: FloatArray) -> CoulombMap:
-    """Levels from coefficients of the columns of `_bases`."""
-    domain = axis.travel or (0.0, 1.0)
-    plus, minus = (
-        np.resize(Polynomial(c, domain=domain, window=(0.0, 1.0)).convert().coef, c.size)
-        for c in np.split(coefficients, [len(axis.coulomb.plus)])
-    )
-    return CoulombMap(tuple(plus.tolist()), tuple(minus.tolist()))
-
-
-def _break_aways(record: Record, sticks: Sticks) -> NDArray[np.int64]:
-    """Last samples of the stick phases at which the reading has not moved yet."""
-    least = max(2.0 * (record.quantum or 0.0), 6.0 * record.noise)
-    after = np.append(sticks.begin[1:], len(record))
-    found = []
-    for a, b, c, s in zip(sticks.begin, sticks.end, after, sticks.direction, strict=True):
-        middle = (a + b) // 2
-        rest = float(np.median(record.x[middle:b]))
-        gone = ~above(least, s * (record.x[middle:c] - rest), NEAR * record.range)
-        found.append(middle + int(np.argmax(gone)) - 1 if gone.any() else b)
-    return np.array(found)
-
-
-def _regression(rows: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, float]:
-    """Coefficients by Huber's loss, and the mean absolute error."""
-    root = weight
-    for _ in range(10):
-        scaled = rows * root[:, None]
-        found = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ (y * root), rcond=None)[0]
-        error = np.abs(y - rows @ found)
-        limit = 1.5 * 1.4826 * float(np.median(error))
-        root = weight * np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-300)))
-    return np.asarray(found), float(np.average(error, weights=weight**2))
-
-
-def _apart(a: FrictionAxis, b: FrictionAxis) -> bool:
-    """Whether two peaks differ enough to lie in different valleys."""
-    assert a.stribeck is not None and b.stribeck is not None
-    ratio = abs(np.log(a.stribeck.speed / b.stribeck.speed))
-    return bool(ratio > np.log(2.0) or abs(np.log(a.stick_speed / b.stick_speed)) > np.log(2.0))
-
-
-def _slips(record: Record, sticks: Sticks) -> list[Windows]:
-    """Some slips of each direction, from just after breakaway to the next rest.
-
-    Without the breakaway itself the free runs depend smoothly on the peak.
-    """
-    at = _break_aways(record, sticks)
-    spans = []
-    for s in (1, -1):
-        own = np.flatnonzero(sticks.direction[:-1] == s)
-        for i in own[:: max(1, own.size // _SOME)][:_SOME]:
-            end = int(sticks.begin[i + 1])
-            way = s * (record.x[at[i] : end] - record.x[at[i]])
-            start = int(at[i]) + int(np.argmax(above(way, _GONE * way[-1], NEAR * record.range)))
-            if way[-1] > 0.0 and end - start >= 20:
-                spans.append((start, end))
-    if not spans:
-        return []
-    edges = np.unique([0, *np.ravel(spans), len(record)])
-    whole = cut(record, edges=edges)
-    parts = []
-    for start, end in spans:
-        pick = slice(i := int(np.searchsorted(edges, start)), i + 1)
-        piece = record[start:end]
-        one = cut(piece, 5.0 * record.dt, edges=np.array([0, len(piece)]))
-        parts.append(
-            replace(
-                one,
-                x0=whole.x0[pick],
-                v0=whole.v0[pick],
-                x0_error=whole.x0_error[pick],
-                v0_error=whole.v0_error[pick],
-                rest=np.zeros(1),
-            )
-        )
-    return parts
-
-
-def _refined(
-    points: Sequence[FrictionAxis],
-    parts: Sequence[Windows],
-    scales: Scales,
-    free: Sequence[str],
-    jobs: int,
-    progress: bool,
-) -> list[FrictionAxis]:
-    """Some axes after a fit of peak and levels to some slips."""
-    names = [name for name in free if name.startswith(("stribeck", "coulomb"))]
-    if not names or not parts:
-        return []
-    # Slips that are cut out never stick: a stick velocity would only hold them up.
-    slow = 1e-4 * scales.length / scales.time
-
-    def search(point: FrictionAxis) -> FrictionAxis:
-        axis, parameters = choose(point.replace(stick_speed=slow), names, scales)
-        problem = Problem(axis, parameters, parts)
-        found = problem.axis_at(minimise(problem, problem.start, _LEAST))
-        return found.replace(stick_speed=point.stick_speed)
-
-    run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
-    return list(
-        tqdm(
-            run(joblib.delayed(search)(point) for point in points),
-            total=len(points),
-            desc="identify_stribeck",
-            unit="start",
-            disable=not progress,
-        )
-    )
+def _guesses(
+    axis: FrictionAxis, record: Record, free: Sequence[str]
+) -> tuple[FrictionAxis, list[FrictionAxis]]:
+    """The axis with a peak in the middle of what is searched, and axes to start from."""
+    fast = float(np.quantile(np.abs(record.derivatives().v), _FAST))
+    sticks = free if isinstance(free, str) else "stick_speed" in free
+    found = [] if axis.stribeck is None else [axis]
+    for ratio in _STICK if sticks else (1.0,):
+        for part in _SPEEDS:
+            stick = ratio * part * fast if sticks else axis.stick_speed
+            peak = Stribeck(_EXCESS, part * fast)
+            found.append(axis.replace(stribeck=peak, stick_speed=stick))
+    middle = found[len(found) - 1 - len(_SPEEDS) // 2]
+    return axis.replace(stribeck=middle.stribeck, stick_speed=middle.stick_speed), found

@@ -57,20 +57,20 @@ def test_replays_give_each_window_its_mean_and_its_worst():
     assert not np.any(QUIET.outliers(raised(1.0, 1), ALL))  # as far as that is no outlier
 
 
-def test_one_window_in_forty_may_be_out_of_line():
-    assert QUIET.reached(raised(9.0, 2), ALL)
-    assert not QUIET.reached(raised(9.0, 3), ALL)
-    # And one in any case.
-    few = np.arange(80) < 20
-    assert QUIET.reached(raised(9.0, 1), few)
-    assert not QUIET.reached(raised(9.0, 2), few)
+def test_one_window_in_ten_may_be_out_of_line():
+    assert QUIET.reached(raised(9.0, 8), ALL)
+    assert not QUIET.reached(raised(9.0, 9), ALL)
+    # And two in any case.
+    few = np.arange(80) < 15
+    assert QUIET.reached(raised(9.0, 2), few)
+    assert not QUIET.reached(raised(9.0, 3), few)
 
 
 def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
-    assert QUIET.reached(np.full(80, 0.149), ALL)
-    assert not QUIET.reached(np.full(80, 0.151), ALL)
+    assert QUIET.reached(np.full(80, 0.199), ALL)
+    assert not QUIET.reached(np.full(80, 0.201), ALL)
     # The one out of line has no say in the mean.
-    assert QUIET.reached(np.full(80, 0.14) + raised(9.0, 1), ALL)
+    assert QUIET.reached(np.full(80, 0.19) + raised(9.0, 1), ALL)
     # Windows not asked for have none either.
     half = np.arange(80) < 40
     assert QUIET.reached(np.where(half, 0.0, 0.9), half)

@@ -14,7 +14,7 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
-from dryfric_control.identification.stribeck import _break_aways, _coarse, stick_phases
+from dryfric_control.identification.stribeck import stick_phases
 from dryfric_control.records.motion import directions
 from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
 
@@ -167,22 +167,10 @@ def ramp(quantum):
 
 
 @pytest.mark.parametrize("how", CHANGES)
-def test_break_aways_and_starts_of_a_peak_are_the_same(how):
-    found = []
-    for record in (crawl(), changed(crawl(), how)):
-        sticks = stick_phases(record)
-        axis = SLIPPING.replace(stribeck=None)
-        free = ("stribeck", "stick_speed", "coulomb_map")
-        starts = _coarse(axis, record, sticks, free)
-        found.append((sticks, _break_aways(record, sticks), starts))
-    (sticks, at, starts), (other, there, again) = found
+def test_stick_phases_are_the_same(how):
+    sticks, other = (stick_phases(record) for record in (crawl(), changed(crawl(), how)))
+    assert sticks.end.size > 3
     assert np.array_equal(sticks.begin, other.begin) and np.array_equal(sticks.end, other.end)
-    assert np.array_equal(at, there)
-    assert len(starts) == len(again) > 3
-    for one, two in zip(starts, again, strict=True):
-        assert two.stribeck.speed == pytest.approx(one.stribeck.speed, rel=1e-6)
-        assert two.stribeck.excess == pytest.approx(one.stribeck.excess, rel=1e-6)
-        assert two.stick_speed == pytest.approx(one.stick_speed, rel=1e-6)
 
 
 @pytest.mark.parametrize("how", ["noise"])

@@ -11,12 +11,10 @@ from dryfric_control.estimation.uncertainty import jackknife, ratio_interval
 def test_standard_error_of_a_mean():
     """That of n values is s / sqrt(n)."""
     y = np.random.default_rng(1).standard_normal(12)
-    covariance, away = jackknife(
-        -(y - y.mean())[:, None], np.ones((12, 1, 1)), np.arange(12), np.zeros(1)
-    )
+    none = np.empty((0, 1))
+    covariance = jackknife(-(y - y.mean())[:, None], np.ones((12, 1, 1)), np.zeros(1), none)
     # A block is left out but for 1e-6 of it.
     assert covariance[0, 0] == pytest.approx(np.var(y, ddof=1) / 12, rel=1e-5)
-    assert away.size == 0
 
 
 def test_jackknife_is_that_of_refits_without_one_block():
@@ -24,9 +22,9 @@ def test_jackknife_is_that_of_refits_without_one_block():
     columns, labels = rng.standard_normal((40, 2)), np.repeat(np.arange(8), 5)
     y = columns @ [1.0, -2.0] + rng.standard_normal(8)[labels] + 0.1 * rng.standard_normal(40)
     full = np.linalg.lstsq(columns, y, rcond=None)[0]
-    gradients = -columns * (y - columns @ full)[:, None]
-    normals = columns[:, :, None] * columns[:, None, :]
-    covariance, _ = jackknife(gradients, normals, labels, np.zeros(2))
+    gradients = (-columns * (y - columns @ full)[:, None]).reshape(8, 5, 2).sum(axis=1)
+    normals = (columns[:, :, None] * columns[:, None, :]).reshape(8, 5, 2, 2).sum(axis=1)
+    covariance = jackknife(gradients, normals, np.zeros(2), np.empty((0, 2)))
     refits = np.array(
         [np.linalg.lstsq(columns[labels != b], y[labels != b], rcond=None)[0] for b in range(8)]
     )
@@ -36,9 +34,8 @@ def test_jackknife_is_that_of_refits_without_one_block():
 def test_interval_of_a_ratio_of_errors():
     """Of chi-square values, 400 a side: the ratio of their sums has an F distribution."""
     rng = np.random.default_rng(3)
-    rows = np.repeat(rng.chisquare(1.0, (2, 400)), 3, axis=1) / 3.0
-    labels = np.repeat(np.arange(400), 3)
-    low, high = ratio_interval(9.0 * rows[0], rows[1], labels)
+    rows = rng.chisquare(1.0, (2, 400))
+    low, high = ratio_interval(9.0 * rows[0], rows[1])
     ratio = 3.0 * np.sqrt(rows[0].sum() / rows[1].sum())
     expected = 0.5 * np.log(stats.f.ppf(0.95, 400, 400))
     # 400 values know their spread to some 10 %, 2000 draws a quantile to some 4 %.

@@ -10,8 +10,8 @@ import pytest
 import truth
 
 import dryfric_control as dfc
+from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
-from dryfric_control.estimation.problem import Problem
 from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
 from dryfric_control.identification.identifiability import cannot_tell
@@ -171,20 +171,6 @@ def noisy(case):
     """Record with noise that hides where in the peak a free run starts."""
     noise = 80e-6 * np.random.default_rng(case.seed).standard_normal(case.x.size)
     return Record(case.t, case.u, case.x + noise, quantum=0.0)
-
-
-@pytest.mark.parametrize("seed", [2, 5, 8])
-def test_starts_inside_the_peak_are_found(seed):
-    # With the true parameters every window is noise, wherever it starts.
-    case = truth.make_null(seed)
-    record = noisy(case)
-    axis, parameters = choose(axis_of(case), ("stribeck",), typical([record]))
-    problem = Problem(axis, parameters, [cut(record)])
-    problem.scales = [80e-6]
-    true = values_of(axis, problem.names)
-    z = np.array([p.search(v) for p, v in zip(parameters, true, strict=True)])
-    # Chi-squared of 250 samples: 430 is eight standard deviations off.
-    assert problem.evaluate(z)[0].costs.max() < 430.0
 
 
 @pytest.mark.slow
@@ -468,22 +454,20 @@ def test_the_gear_of_a_servo_rubs_with_the_weight_it_carries_on_unseen_logs_too(
 
 
 def test_a_transmission_stiffens_no_further_than_samples_show():
-    """Beyond, free runs take hundreds of steps a sample: one record took over ten minutes."""
+    """Beyond, the filter takes hundreds of steps a sample: one record took over ten minutes."""
     believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    t = 1e-3 * np.arange(3000)
+    t = 1e-3 * np.arange(300)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     soft = dfc.effects.Compliance(stiffness=1e5, damping=50.0, load_fraction=0.4)
     stiff = dfc.effects.Compliance(stiffness=1e5, damping=2e4, load_fraction=0.4)
-    records = [dfc.Record(t, u, believed.simulate(u, dt=1e-3).y[0])]
+    run = prepare(dfc.Record(t, u, believed.simulate(u, dt=1e-3).y[0]))
     for effect, factor, possible in [(soft, 10.0, True), (soft, 400.0, False),
                                      (stiff, 1.2, True), (stiff, 2.0, False)]:  # fmt: skip
-        axis, parameters = choose(
-            believed.replace(effects=(effect,)), ["compliance.damping"], typical(records)
-        )
-        problem = Problem(axis, parameters, [cut(records[0])])
-        z = np.array([parameters[0].search(factor * effect.damping)])
+        problem = Likelihood(believed.replace(effects=(effect,)), ["compliance.damping"], [run])
+        z = problem.start()
+        z[0] = problem.parameters[0].search(factor * effect.damping)
         if possible:
-            assert problem.axis_at(z).effects[0].damping == pytest.approx(factor * effect.damping)
+            assert np.isfinite(problem.at(z).cost)
         else:
             with pytest.raises(ValueError, match="far too stiff"):
-                problem.axis_at(z)
+                problem.at(z)

@@ -1,0 +1,46 @@
+"""Fits at a large random force first, where the likelihood is smooth, and then at smaller ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.estimation.likelihood import Likelihood
+from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.solution import Solution
+
+FloatArray = NDArray[np.float64]
+
+#: Random force over the drive, one after the other.
+LOWERED = (0.3, 0.1)
+# Iterations at each.
+_FEW, _SOME = 4, 15
+
+
+def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
+    """Coordinates with the random force a part of the drive."""
+    z = z.copy()
+    z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
+    return z
+
+
+def held(
+    likelihood: Likelihood, z: FloatArray, turns: int = _FEW, until: float = math.inf
+) -> Solution:
+    """Parameters fitted with the noises held, as far as slopes of forces lead."""
+    one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
+    one.low, one.high = likelihood.low.copy(), likelihood.high.copy()
+    one.low[noises] = one.high[noises] = z[noises]
+    return maximise(one, z, turns, until, True)
+
+
+def continued(
+    likelihood: Likelihood, z: FloatArray, parts: Sequence[float] = LOWERED, until: float = math.inf
+) -> FloatArray:
+    """Parameters fitted at random forces held at parts of the drive, one after the other."""
+    for part in parts:
+        z = held(likelihood, with_force(likelihood, z, part), _SOME, until).z
+    return z

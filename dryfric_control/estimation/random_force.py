@@ -1,0 +1,75 @@
+"""What the random force of a fit tells: whether it acts, where it biases, whether it is white."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.estimation.likelihood import Run
+from dryfric_control.estimation.solution import Solution
+
+FloatArray = NDArray[np.float64]
+
+# Samples that are not used for parameters of sliding: within this time of a start or stop of
+# motion [s], and below this fraction of the fast speed (95 % quantile)
+# (`benchmarks/identification.py coverage`).
+_ABOUT, _SLOW, _FAST = 0.01, 0.02, 0.95
+# Least fraction of the sliding samples that must remain without them.
+_LEFT = 0.3
+# Longest lag of the autocorrelation of the innovations [s], and size at which they are
+# clipped, in standard deviations.
+_LASTING, _LARGEST = 0.025, 4.0
+# Log-likelihood that a random force must bring.
+_LEAST = 6.0
+
+
+def acts(found: Solution, i: int) -> bool:
+    """Whether the readings of record i are likelier with a random force than without."""
+    problem, without = found.problem, found.z.copy()
+    without[len(problem.names) + 2 * i] = problem.low[len(problem.names) + 2 * i]
+    return problem.tried(without).cost > found.cost + _LEAST
+
+
+def away_from_rest(run: Run, states: FloatArray) -> Run:
+    """The run without the samples close to rest, if enough samples remain.
+
+    Close to rest the noise of the recorded input causes a bias, since it releases the
+    model but not the machine, and a creeping axis stops where an unknown force holds it.
+    """
+    sliding = states[2] != 0.0
+    speed = np.abs(states[1])
+    if not sliding.any():
+        return run
+    clear = ~sliding | (speed > _SLOW * np.quantile(speed[sliding], _FAST))
+    reach = max(1, round(_ABOUT / run.record.dt))
+    for k in np.flatnonzero(np.diff(states[2]) != 0.0):
+        clear[max(0, k - reach + 1) : k + reach + 1] = False
+    if np.sum(clear & sliding) < _LEFT * np.sum(sliding):
+        return run
+    return replace(run, active=run.active & clear)
+
+
+def lasting(found: Solution) -> float:
+    """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
+    worst = 0.0
+    for run, out, states in zip(
+        found.problem.runs, found.point.out, found.point.states, strict=True
+    ):
+        seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
+        if not seen.any():
+            continue
+        e = np.zeros(seen.size)
+        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_LARGEST, _LARGEST)
+        longest = max(2, round(_LASTING / run.record.dt))
+        size = 2 * (e.size + longest)
+        products, pairs = (
+            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: longest + 1]
+            for one in (e, seen.astype(float))
+        )
+        correlation = products / np.maximum(pairs, 1.0)
+        weights = 1.0 - np.arange(longest + 1) / (longest + 1)
+        total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
+        worst = max(worst, total / max(correlation[0], 1e-300))
+    return worst

@@ -264,7 +264,7 @@ def emps() -> None:
     published = dfc.FrictionAxis(
         mass=95.11, viscous=203.5, coulomb=20.39, effects=(dfc.effects.BiasForce(3.16),)
     )
-    print("EMPS: free runs of 0.1 s; relative force error by the published measure")
+    print("EMPS: relative force error by the published measure")
     print(f"{'':36s} whole record  held out  closed loop: force error")
     print("published, symmetric / asymmetric     4.08 / 3.11 %")
     loop_error = replay_loop(published, record, loop).relative_force
@@ -283,8 +283,8 @@ def emps() -> None:
          ("mass", "viscous", "coulomb_map", "viscous_asymmetry")),
     ):  # fmt: skip
         start = time.perf_counter()
-        whole = found[title] = fit(axis, record, free, window=0.1, starts=1)
-        trained = fit(whole.axis, train, free, window=0.1, starts=1)
+        whole = found[title] = fit(axis, record, free, starts=1)
+        trained = fit(whole.axis, train, free, starts=1)
         error = force_error(whole.axis, record), force_error(trained.axis, test)
         again = replay_loop(whole.axis, record, loop).relative_force
         print(f"{title:36s} {error[0]:8.2f} %    {error[1]:6.2f} % {100 * again:6.2f} %"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
-from dryfric_control.estimation.parameters import values_of
+from dryfric_control.estimation.parameters import choose, typical, values_of
 from dryfric_control.identification.fit import Fit, likeliest, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
@@ -343,14 +343,18 @@ def _replayed(loop: LoopReplay) -> Ripple | None:
 def _guesses(
     axis: FrictionAxis, record: Record, free: Sequence[str]
 ) -> tuple[FrictionAxis, list[FrictionAxis]]:
-    """The axis with a peak in the middle of what is searched, and axes to start from."""
+    """The axis with a peak, in the middle of what is searched, and axes to start from."""
     fast = float(np.quantile(np.abs(record.derivatives().v), _FAST))
-    sticks = free if isinstance(free, str) else "stick_speed" in free
+    peak = axis.stribeck or Stribeck(_EXCESS, _SPEEDS[1] * fast)
+    names = [p.name for p in choose(axis.replace(stribeck=peak), free, typical([record]))[1]]
     found = [] if axis.stribeck is None else [axis]
-    for ratio in _STICK if sticks else (1.0,):
-        for part in _SPEEDS:
-            stick = ratio * part * fast if sticks else axis.stick_speed
-            peak = Stribeck(_EXCESS, part * fast)
-            found.append(axis.replace(stribeck=peak, stick_speed=stick))
-    middle = found[len(found) - 1 - len(_SPEEDS) // 2]
+    for ratio in _STICK if "stick_speed" in names else _STICK[:1]:
+        for part in _SPEEDS if "stribeck.speed" in names else _SPEEDS[:1]:
+            one = Stribeck(
+                _EXCESS if "stribeck.excess" in names else peak.excess,
+                part * fast if "stribeck.speed" in names else peak.speed,
+            )
+            stick = ratio * one.speed if "stick_speed" in names else axis.stick_speed
+            found.append(axis.replace(stribeck=one, stick_speed=stick))
+    middle = found[-1 - len(_SPEEDS) // 2] if len(found) > len(_SPEEDS) else found[0]
     return axis.replace(stribeck=middle.stribeck, stick_speed=middle.stick_speed), found

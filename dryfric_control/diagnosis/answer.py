@@ -56,19 +56,21 @@ def _wrong_base(search: Search, model: Model, final: Solution) -> list[Cause]:
     found = []
     for name in (n for n in problem.base if n in values):
         nominal = problem.nominal[name]
+        effect, _, part = name.partition(".")
         change = values[name] - nominal
-        if abs(change) <= RIGHT * nominal or abs(change) < CLEAR * errors[name]:
+        if abs(change) <= RIGHT * abs(nominal) or abs(change) < CLEAR * errors[name]:
             continue
-        if abs(change) * _size(problem, name) < NOTABLE * final.random_force():
+        if abs(change) * _size(search, name) < NOTABLE * final.random_force():
+            continue
+        if part and effect in model.causes:
             continue
         # Quadratic for a small change; logarithmic for a large one, as without it the random
         # force would grow.
         wald = (change / max(errors[name], 1e-300)) ** 2
         gain = math.log1p(wald / problem.samples)
         error = 2.0 * math.sqrt(wald) / (problem.samples + wald)
-        cause = cause_of(
-            problem.believed, SLUGS[name], {name: name}, values, errors, units, (gain, error)
-        )
+        slug, own = (effect, {part: name}) if part else (SLUGS[name], {name: name})
+        cause = cause_of(problem.believed, slug, own, values, errors, units, (gain, error))
         found.append((gain, cause))
     wrong = [cause for _, cause in sorted(found, key=lambda one: -one[0])]
     if GAIN in model.causes or not left_open(
@@ -120,9 +122,11 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
     return costs[0] < costs[1] + EQUAL
 
 
-def _size(problem: Problem, name: str) -> float:
-    """RMS force per unit of a base parameter."""
-    smooth = [r.record.derivatives() for r in problem.runs]
+def _size(search: Search, name: str) -> float:
+    """RMS force per unit of a base parameter, or of an amount of a nominal effect."""
+    if name not in BASE:
+        return math.inf if search.view is None else search.view.force_per_unit(name)
+    smooth = [r.record.derivatives() for r in search.problem.runs]
     if name == "coulomb":
         return 1.0
     rows = [one.a if name == "mass" else one.v for one in smooth]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dryfric_control.diagnosis.candidates import effect_class, holds
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import title_of
+from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
 #: Ratio of standard error to value beyond which a record hardly determines a parameter.
@@ -63,15 +63,19 @@ def cause_of(
     )
 
 
-def hardly_determined(causes: Sequence[Cause]) -> list[str]:
-    """A message for each parameter that the record hardly determines."""
-    messages = []
+def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
+    """A message for each parameter that the record hardly determines.
+
+    Compared with its value, or that in the nominal axis if this is larger.
+    """
+    messages, present = [], named(axis)
     for cause in causes:
         kinds = effect_class(cause.effect).parameters()
         for name, value in cause.parameters.items():
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
-            if not cause.standard_errors[name] <= HARDLY * abs(value):
+            nominal = getattr(present.get(cause.effect), name, 0.0)
+            if not cause.standard_errors[name] <= HARDLY * max(abs(value), abs(nominal)):
                 # A base parameter and its cause may have the same name.
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")

@@ -298,7 +298,7 @@ def _answered(
         f"{name} ended at a bound: the model does not fit, or the records do not determine it"
         for name in final.at_bound
     ]
-    messages += hardly_determined(causes)
+    messages += hardly_determined(problem.believed, causes)
     if found.muted:
         messages.append(_MUTED)
     if problem.imposed:

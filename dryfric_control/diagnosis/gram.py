@@ -27,7 +27,7 @@ from dryfric_control.diagnosis.thresholds import (
     SAME,
     SETTLED,
 )  # fmt: skip
-from dryfric_control.estimation.likelihood import BOLD, Likelihood, Point, wondered
+from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point, wondered
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -41,8 +41,8 @@ FloatArray = NDArray[np.float64]
 # change of a base parameter in the start of a fit.
 _FAR, _BASE = 30.0, (0.4, 2.5)
 # Columns whose responses are computed at once, ridge of the normal equations, and the relative
-# change of a nominal effect's parameter whose force is a column; pairs that are solved in full.
-_AT_ONCE, _RIDGE, _CHANGED, _PAIRS = 32, 1e-9, 0.05, 50
+# change of a nominal effect's parameter whose force is a column.
+_AT_ONCE, _RIDGE, _CHANGED = 32, 1e-9, 0.05
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,8 @@ class Gram:
     items: list[Item] = field(default_factory=list)
     #: Logarithm of the number of shapes of each effect that were searched.
     odds: dict[str, float] = field(default_factory=dict)
-    #: Predicted gain of each effect alone.
+    #: Best shape of each effect alone, with its predicted gain, and that gain if positive.
+    _single: dict[str, tuple[float, int]] = field(default_factory=dict)
     singles: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -175,7 +176,7 @@ class Gram:
         self.g, self.b = c.T @ c, -(c.T @ here.y)
         ridge = np.full(self.fixed, 1e-6)
         ridge[: len(self.base)] = [
-            problem.tolerance.get(n, BOLD) ** -2 if problem.nominal[n] > 0.0 else 1e-6
+            problem.tolerance.get(n, BOLD) ** -2 if n in BASE and problem.nominal[n] > 0.0 else 1e-6
             for n in self.base
         ]
         self.g[np.diag_indices(self.fixed)] += ridge / np.maximum(
@@ -205,7 +206,7 @@ class Gram:
         for name in self.names:
             try:
                 if name in present:
-                    found[name] = [*_changes(name, present[name], cast(View, self.here))]
+                    found[name] = [*_changes(name, present[name], self.base, cast(View, self.here))]
                 else:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
             except (ValueError, ArithmeticError) as problem:
@@ -301,7 +302,7 @@ class Gram:
         rows = zip(self.base, there, strict=True)
         return sum(
             wondered(float(v) / self.problem.nominal[n]) for n, v in rows
-            if self.problem.nominal[n] > 0.0 and n not in self.problem.tolerance
+            if self.problem.nominal[n] != 0.0 and n not in self.problem.tolerance
         )  # fmt: skip
 
     def early(self) -> bool:
@@ -329,7 +330,7 @@ class Gram:
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
         before = self.gain([])
-        singles: dict[str, tuple[float, int]] = {}
+        singles = self._single
         for g, one in enumerate(self.items):
             gain = max(self.gain([g]) - before, one.gain)
             singles[one.name] = max(singles.get(one.name, (-math.inf, g)), (gain, g))
@@ -349,45 +350,19 @@ class Gram:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
                 found.append((now - before, list(chosen)))
-        pairs = [(self.gain(pair) - before, pair) for pair in self._pairs()]
-        helping = [
-            (gain, pair) for gain, pair in pairs
-            if gain > max(self.singles[self.items[g].name] + self._chance(g) for g in pair)
-        ]  # fmt: skip
-        return [*found, *sorted(helping, reverse=True)[:JOINT]]
-
-    def _pairs(self) -> list[list[int]]:
-        """Columns that gain most beside a value of the nominal axis's effects, beyond both alone.
-
-        As base parameters, such values may be wrong and hide an effect: a constant force hides an
-        asymmetry.  Selection does not see two that help only together.
-        """
-        some = [g for g, one in enumerate(self.items) if len(one.at) == 1 and one.gain == -math.inf]
-        if len(some) < 2:
-            return []
-        at, f = [self.items[g].at[0] for g in some], self.fixed
-        base = np.linalg.solve(self.g[:f, :f] + _RIDGE * np.eye(f), self.g[:f, at])
-        m = self.g[np.ix_(at, at)] - self.g[:f, at].T @ base
-        h, d = self.b[at] - base.T @ self.b[:f], np.maximum(np.diag(m), _RIDGE)
-        det = np.outer(d, d) - m * m
-        first = (np.outer(h, d) - m * h) / np.maximum(det, 1e-300)  # the first coefficient
-        gain = first * h[:, None] + first.T * h[None, :] - np.add.outer(h * h / d, h * h / d)
-        wrong = np.array([self.items[g].column.positive for g in some])[:, None] & (first <= 0.0)
-        names = np.array([self.items[g].name for g in some])
-        believed = np.isin(names, [*named(self.problem.believed)])
-        wrong |= ~(believed[:, None] | believed)
-        gain[(det < SAME**2 * np.outer(d, d)) | wrong | wrong.T | (names[:, None] == names)] = 0.0
-        gain = np.triu(gain)
-        best = np.argsort(-gain, axis=None)[:_PAIRS]
-        rows = np.stack(np.unravel_index(best, gain.shape), axis=1)
-        return [[some[i], some[j]] for i, j in rows if gain[i, j] > 0.0]
+        return found
 
     def _chance(self, g: int) -> float:
         return CHANCE + self.odds[self.items[g].name]
 
-    def proposals(self) -> list[Proposal]:
-        """Starts of fits, with the shapes whose cost is lowest in a pass."""
+    def proposals(self, every: bool = False) -> list[Proposal]:
+        """Starts of fits, with the shapes whose cost is lowest in a pass.
+
+        `every`: of every effect, whatever the linear prediction says.
+        """
         sets = self.sets()
+        if every:
+            sets = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
         starts = self.problem.parallel(self._start, [s[0] for s in sets], [s[1] for s in sets])
         found = [one for one in starts if one is not None]
         return found + self._instead_of_base()
@@ -400,7 +375,6 @@ class Gram:
         """
         found: dict[str, Proposal] = {}
         count = len(self.base)
-        low, high = _BASE
         for one in self.items:
             if len(one.at) != 1 or not count or one.gain > -math.inf:
                 continue
@@ -423,8 +397,7 @@ class Gram:
                 start = with_effect(self.fit.axis, one.name, dict(one.column.values([c])))
             except ValueError:
                 continue
-            now = values_of(start.axis, self.base)
-            axis = with_values(start.axis, self.base, now * np.clip(1.0 - c * rates, low, high))
+            axis = with_values(start.axis, self.base, self._changed(start.axis, -c * rates))
             found[one.name] = Proposal((one.name,), axis, start.free, self.fit.cost - gain, gain)
         return list(found.values())
 
@@ -474,19 +447,26 @@ class Gram:
                 axis = with_values(axis, held, [self.here.middle] * len(held))
                 free += [n for n in start.free if n not in held]
             if moved:
-                low, high = _BASE
-                now, c = values_of(axis, self.base), c[: len(self.base)]
-                none = np.maximum(c, 0.0) * self.here.size / self.here.fast
-                rise = np.where(now > 0.0, now * np.clip(1.0 + c, low, high), none)
-                axis = with_values(axis, self.base, rise)
+                axis = with_values(axis, self.base, self._changed(axis, c[: len(self.base)]))
             yield axis, tuple(free)
 
+    def _changed(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
+        """Base parameters after relative changes, those of the axis itself within bounds."""
+        now, low, high = values_of(axis, self.base), *_BASE
+        amount = np.array([n not in BASE for n in self.base], bool)
+        rise = now * np.where(amount, 1.0 + c, np.clip(1.0 + c, low, high))
+        none = np.maximum(c, 0.0) * self.here.size / self.here.fast
+        return np.where(now != 0.0, rise, none)
 
-def _changes(name: str, effect: Effect, view: View) -> Iterator[Column]:
-    """Other values of an effect that the nominal axis has: relative changes of each parameter."""
+
+def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iterator[Column]:
+    """Other values of an effect that the nominal axis has, but for amounts that are in the base.
+
+    Relative changes of each parameter.
+    """
     now = dict(zip(type(effect).named_parameters(), effect.values, strict=True))
     for one, value in now.items():
-        if value == 0.0:
+        if value == 0.0 or f"{name}.{one}" in base:
             continue
         force = None
         if effect.action in ("force", "friction", "input"):

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import LEAST
+from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
+
+FloatArray = NDArray[np.float64]
 
 # Slope of the log-likelihood with the logarithm of a parameter at a bound that presses it there.
 _PRESSED = 1.0
@@ -30,11 +36,17 @@ def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -
     axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
     if not all(named(axis)[name].plausible(axis) for axis in axes):
         return "implausible values"
-    if not any(
-        effect.beyond_noise(run.u, fit.random_force(i)) for i, run in enumerate(fit.problem.runs)
-    ):
+    drives = [_drive(axis, name, run.u) for axis, run in zip(axes, fit.problem.runs, strict=True)]
+    if not any(effect.beyond_noise(u, fit.random_force(i)) for i, u in enumerate(drives)):
         return "no different from noise of the drive"
     return ""
+
+
+def _drive(axis: FrictionAxis, name: str, u: FloatArray) -> FloatArray:
+    """The drive as it comes to an effect: after those before it."""
+    before = itertools.takewhile(lambda item: item[0] != name, named(axis).items())
+    axis = axis.replace(effects=tuple(e for _, e in before if e in axis.effects))
+    return applied(axis, np.zeros(u.size), np.zeros(u.size), u, ("input",))
 
 
 def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:

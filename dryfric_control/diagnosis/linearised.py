@@ -16,13 +16,11 @@ from dryfric_control.compiled.linear import Recursion, adjoint, respond
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import SAME_FORCE
-from dryfric_control.estimation.force_residual import forces
+from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.likelihood import Likelihood, Point, recursion
-from dryfric_control.estimation.parameters import values_of
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import View, added
+from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.model.effects.columns import View, added, difference
 from dryfric_control.model.effects.effect import Effect
-from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -32,6 +30,8 @@ BoolArray = NDArray[np.bool_]
 _SHORTEST, _SOONEST, _PEAKS, _FEWEST, _FINE = 8.0, 10.0, 5, 1.25, 4
 # Number of frequencies at which the size of a periodic column is computed; it is interpolated.
 _SIZES = 16
+# Relative change of an amount whose force is a column.
+_CHANGED = 0.05
 # Averaging of the filtered acceleration [samples].
 _SMOOTH = 5
 
@@ -85,7 +85,7 @@ class Linearised:
         self.size = max(float(np.mean(self.level)), 1e-3 * float(np.std(self.u)), 1e-300)
         self.middle, self.span = 0.5 * float(self.x.min() + self.x.max()), float(np.ptp(self.x))
         self.fast = max(float(np.quantile(np.abs(self.v), 0.9)), self.quantum / self.duration)
-        self.top = float(np.quantile(np.abs(self.u), 0.999))
+        self.top = float(np.quantile(np.abs(self.drive), 0.999))
 
     @property
     def duration(self) -> float:
@@ -94,15 +94,13 @@ class Linearised:
 
     @cached_property
     def carried(self) -> FloatArray:
-        """Load of the transmission: the drive less the force effects."""
-        bare = FrictionAxis(
-            1.0,
-            0.0,
-            CoulombMap.of(0.0),
-            effects=tuple(e for e in self.axis.effects if e.action == "force"),
-        )
-        sign = self.direction.astype(np.int64)
-        return self.u + forces(bare, self.x, self.v, np.zeros(self.x.size), sign)
+        """Load of the transmission: the drive after its gain and limits, and the force effects."""
+        return applied(self.axis, self.x, self.v, self.u, ("input", "force"))
+
+    @cached_property
+    def drive(self) -> FloatArray:
+        """Drive after its gain and limits."""
+        return applied(self.axis, self.x, self.v, self.u, ("input",))
 
     def columns(self, force: FloatArray, reading: FloatArray) -> FloatArray:
         """Weighted changes of the innovations, shape (n, c), see `respond`."""
@@ -139,7 +137,16 @@ class Linearised:
             "viscous": -self.v * (nominal.get("viscous") or self.size / self.fast),
             "coulomb": -self.direction * self.level,
         }
+        for name in (n for n in names if n not in known):
+            more = with_values(self.axis, [name], [nominal[name] * (1.0 + _CHANGED)])
+            known[name] = difference(more, cast(View, self)) / _CHANGED
         return [known[n] for n in names]
+
+    def force_per_unit(self, name: str) -> float:
+        """RMS force of a parameter's change by one unit."""
+        value = float(values_of(self.axis, [name])[0])
+        force = self.base_forces([name])[0]
+        return float(np.sqrt(np.mean(force**2))) / max(abs(value), 1e-300)
 
     def base(self, names: Sequence[str]) -> FloatArray:
         """Columns of base parameters, each for a relative change of 1."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import effect_class, holds, shown
+from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 
 #: The effect that is a constant force.
 BIAS = "bias_force"
+# Actions of nominal effects whose amounts are uncertain.
+_UNSURE = ("force", "friction", "input")
 #: Iterations of a first look at a proposal, of a fit that compares, of the last fit, and of one
 #: of the noises alone.
 FEW, SOME, LAST, NOISES = 4, 15, 30, 3
@@ -93,14 +95,25 @@ class Problem:
 
     @cached_property
     def nominal(self) -> dict[str, float]:
-        """Nominal base parameters."""
-        return dict(zip(BASE, values_of(self.believed, BASE).tolist(), strict=True))
+        """Nominal values of what is uncertain in the nominal axis: base, amounts of its effects."""
+        names = (*BASE, *self.amounts)
+        return dict(zip(names, values_of(self.believed, names).tolist(), strict=True))
+
+    @cached_property
+    def amounts(self) -> tuple[str, ...]:
+        """Amounts of the nominal effects that act as a force: no more certain than the base."""
+        found = []
+        for name, effect in named(self.believed).items():
+            if effect.action in _UNSURE and not (self.imposed and effect.action == "input"):
+                found += [full for full, _, _ in amounts(name, own_names(name))]
+        values = values_of(self.believed, found)
+        return tuple(n for n, v in zip(found, values, strict=True) if v != 0.0)
 
     @property
     def base(self) -> tuple[str, ...]:
-        """Base parameters that are free."""
+        """Base parameters that are free, and amounts of the nominal effects."""
         held = (*self.known, *self.also, *(("viscous",) if self.steady else ()))
-        return tuple(n for n in BASE if n not in held)
+        return tuple(n for n in self.nominal if n not in held)
 
     @property
     def imposed(self) -> bool:
@@ -128,6 +141,7 @@ class Problem:
         problem = self.view(
             axis, names, self.runs, believed=self.believed, tolerance=self.tolerance,
             own=self.own, each=each, hold=self.hold, scales=self.scales, wonder=wonder,
+            priors=tuple(self.nominal),
             shift=self.shift or 0.0,
         )  # fmt: skip
         records = [r.record for r in self.runs]

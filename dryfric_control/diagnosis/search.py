@@ -31,6 +31,7 @@ from dryfric_control.diagnosis.thresholds import (
     LONGEST,
     MOST,
     MOVED,
+    MUTED,
     NOTED,
     OUTSTANDING,
     PROPOSALS,
@@ -243,7 +244,8 @@ class Search:
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
     _less: dict[str, Model] = field(default_factory=dict)
-    _view: Linearised | None = None
+    #: The pass of the last round.
+    view: Linearised | None = None
 
     def alone(self) -> Solution:
         """The nominal structure with its base fitted, from the nominal values and by continuation.
@@ -272,24 +274,31 @@ class Search:
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays."""
-        seen = dict[frozenset[str], float]()
-        # A model that is found again likelier than before is searched again.
-        while now.fit.cost < seen.get(frozenset(now.causes), math.inf) - SLACK:
-            if self.problem.late:
+        seen, every = dict[frozenset[str], float](), set[frozenset[str]]()
+        while not self.problem.late:
+            self.now, key = now, frozenset(now.causes)
+            # A model that is found again likelier than before is searched again.
+            if now.fit.cost < seen.get(key, math.inf) - SLACK:
+                seen[key] = now.fit.cost
+                step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
+                self.tell(step, now.causes)
+                row, there = self.best(now), self.refound(now)
+                if there is not None:
+                    now = there
+                elif row is not None:
+                    now = self.pruned(Model(row.fit, (*now.causes, *row.names)))
+                elif now.causes:
+                    self.tell("exchange", now.causes)
+                    now = self.exchanged(now)
+                continue
+            # What is so far off has no linear prediction: every effect is fitted.
+            if key in every or not self._muted(now.fit):
                 break
-            self.now = now
-            seen[frozenset(now.causes)] = now.fit.cost
-            step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
-            self.tell(step, now.causes)
-            row, there = self.best(now), self.refound(now)
-            if there is not None:
-                now = there
-            elif row is not None:
-                now = Model(row.fit, (*now.causes, *row.names))
-                now = self.pruned(now)
-            elif now.causes:
-                self.tell("exchange", now.causes)
-                now = self.exchanged(now)
+            every.add(key)
+            row = self._chosen(now, self._looked_again(now))
+            if row is None:
+                break
+            now = self.pruned(Model(row.fit, (*now.causes, *row.names)))
         return now
 
     def refound(self, now: Model) -> Model | None:
@@ -308,9 +317,25 @@ class Search:
 
     def best(self, now: Model) -> Row | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
+        return self._chosen(now, self.round(now) if len(now.causes) < MOST else ())
+
+    def _muted(self, fit: Solution) -> bool:
+        """Whether the random force is too large, beside the friction, to explain anything."""
+        level = fit.axis.coulomb.mean
+        force = max(fit.random_force(i) for i in range(len(self.problem.runs)))
+        return not self.problem.imposed and force > MUTED * level
+
+    def _looked_again(self, now: Model) -> list[Row]:
+        """Every effect beside a model, fitted; found again by its causes."""
+        key = frozenset(now.causes)
+        rows = self._fitted(now.fit, self._proposals(now, every=True))
+        self._rounds[key] = now.fit, [*self._rounds[key][1], *rows]
+        return rows
+
+    def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
         room = MOST - len(now.causes)
         good = [
-            r for r in (self.round(now) if room > 0 else ())
+            r for r in rows
             if not r.reason and r.evidence > 0.0 and len(r.names) <= room
         ]  # fmt: skip
         # What fits no better than one with fewer parameters gains nothing over it on unseen data.
@@ -332,7 +357,7 @@ class Search:
         self._rounds[key] = now.fit, rows
         return rows
 
-    def _proposals(self, now: Model) -> list[Proposal]:
+    def _proposals(self, now: Model, every: bool = False) -> list[Proposal]:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
         best: dict[frozenset[str], Proposal] = {}
@@ -343,8 +368,8 @@ class Search:
             gram = Gram(self.problem, fit, names, self._fail)
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
-            self.early, self._view = gram.early(), gram.here
-            proposals = gram.proposals()
+            self.early, self.view = gram.early(), gram.here
+            proposals = gram.proposals(every)
             if not now.causes and fit is now.fit:
                 self.first = gram.singles | self.first
             for one in proposals:
@@ -352,6 +377,8 @@ class Search:
                 key = frozenset(one.names)
                 before = best.get(key, one)
                 best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
+        if every:
+            return list(best.values())
         # The likeliest in one pass, and those of which most is predicted.
         some = sorted(best.values(), key=lambda p: p.cost)[:PROPOSALS]
         more = sorted(best.values(), key=lambda p: -p.predicted)[: PROPOSALS // 2]
@@ -385,7 +412,7 @@ class Search:
         """Whether a base parameter is notably off its nominal value."""
         values, nominal = fit.values(), self.problem.nominal
         return any(
-            nominal[n] > 0.0 and abs(math.log(max(values[n], 1e-300) / nominal[n])) > MOVED
+            nominal[n] != 0.0 and abs(math.log(max(values[n] / nominal[n], 1e-300))) > MOVED
             for n in self.problem.base if n in values
         )  # fmt: skip
 
@@ -508,9 +535,9 @@ class Search:
         A rough cost would choose between equals by chance.
         """
         good = [r for r in rows if len(r.names) == 1 and not r.reason]
-        if self._view is None or len(good) < 2:
+        if self.view is None or len(good) < 2:
             return rows
-        top, view, problem = max(good, key=lambda r: r.evidence), self._view, self.problem
+        top, view, problem = max(good, key=lambda r: r.evidence), self.view, self.problem
         effect, base = named(top.fit.axis)[top.names[0]], problem.base
 
         def one(row: Row) -> Row:

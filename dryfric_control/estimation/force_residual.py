@@ -13,6 +13,7 @@ from scipy.signal import savgol_coeffs
 from dryfric_control.compiled.windowed_runs import accelerations, behind_drive_and_encoder
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 
@@ -179,6 +180,15 @@ def forces(
 ) -> FloatArray:
     """Force on the sliding mass minus the drive, shape (n,)."""
     return np.asarray(axis.mass * _accelerations(axis, np.zeros(x.size), x, v, u, direction) - u)
+
+
+def applied(
+    axis: FrictionAxis, x: FloatArray, v: FloatArray, u: FloatArray, actions: Sequence[str]
+) -> FloatArray:
+    """Drive after its effects, and the forces of others, that act in some ways."""
+    kept = tuple(e for e in axis.effects if e.action in actions)
+    bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=kept)
+    return u + forces(bare, x, v, u, np.ones(x.size, np.int64))
 
 
 def at_the_mass(

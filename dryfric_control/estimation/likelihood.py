@@ -189,7 +189,8 @@ class Likelihood:
     tolerance : mapping of str to float, optional
         Relative standard deviation of a prior.
     priors : sequence of str, optional
-        Base parameters with a prior where no tolerance is given: a factor of 2.
+        Parameters with a prior where no tolerance is given: a factor of 2 for those of the
+        base, and for amounts of effects only what `wonder` says.
     wonder : bool, optional
         Whether changes of base parameters cost as assumptions do.
     own : sequence of str, optional
@@ -242,11 +243,12 @@ class Likelihood:
         # and whether a change costs as an assumption does.
         self.beliefs: dict[int, tuple[float, float, bool]] = {}
         for j, p in enumerate(self.parameters):
-            value = abs(float(values_of(believed, [p.name])[0])) if p.name in priors else 0.0
-            if p.name in tolerance:
-                value = abs(float(values_of(believed, [p.name])[0]))
-            if value > 0.0:
-                spread = tolerance.get(p.name, BOLD)
+            if p.name not in (*priors, *tolerance):
+                continue
+            value = float(values_of(believed, [p.name])[0])
+            if value != 0.0:
+                # An amount of an effect may have either sign.
+                spread = tolerance.get(p.name, BOLD if p.name in BASE else math.inf)
                 self.beliefs[j] = (value, spread, wonder and p.name not in tolerance)
         n = len(names)
         self.size = n + 2 * len(runs)
@@ -395,11 +397,12 @@ class Likelihood:
             value = p.value(z[j])
             ratio = value / nominal
             slope = p.slope(value) / nominal
-            off = math.log((ratio + _OFFSET) / (1.0 + _OFFSET)) / spread
-            by = slope / (ratio + _OFFSET) / spread
-            total += 0.5 * off * off
-            g[j] += off * by
-            h[j] += by * by
+            if spread < math.inf:
+                off = math.log((ratio + _OFFSET) / (1.0 + _OFFSET)) / spread
+                by = slope / (ratio + _OFFSET) / spread
+                total += 0.5 * off * off
+                g[j] += off * by
+                h[j] += by * by
             if wonder:
                 off, by = (ratio - 1.0) / _SPREAD, slope / _SPREAD
                 weight = 2.0 * _WONDER / (1.0 + off * off)

@@ -37,7 +37,7 @@ def test_an_effect_that_the_axis_has_is_said_to_have_other_values():
 @pytest.mark.parametrize("error", [0.16, math.inf, math.nan])
 def test_what_a_record_leaves_open_is_said(error):
     # The phase, an angle, has no size to hold its error against.
-    said = [m for m in hardly_determined([cause(error)]) if "amplitude" in m or "phase" in m]
+    said = [m for m in hardly_determined(AXIS, [cause(error)]) if "amplitude" in m or "phase" in m]
     assert said == ["cogging.amplitude is hardly determined by this record"]
 
 
@@ -46,11 +46,18 @@ def test_a_parameter_called_as_its_cause_is_named_once():
         AXIS, "viscous", {"viscous": "viscous"}, {"viscous": 15.0}, {"viscous": 9.0},
         {"viscous": "N s/m"}, (2.0, 0.1),
     )  # fmt: skip
-    assert hardly_determined([open_]) == ["viscous is hardly determined by this record"]
+    assert hardly_determined(AXIS, [open_]) == ["viscous is hardly determined by this record"]
 
 
 def test_what_a_record_determines_is_not():
-    assert not [m for m in hardly_determined([cause(0.14)]) if "amplitude" in m]
+    assert not [m for m in hardly_determined(AXIS, [cause(0.14)]) if "amplitude" in m]
+
+
+def test_an_amount_that_has_gone_is_determined_beside_its_nominal_value():
+    gone = cause(0.16)
+    nominal = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=10.0, period=0.1),))
+    few = [m for m in hardly_determined(nominal, [gone]) if "amplitude" in m]
+    assert not few
 
 
 def test_readings_that_were_left_out_are_listed_and_told():

@@ -37,8 +37,9 @@ class View(Protocol):
         +1 or -1; 0 at rest.
     level : ndarray, shape (n,)
         Coulomb level [N].
-    carried : ndarray, shape (n,)
-        Load of the transmission: the drive less the force effects [N].
+    drive, carried : ndarray, shape (n,)
+        Drive after its gain and limits, and load of the transmission: that less the force
+        effects [N].
     size : float
         Typical Coulomb level [N].
     middle, span : float
@@ -59,6 +60,7 @@ class View(Protocol):
     u: FloatArray
     direction: FloatArray
     level: FloatArray
+    drive: FloatArray
     carried: FloatArray
     size: float
     middle: float

@@ -75,10 +75,10 @@ class InputDelay(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        at = np.arange(view.u.size)
+        at = np.arange(view.drive.size)
         for samples in (0.5, 1, 2, 4, 8, 16):
-            late = np.interp(at - samples, at, view.u)
-            found = amount("delay", (late - view.u) / (samples * view.dt), positive=True)
+            late = np.interp(at - samples, at, view.drive)
+            found = amount("delay", (late - view.drive) / (samples * view.dt), positive=True)
             yield found._replace(most=2.0 * samples * view.dt)
 
 
@@ -129,8 +129,10 @@ class ActuatorLag(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         for samples in (0.5, 1, 2, 4, 8, 16):
             kept = math.exp(-1.0 / samples)
-            late = lfilter([1.0 - kept], [1.0, -kept], view.u, zi=[kept * view.u[0]])[0]
-            found = amount("time_constant", (late - view.u) / (samples * view.dt), positive=True)
+            late = lfilter([1.0 - kept], [1.0, -kept], view.drive, zi=[kept * view.drive[0]])[0]
+            found = amount(
+                "time_constant", (late - view.drive) / (samples * view.dt), positive=True
+            )
             yield found._replace(most=2.0 * samples * view.dt)
 
 
@@ -181,7 +183,7 @@ class InputGain(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # A gain near 0 would predict a straight line, whatever the drive.
-        yield Column(lambda c: {"gain": 1.0 + float(c[0])}, (view.u,), most=0.5)
+        yield Column(lambda c: {"gain": 1.0 + float(c[0])}, (view.drive,), most=0.5)
 
 
 @register_effect
@@ -240,7 +242,7 @@ class DeadZone(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         for part in (0.02, 0.05, 0.1, 0.2, 0.4, 0.7):
             width = part * view.size
-            lost = -np.clip(view.u, -width, width) / width
+            lost = -np.clip(view.drive, -width, width) / width
             yield amount("width", lost, positive=True)._replace(most=2.0 * width)
 
 
@@ -295,5 +297,5 @@ class Saturation(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         for part in (0.97, 0.9, 0.8, 0.7, 0.5, 0.35, 0.2):
             limit = part * view.top
-            cut = np.clip(view.u, -limit, limit) - view.u
+            cut = np.clip(view.drive, -limit, limit) - view.drive
             yield simulated(limit=limit)._replace(force=(cut,), positive=True)

@@ -60,7 +60,8 @@ def test_a_nominal_force_of_the_wrong_sign_hides_no_cause():
     case = make_case(("bias_force", "quadratic_drag"), 5, "short")
     force = case.truth["bias_force"]["force"]
     wrong = dfc.effects.BiasForce(force=-0.6 * force)
-    with among("quadratic_drag", "viscous_asymmetry", "spring", "stribeck", "end_stop"):
+    rivals = ("viscous_asymmetry", "spring", "stribeck", "end_stop")
+    with among("bias_force", "quadratic_drag", *rivals):
         found = diagnose(believed(case).replace(effects=(wrong,)), record(case), jobs=1)
     assert [cause.effect for cause in found.causes] == ["quadratic_drag", "bias_force"], str(found)
     assert found.causes[1].parameters["force"] == pytest.approx(force, rel=1e-3)

@@ -48,6 +48,30 @@ def cost(out, active):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def profiled(out, active, turns):
+    """`cost` with one factor of all variances fitted in some turns; nan without a number."""
+    factor, count, logs = 1.0, 0, 0.0
+    for k in range(out.shape[1]):
+        if active[k] and out[1, k] > 0.0:
+            count += 1
+            logs += math.log(out[1, k])
+    for _ in range(turns):
+        total = 0.0
+        for k in range(out.shape[1]):
+            if active[k] and out[1, k] > 0.0:
+                ratio = out[0, k] * out[0, k] / out[1, k]
+                total += (FREEDOM + 1.0) / (FREEDOM + ratio / factor) * ratio
+        before, factor = factor, max(total / max(count, 1), 1e-12)
+        if abs(factor - before) < 1e-4 * before:
+            break
+    spread = 0.0
+    for k in range(out.shape[1]):
+        if active[k] and out[1, k] > 0.0:
+            spread += math.log1p(out[0, k] * out[0, k] / out[1, k] / (FREEDOM * factor))
+    return 0.5 * (logs + count * math.log(factor) + (FREEDOM + 1.0) * spread)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def block_costs(out, active, edges, costs):
     """`cost` of each block; block b covers the samples edges[b] to edges[b+1] - 1."""
     for b in range(edges.shape[0] - 1):

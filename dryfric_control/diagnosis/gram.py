@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.compiled.likelihood import FREEDOM
+from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, with_effect
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem, noises_of
@@ -113,18 +113,9 @@ def profiled(likelihood: Likelihood, point: Point) -> float:
     """Cost without prior, one factor of all variances fitted; infinite without a result."""
     if not point.out:
         return math.inf
-    total = 0.0
-    for run, out in zip(likelihood.runs, point.out, strict=True):
-        seen = run.active & (out[1] > 0.0)
-        if not np.isfinite(out[:, seen]).all():
-            return math.inf
-        ratio, factor = out[0, seen] ** 2 / out[1, seen], 1.0
-        for _ in range(SETTLED):
-            weights = (FREEDOM + 1.0) / (FREEDOM + ratio / factor)
-            factor = max(float(np.mean(weights * ratio)), 1e-12)
-        spread = 0.5 * (FREEDOM + 1.0) * np.log1p(ratio / (FREEDOM * factor))
-        total += float(np.sum(0.5 * np.log(out[1, seen] * factor) + spread))
-    return total
+    pairs = zip(likelihood.runs, point.out, strict=True)
+    total = sum(compiled.profiled(out, run.active, SETTLED) for run, out in pairs)
+    return total if math.isfinite(total) else math.inf
 
 
 @dataclass(eq=False)

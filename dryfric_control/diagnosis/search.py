@@ -292,7 +292,7 @@ class Search:
                     now = self.exchanged(now)
                 continue
             # What is so far off has no linear prediction: every effect is fitted.
-            if key in every or not self._muted(now.fit):
+            if key in every or len(key) >= MOST or not self._muted(now.fit):
                 break
             every.add(key)
             row = self._chosen(now, self._looked_again(now))
@@ -329,7 +329,7 @@ class Search:
         """Every effect beside a model, fitted; found again by its causes."""
         key = frozenset(now.causes)
         rows = self._fitted(now.fit, self._proposals(now, every=True))
-        self._rounds[key] = now.fit, [*self._rounds[key][1], *rows]
+        self._rounds[key] = now.fit, [*self.round(now), *rows]
         return rows
 
     def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:

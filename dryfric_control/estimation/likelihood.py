@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -171,6 +171,8 @@ class Point:
     cost: float
     out: list[FloatArray]
     states: list[FloatArray]
+    #: Accelerations at the filtered states of records, once they are known.
+    rates: dict[int, FloatArray] = field(default_factory=dict)
 
 
 class Likelihood:
@@ -525,15 +527,19 @@ class Likelihood:
             there = self.axis_at(moved, i)
         except ValueError:
             return False  # no such axis on this side
-        found = []
-        for one in (axis, there):
+
+        def rate(one: FrictionAxis) -> FloatArray:
             arrays, a = one.arrays(1.0), np.empty(direction.size)
             accelerations(
                 arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u,
                 direction, a,
             )  # fmt: skip
-            found.append(a)
-        force = np.where(direction != 0, axis.mass * (found[1] - found[0]), 0.0)[:, None]
+            return a
+
+        before = point.rates.get(i)
+        if before is None:
+            before = point.rates.setdefault(i, rate(axis))
+        force = np.where(direction != 0, axis.mass * (rate(there) - before), 0.0)[:, None]
         out = np.zeros((direction.size, 1))
         respond(force, force[:0], recursion(axis, run.record.dt, states), out)
         seen = point.out[i][1] > 0.0

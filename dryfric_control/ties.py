@@ -14,9 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 #: Difference, relative to a range or a number, up to which it is round-off: some
 #: hundred times the error of long sums, and finer than a 32-bit encoder.
 NEAR = 1e-10
-#: Insignificant difference of two sums of squared errors, each over its variance:
-#: an error of a parameter by a thousandth of its standard error causes as much.
-SQUARES = 1e-6
 
 
 def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> NDArray[np.bool_]:

@@ -196,6 +196,9 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
 
     Referred to the sum of both masses, as it then moves the motor alone.
     """
+    kind = plant.integers[step.STRUCTURE]
+    if not kind & step.PLAY or kind & step.ON_LOAD:
+        return 0.0
     drive = step.drive_now(plant, t, dt, memory, u)
     press = -math.copysign(1.0, memory[step.OFFSET]) * drive
     more = plant.numbers[step.INVERSE_MOTOR] / plant.numbers[step.INVERSE_MASS]
@@ -259,6 +262,208 @@ def _stayed(y, k, gives):
     while j > 0 and abs(y[j - 1] - y[k]) <= gives:
         j -= 1
     return k - j
+
+
+@step.internal
+def _predict_near(
+    plant, m, events, count, points, t, dt, u0, end, x, v, mode, p, g, d, deviation, fall, reading,
+    plain, over, pulled, pull,
+):  # fmt: skip
+    """One sample near breakaway, where the mode at its end is uncertain.
+
+    Simulates sigma points of velocity and random force, each with its own mode.  Returns the
+    covariance, and how often and how far the drive has pulled beyond friction, and to which side.
+    """
+    total = d + g * g * p
+    width = math.sqrt(total)
+    x_mean, v_mean, resting = 0.0, 0.0, 1.0
+    slope = g * p / total if total > 0.0 else 0.0
+    drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u0 + end)), m[step.REST]
+    doubt = 0.0
+    if mode == 0:
+        s, beyond = _beyond(plant, step.held_force(drive), t, x, v, rest)
+        # The excess of so many samples that is noise grows as their root.
+        pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
+        over, pull = over + 1 if pulled > beyond else 1, s
+        sure, certain = _MAY_HOLD
+        part = (certain - pulled / (deviation * math.sqrt(over))) / (certain - sure)
+        doubt = s * max(beyond, 0.0) * min(max(part, 0.0), 1.0) * (1.0 + 1e-9)
+    if not plain:
+        # This also advances the drive.
+        count[0] = 0
+        # Take the addresses here: numba frees an array after its last use.
+        step.sample(plant, t, dt, u0, end, m, step.pointer(events), step.pointer(count))
+    for i in range(5):
+        c = _SPEEDS[i] * width
+        if i < 4 or plain or doubt != 0.0:
+            felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
+            x1, v1, mode1 = _coarse(
+                plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
+                x + slope * c, v + c, rest, fall,
+            )  # fmt: skip
+        else:
+            x1, v1, mode1 = m[step.X], m[step.V], m[step.MODE]
+        if mode1 != 0.0:
+            resting = 0.0
+        x_mean += _MEANS[i] * x1
+        v_mean += _MEANS[i] * v1
+        points[0, i], points[1, i] = x1, v1
+    if plain or doubt != 0.0:
+        at_rest = mode == 0 and mode1 == 0.0
+        m[step.REST] = rest + dt if at_rest else 0.0
+        m[step.MODE] = mode1
+    m[step.X], m[step.V] = x_mean, v_mean
+    # The variance of the position given the velocity is kept.
+    m00 = p * d / total if total > 0.0 else p
+    m00 += resting * _CREEP * reading
+    m01, m11 = 0.0, 0.0
+    for i in range(5):
+        a, b = points[0, i] - x_mean, points[1, i] - v_mean
+        if _MEANS[i] == 0.0:
+            a, b = points[0, i] - points[0, 4], points[1, i] - points[1, 4]
+        m00 += _WEIGHTS[i] * a * a
+        m01 += _WEIGHTS[i] * a * b
+        m11 += _WEIGHTS[i] * b * b
+    m00 = max(m00, 1e-6 * reading)
+    p, g = m00, m01 / m00
+    d = max(m11 - m01 * g, 1e-9 * m11)
+    return p, g, d, over, pulled, pull
+
+
+@step.internal(forceinline=True)
+def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, first, dx):
+    """One sample of an axis whose mode is sure; slopes of its acceleration at the start."""
+    by_x, by_v, k1 = 0.0, 0.0, 0.0
+    if mode != 0 and not two:
+        held = step.held_force(step.drive_now(plant, t, dt, m, u0))
+        x += m[step.OFFSET]  # of the load, on which all forces act
+        k1 = _rate(plant, held, t, x, v, float(mode))
+        by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
+    calm, x1, v1 = False, x, v
+    if mode != 0 and plain:
+        start = step.input_map(plant, t, m, u0)
+        stop = start if not first else step.input_map(plant, t, m, end)
+        drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
+        calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1)
+    if calm:
+        m[step.X], m[step.V] = x1, v1
+        m[step.MODE], m[step.REST] = float(mode), 0.0
+    else:
+        count[0] = 0
+        step.sample(plant, t, dt, u0, end, m, step.pointer(events), step.pointer(count))
+    if mode == 0:
+        if plant.integers[step.STRUCTURE] & step.CONTACT != 0:
+            by_x = -plant.numbers[step.CONTACT_STIFFNESS] * plant.numbers[step.INVERSE_MASS]
+            by_v = -plant.numbers[step.VISCOUS] * plant.numbers[step.INVERSE_MASS]
+        else:
+            by_v = -plant.numbers[step.STICK_RATE]
+    return by_x, by_v
+
+
+@step.internal(forceinline=True)
+def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, anchor):
+    """Covariance after one sample, P = F P F' + variance b b', and that with a contact's anchor.
+
+    `by_x`, `by_v`: slopes of the acceleration; `creep`: variance of the position that an axis
+    at rest gains, so that the filter stays adaptive; `anchor`: variance of the unstrained
+    position of a sticking contact, negative without one.
+    """
+    z = min(max(by_v * dt, -50.0), 2.0)
+    if abs(z) > 1e-3:
+        f11 = math.exp(z)
+        f01 = dt * (f11 - 1.0) / z
+    else:
+        f11 = 1.0 + z * (1.0 + 0.5 * z)
+        f01 = dt * (1.0 + 0.5 * z)
+    h = min(max(by_x * dt * dt, -1.0), 1.0)
+    f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
+    along, across = f00 + f01 * g, f10 + f11 * g
+    m00 = along * along * p + f01 * f01 * d
+    m01 = along * across * p + f01 * f11 * d
+    det = (f00 * f11 - f01 * f10) ** 2 * p * d
+    if creep > 0.0:
+        det += creep * (across * across * p + f11 * f11 * d)
+        m00 += creep
+    if anchor >= 0.0:
+        # The contact force is proportional to the distance from an uncertain position.
+        pull0, pull1 = 1.0 - f00, -f10
+        own0, own1 = pull0 * anchor, pull1 * anchor
+        to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
+        m11 = across * across * p + f11 * f11 * d + pull1 * (2.0 * to1 + own1)
+        m00 += pull0 * (2.0 * to0 + own0)
+        m01 += pull0 * to1 + pull1 * to0 + pull0 * own1
+        c0, c1 = to0 + own0, to1 + own1
+        det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
+    g = m01 / m00
+    d = det / m00
+    b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
+    moved = b1 - g * b0
+    # Rank-one update: the determinant grows by variance b' adj(M) b.
+    d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
+    m01 = g * m00 + variance * b0 * b1
+    m00 += variance * b0 * b0
+    return m00, m01 / m00, d_new / m00, c0, c1
+
+
+@step.internal(forceinline=True)
+def _in_cell(e, step_by, cell, reading):
+    """Innovation within increments: for the state, for the likelihood, and the state's share of it.
+
+    While the axis hardly moves a reading says only in which increment the axis is.
+    """
+    if cell <= 0.0:
+        return e, e, 1.0
+    paces = step_by / (_PACE * cell)
+    slow = 1.0 / (1.0 + paces * paces)
+    within = 0.5 * cell * slow
+    outside = e - min(max(e, -within), within)
+    counts = 1.0 - slow * reading / (reading + outside * outside)
+    within *= _INSIDE
+    return e - min(max(e, -within), within), outside, counts
+
+
+@step.internal
+def _begin(plant, m, t0, dt, rested, u0, y, v0, place, alike):
+    """State at the first reading, from a place in the play, -1 to 1; nan: unknown."""
+    m[step.X], m[step.V] = y[0], v0
+    held = step.input_map(plant, t0, m, u0)
+    for j in range(2 * plant.integers[step.N_HISTORY]):
+        m[step.HISTORY + j] = held
+    m[step.LAGGED] = held
+    if plant.integers[step.STRUCTURE] != 0:
+        _settle(plant, t0, dt, m, u0, y, 0, alike)
+        if not math.isnan(place):
+            m[step.OFFSET], m[step.SLIP] = place * plant.numbers[step.HALF_GAP], 0.0
+    step.place(plant, t0, dt, y[0], m)
+    m[step.REST] = rested
+    m[step.MODE] = step.outputs(plant, t0, dt, m, u0)[2]
+    if m[step.MODE] != 0.0:
+        m[step.REST] = 0.0
+
+
+@step.internal
+def _gives(plant, x, alike):
+    """Farthest that the encoder can move while friction holds what it acts on."""
+    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+    level = step.base_level(plant, x, 1.0)
+    if kind & step.PLAY:
+        alike += 2.0 * numbers[step.HALF_GAP]
+    if kind & step.CONTACT:
+        alike += level / numbers[step.CONTACT_STIFFNESS]
+    if kind & step.SPRING and not kind & step.ON_LOAD:
+        alike += level / numbers[step.STIFFNESS]
+    return alike
+
+
+@step.internal
+def _across(m, on_load, x, v, moved, turned):
+    """Corrected motion across a play: a reading says nothing about the mass without the encoder."""
+    if on_load:
+        x, v = x - moved, v - turned
+        moved, turned = -moved, -turned
+    m[step.OFFSET] -= moved
+    m[step.SLIP] -= turned
+    return x, v
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -343,31 +548,13 @@ def _innovations(
     farthest = _FASTER * max(np.abs(np.diff(y)).max(), _FASTER * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
-    memory[step.X], memory[step.V] = y[0], v0
-    for j in range(integers[step.N_HISTORY]):
-        held = step.input_map(plant, t0, m, u[0])
-        memory[step.HISTORY + 2 * j] = held
-        memory[step.HISTORY + 2 * j + 1] = held
-    memory[step.LAGGED] = step.input_map(plant, t0, m, u[0])
     still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
-    if structure != 0:
-        _settle(plant, t0, dt, m, u[0], y, 0, alike)
-        if not math.isnan(place):
-            memory[step.OFFSET], memory[step.SLIP] = place * numbers[step.HALF_GAP], 0.0
-    step.place(plant, t0, dt, y[0], m)
-    memory[step.REST] = rested
-    memory[step.MODE] = step.outputs(plant, t0, dt, m, u[0])[2]
-    if memory[step.MODE] != 0.0:
-        memory[step.REST] = 0.0
+    _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = reading, 0.0
     d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
-    # Farthest that the encoder can move while friction holds what it acts on.
-    level, gives = step.base_level(plant, y[0], 1.0), alike
-    gives += 2.0 * numbers[step.HALF_GAP] if play else 0.0
-    gives += level / numbers[step.CONTACT_STIFFNESS] if contact else 0.0
-    gives += level / numbers[step.STIFFNESS] if spring else 0.0
+    level, gives = step.base_level(plant, y[0], 1.0), _gives(plant, y[0], alike)
     n_states = 5 if contact else 4
     cov, work = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
     slides, rests, strain = cov, cov, 0.0
@@ -382,9 +569,8 @@ def _innovations(
     # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
     # At the start of a record it may have any strain that friction holds: a uniform distribution.
-    unknown = 0.0
-    if contact and memory[step.MODE] == 0.0:
-        unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0
+    held = contact and memory[step.MODE] == 0.0
+    unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0 if held else 0.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
@@ -405,8 +591,7 @@ def _innovations(
         variance = force
         if not sliding and not near and not contact and not kept:
             variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
-            if play and not on_load:
-                variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
+            variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
             near = structure == 0 and variance > 0.0
         if not near:
             pulled = 0.0
@@ -419,150 +604,40 @@ def _innovations(
             memory[step.MODE], memory[step.REST] = 0.0, rest
             p += _CREEP * reading
         elif near:
-            # The mode at the end is uncertain: simulate sigma points of velocity and random
-            # force, each with its own mode.
-            x_mean, v_mean, resting = 0.0, 0.0, 1.0
-            slope = g * p / total if total > 0.0 else 0.0
-            drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u[k - 1] + end)), memory[step.REST]
-            doubt = 0.0
-            if not sliding:
-                s, beyond = _beyond(plant, step.held_force(drive), t, x, v, rest)
-                # The excess of so many samples that is noise grows as their root.
-                pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
-                over, pull = over + 1 if pulled > beyond else 1, s
-                sure, certain = _MAY_HOLD
-                part = (certain - pulled / (deviation * math.sqrt(over))) / (certain - sure)
-                doubt = s * max(beyond, 0.0) * min(max(part, 0.0), 1.0) * (1.0 + 1e-9)
-            if not plain:
-                # This also advances the drive.
-                count[0] = 0
-                # Take the addresses here: numba frees an array after its last use.
-                step.sample(
-                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
-                )
-            for i in range(5):
-                c = _SPEEDS[i] * width
-                if i < 4 or plain or doubt != 0.0:
-                    felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
-                    x1, v1, mode1 = _coarse(
-                        plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
-                        x + slope * c, v + c, rest, fall,
-                    )  # fmt: skip
-                else:
-                    x1, v1, mode1 = memory[step.X], memory[step.V], memory[step.MODE]
-                if mode1 != 0.0:
-                    resting = 0.0
-                x_mean += _MEANS[i] * x1
-                v_mean += _MEANS[i] * v1
-                points[0, i], points[1, i] = x1, v1
-            if plain or doubt != 0.0:
-                at_rest = mode == 0 and mode1 == 0.0
-                memory[step.REST] = rest + dt if at_rest else 0.0
-                memory[step.MODE] = mode1
-            memory[step.X], memory[step.V] = x_mean, v_mean
-            # The variance of the position given the velocity is kept.
-            m00 = p * d / total if total > 0.0 else p
-            m00 += resting * _CREEP * reading
-            m01, m11 = 0.0, 0.0
-            for i in range(5):
-                a, b = points[0, i] - x_mean, points[1, i] - v_mean
-                if _MEANS[i] == 0.0:
-                    a, b = points[0, i] - points[0, 4], points[1, i] - points[1, 4]
-                m00 += _WEIGHTS[i] * a * a
-                m01 += _WEIGHTS[i] * a * b
-                m11 += _WEIGHTS[i] * b * b
-            m00 = max(m00, 1e-6 * reading)
-            p, g = m00, m01 / m00
-            d = max(m11 - m01 * g, 1e-9 * m11)
+            p, g, d, over, pulled, pull = _predict_near(
+                plant, m, events, count, points, t, dt, u[k - 1], end, x, v, mode, p, g, d,
+                deviation, fall, reading, plain, over, pulled, pull,
+            )  # fmt: skip
         elif spring:
-            if contact and not sliding and not strained:
-                cov[4, :] = cov[2, :]
-                cov[:, 4] = cov[:, 2]
-                cov[4, 4], unknown = cov[2, 2] + unknown, 0.0
+            stops = contact and not sliding and not strained
+            unknown = two_masses.stopped(cov, unknown) if stops else 0.0 if sliding else unknown
             strained = contact and not sliding
-            unknown = 0.0 if sliding else unknown
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
-            mode1 = memory[step.MODE]
-            two_masses.predict(slides if sliding or mode1 != 0.0 else rests, cov, force, work)
-            if mode1 == 0.0 and not contact:
-                # A load at rest stays where it is, whatever the readings of its motor.
-                cov[3, :] = cov[:, 3] = 0.0
+            moves = sliding or memory[step.MODE] != 0.0
+            # A load at rest stays where it is, whatever the readings of its motor.
+            pinned = memory[step.MODE] == 0.0 and not contact
+            two_masses.predict(slides if moves else rests, cov, force, pinned, work)
             p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
         else:
-            by_x, by_v, k1 = 0.0, 0.0, 0.0
-            if sliding and not two:
-                held = step.held_force(step.drive_now(plant, t, dt, m, u[k - 1]))
-                x += memory[step.OFFSET]  # of the load, on which all forces act
-                k1 = _rate(plant, held, t, x, v, float(mode))
-                by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
-            calm = False
-            if sliding and plain:
-                start = step.input_map(plant, t, m, u[k - 1])
-                stop = start if not first else step.input_map(plant, t, m, end)
-                drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
-                calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1)
-            if calm:
-                memory[step.X], memory[step.V] = x1, v1
-                memory[step.MODE], memory[step.REST] = float(mode), 0.0
-            else:
-                count[0] = 0
-                step.sample(
-                    plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count)
-                )
+            by_x, by_v = _predict(
+                plant, m, events, count, t, dt, u[k - 1], end, x, v, mode, two, plain, first, dx
+            )
             if not sliding and memory[step.MODE] != 0.0:
                 variance = force
-            if not sliding:
-                if contact:
-                    by_x = -numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS]
-                    by_v = -numbers[step.VISCOUS] * numbers[step.INVERSE_MASS]
-                else:
-                    by_v = -numbers[step.STICK_RATE]
             if two:
                 # Across the play nothing holds the motor.
                 by_x, by_v, variance = 0.0, 0.0, force
-            # Covariance: P = F P F' + variance b b'.
-            z = min(max(by_v * dt, -50.0), 2.0)
-            if abs(z) > 1e-3:
-                f11 = math.exp(z)
-                f01 = dt * (f11 - 1.0) / z
-            else:
-                f11 = 1.0 + z * (1.0 + 0.5 * z)
-                f01 = dt * (1.0 + 0.5 * z)
-            h = min(max(by_x * dt * dt, -1.0), 1.0)
-            f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
             sticking = contact and not sliding and not two
             unknown = 0.0 if sliding else unknown
             if sticking and not strained:
                 c0, c1, anchor, unknown = p, g * p, p + unknown, 0.0
             strained = sticking
-            along, across = f00 + f01 * g, f10 + f11 * g
-            m00 = along * along * p + f01 * f01 * d
-            m01 = along * across * p + f01 * f11 * d
-            det = (f00 * f11 - f01 * f10) ** 2 * p * d
-            if not sliding and not contact:
-                # Creep at rest keeps the variance above zero, so that the filter stays adaptive.
-                det += _CREEP * reading * (across * across * p + f11 * f11 * d)
-                m00 += _CREEP * reading
-            if sticking:
-                # The contact force is proportional to the distance from an uncertain position.
-                pull0, pull1 = 1.0 - f00, -f10
-                own0, own1 = pull0 * anchor, pull1 * anchor
-                to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
-                m11 = across * across * p + f11 * f11 * d + pull1 * (2.0 * to1 + own1)
-                m00 += pull0 * (2.0 * to0 + own0)
-                m01 += pull0 * to1 + pull1 * to0 + pull0 * own1
-                c0, c1 = to0 + own0, to1 + own1
-                det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
-            g = m01 / m00
-            d = det / m00
-            b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
-            moved = b1 - g * b0
-            # Rank-one update: the determinant grows by variance b' adj(M) b.
-            d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
-            m01 = g * m00 + variance * b0 * b1
-            m00 += variance * b0 * b0
-            p, g, d = m00, m01 / m00, d_new / m00
+            creep = _CREEP * reading if not sliding and not contact else 0.0
+            hold = anchor if sticking else -1.0
+            p, g, d, c0, c1 = _spread(
+                by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, hold
+            )
             if not sliding and abs(g) < _NOTHING and d < _NOTHING:
                 g, d = 0.0, 0.0
         # Reading.
@@ -577,16 +652,8 @@ def _innovations(
                 still = k
             e = y[k] - step.reading(plant, t + dt, m)
             s = p + reading
-            within, counts, outside = 0.0, 1.0, e
-            if cell > 0.0:
-                paces = v * dt / (_PACE * cell)
-                slow = 1.0 / (1.0 + paces * paces)
-                within = 0.5 * cell * slow
-                outside = e - min(max(e, -within), within)
-                counts = 1.0 - slow * reading / (reading + outside * outside)
+            e, outside, counts = _in_cell(e, v * dt, cell, reading)
             out[0, k], out[1, k] = outside, reading + counts * p
-            within *= _INSIDE
-            e -= min(max(e, -within), within)
             ratio = e * e / s
             noise = reading
             if ratio > _STRANGE:
@@ -639,13 +706,7 @@ def _innovations(
             x += gain * e
             v += gain * g * e
             if play and not _touching(plant, m):
-                # The reading says nothing about the mass without the encoder.
-                moved, turned = gain * e, gain * g * e
-                if on_load:
-                    x, v = x - moved, v - turned
-                    moved, turned = -moved, -turned
-                memory[step.OFFSET] -= moved
-                memory[step.SLIP] -= turned
+                x, v = _across(m, on_load, x, v, gain * e, gain * g * e)
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
                 memory[step.DEFLECTION] += gain * e - to_anchor * outside

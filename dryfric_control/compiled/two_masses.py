@@ -51,12 +51,12 @@ def transition(plant, dt, mode):
 
 
 @step.internal
-def predict(moves, cov, force, work):
+def predict(moves, cov, force, pinned, work):
     """Covariance of two masses one sample later, in place; `force`: of the random force.
 
     It moves the motor, as noise of the drive, and the load by as much, as what is not modelled:
-    a load whose model is wrong would else be followed as if it were known.  `work`: scratch,
-    shaped as cov.
+    a load whose model is wrong would else be followed as if it were known.  `pinned`: whether the
+    velocity of the load is known to be zero; `work`: scratch, shaped as cov.
     """
     n = cov.shape[0]
     for i in range(n):
@@ -70,6 +70,20 @@ def predict(moves, cov, force, work):
             for k in range(n):
                 total += work[i, k] * moves[j, k]
             cov[i, j] = cov[j, i] = total
+    if pinned:
+        for i in range(n):
+            cov[3, i] = cov[i, 3] = 0.0
+
+
+@step.internal
+def stopped(cov, unknown):
+    """Set a contact that begins to stick in cov; its strain is uncertain by `unknown` besides."""
+    for i in range(5):
+        cov[4, i] = cov[2, i]
+    for i in range(5):
+        cov[i, 4] = cov[i, 2]
+    cov[4, 4] = cov[2, 2] + unknown
+    return 0.0
 
 
 @step.internal

@@ -361,8 +361,7 @@ class Search:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
         best: dict[frozenset[str], Proposal] = {}
-        models = [now.fit, *([self._nominal(now.fit)] if self._moved(now.fit) else [])]
-        for fit in models:
+        for fit in (now.fit, *self._nominal(now.fit)):
             if self.problem.late:
                 break
             gram = Gram(self.problem, fit, names, self._fail)
@@ -416,13 +415,21 @@ class Search:
             for n in self.problem.base if n in values
         )  # fmt: skip
 
-    def _nominal(self, fit: Solution) -> Solution:
-        """The model with its base at nominal, its noises fitted."""
+    def _nominal(self, fit: Solution) -> list[Solution]:
+        """The model with its base at nominal, its noises fitted, if that has moved notably.
+
+        None where its effects allow no such axis: a spring that is far too stiff for the mass.
+        """
         problem = self.problem
+        if not self._moved(fit):
+            return []
         names = [n for n in problem.base if n in fit.problem.names]
         axis = with_values(fit.axis, names, [problem.nominal[n] for n in names])
-        noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
-        return problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
+        try:
+            noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
+            return [problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))]
+        except (ValueError, ArithmeticError):
+            return []
 
     def _fitted(self, now: Solution, proposals: Sequence[Proposal]) -> list[Row]:
         """Full fits: all for a few iterations, the promising ones to the end."""

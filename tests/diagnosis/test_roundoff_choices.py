@@ -16,7 +16,7 @@ from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import stick_phases
 from dryfric_control.records.motion import directions
-from dryfric_control.ties import NEAR, SQUARES, above, ranked, samples
+from dryfric_control.ties import NEAR, above, ranked, samples
 
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
 SLIPPING = dfc.FrictionAxis(
@@ -87,8 +87,8 @@ def test_equal_numbers_keep_their_order_and_others_are_sorted():
     expected = np.argsort(np.round(values), kind="stable")
     assert ranked(values) == expected.tolist()
     assert ranked([np.nan, np.inf, 1.0, -np.inf]) == [3, 2, 0, 1]
-    assert ranked([0.0, -0.5 * SQUARES], SQUARES) == [0, 1]
-    assert ranked([0.0, -2.0 * SQUARES], SQUARES) == [1, 0]
+    assert ranked([0.0, -0.5e-6], 1e-6) == [0, 1]
+    assert ranked([0.0, -2.0e-6], 1e-6) == [1, 0]
     assert ranked([]) == []
 
 

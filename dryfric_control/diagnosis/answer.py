@@ -37,7 +37,8 @@ def causes_of(
     for name in model.causes:
         own = {n.partition(".")[2]: n for n in model.own(name) if n in values}
         less = search.less_by(name)
-        fall = np.zeros(1) if less is None else less.fit.held_out() - model.fit.held_out()
+        known = less is not None and less.fit.point.out
+        fall = less.fit.held_out() - model.fit.held_out() if less and known else np.zeros(1)
         fall = fall[np.isfinite(fall)]
         size = 2.0 / problem.samples
         gain = size * float(fall.sum()), size * float(np.std(fall) * math.sqrt(fall.size))

@@ -204,7 +204,8 @@ def diagnose(
                 on_update(step, tuple(causes))
 
         problem = Problem(
-            axis, tuple(prepare(r) for r in records), known, tolerance, hold=hold, jobs=jobs,
+            axis, tuple(prepare(r, mass=axis.mass) for r in records), known, tolerance,
+            hold=hold, jobs=jobs,
             until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
         )  # fmt: skip
         return _diagnosed(problem, records, windows, window, tell, begun + limit)
@@ -351,7 +352,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = quieter(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
-            begun = problem.fit(begun.axis, turns=SOME)
+            begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
         search.now = Model(begun)
         by_force = imposed(problem, begun)
         if by_force is not None:

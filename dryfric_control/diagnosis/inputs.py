@@ -160,6 +160,6 @@ def _one_velocity(problem: Problem) -> bool:
 
 
 def _follows(fit: Solution) -> bool:
-    """Whether the drive matches the required force of each record up to a fraction."""
-    runs = fit.problem.runs
-    return max(fit.random_force(i) / run.drive for i, run in enumerate(runs)) < FOLLOWS
+    """Whether the drive, but for its mean, matches the required force of each record."""
+    drives = [float(np.std(run.u)) or run.drive for run in fit.problem.runs]
+    return max(fit.random_force(i) / drive for i, drive in enumerate(drives)) < FOLLOWS

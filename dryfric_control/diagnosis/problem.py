@@ -183,8 +183,11 @@ class Problem:
 
     @cached_property
     def nominal_fit(self) -> Solution:
-        """The nominal axis, only its noises fitted."""
-        return self.reference(self.believed)
+        """The nominal axis, only its noises fitted; ValueError if it cannot be simulated."""
+        found = self.reference(self.believed)
+        if not found.point.out:
+            found.problem.at(found.z)
+        return found
 
     @cached_property
     def straight_line(self) -> Solution:

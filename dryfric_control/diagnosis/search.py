@@ -39,7 +39,7 @@ from dryfric_control.diagnosis.thresholds import (
     STRONG,
     WALKED,
 )  # fmt: skip
-from dryfric_control.estimation.continuation import LOWERED, continued, held, with_force
+from dryfric_control.estimation.continuation import LOUD, continued, held, with_force
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import maximise
@@ -57,7 +57,10 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     and the logarithm of the number of shapes that were searched, of which held-out data know
     nothing; wrong base parameters cost by their prior.  Coloured innovations count as fewer.
     No cause gains more on data that its parameters have not seen than on those that they have.
+    Where there is no axis without the cause, it is infinite.
     """
+    if not less.point.out:
+        return math.inf
     prior = less.problem.prior(less.z) - more.problem.prior(more.z)
     seen = less.cost - more.cost - prior
     costs = sum(LEAST + one for one in odds)
@@ -122,7 +125,7 @@ def walked(
     With a large random force the filter follows the readings and the cost is smooth, but for
     ridges that slopes do not cross.
     """
-    start = z = with_force(likelihood, z, LOWERED[0])
+    start = z = with_force(likelihood, z, LOUD)
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
             if p.name not in own or p.value(z[j]) == 0.0:
@@ -168,6 +171,19 @@ def cost_of(fit: Solution) -> float:
 def prior_of(fit: Solution) -> float:
     """Prior cost of a fit."""
     return fit.problem.prior(fit.z)
+
+
+def dearest(fit: Solution) -> float:
+    """What the most surprising base parameter of a fit costs alone."""
+    problem, nominal = fit.problem, fit.z.copy()
+    for j, (value, _, _) in problem.beliefs.items():
+        nominal[j] = problem.parameters[j].search(value)
+    costs = [0.0]
+    for j in problem.beliefs:
+        one = nominal.copy()
+        one[j] = fit.z[j]
+        costs.append(problem.prior(one))
+    return max(costs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,11 +441,9 @@ class Search:
             return []
         names = [n for n in problem.base if n in fit.problem.names]
         axis = with_values(fit.axis, names, [problem.nominal[n] for n in names])
-        try:
-            noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
-            return [problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))]
-        except (ValueError, ArithmeticError):
-            return []
+        noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
+        there = problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
+        return [there] if math.isfinite(there.cost) else []
 
     def _fitted(self, now: Solution, proposals: Sequence[Proposal]) -> list[Row]:
         """Full fits: all for a few iterations, the promising ones to the end."""
@@ -450,6 +464,9 @@ class Search:
                     z = walked(likelihood, z, one.free, alike)
                     z = continued(likelihood, z, until=problem.until)
                 fit = held(likelihood, with_noises(z, alike), until=problem.until)
+                if not math.isfinite(fit.cost):
+                    likelihood.at(fit.z)  # says why there is no such axis
+                    return None
                 if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
                 return maximise(likelihood, fit.z, FEW, problem.until, True)
@@ -608,7 +625,8 @@ class Search:
                 self._less[name] = less
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
-            alone = max(STRONG, OUTSTANDING * max(worth.values()))
+            most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
+            alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
                 if unsound(self.problem, now.fit, name, now.own(name)):
                     lost.append(name)
@@ -620,10 +638,13 @@ class Search:
         return now
 
     def _seen(self, less: Solution, more: Solution) -> bool:
-        """Whether a cause shows in free runs too, unless it is there for simpler assumptions."""
+        """Whether a cause shows in free runs too, unless it is there for simpler assumptions.
+
+        In the place of one wrong base parameter it is one assumption for another.
+        """
         spared = less.problem.prior(less.z) - more.problem.prior(more.z)
         fall, error = in_free_runs(self.problem, less, more)
-        return spared > LEAST or fall > max(FREE, NOTED * error)
+        return spared > dearest(less) + LEAST or fall > max(FREE, NOTED * error)
 
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))

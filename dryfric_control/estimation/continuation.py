@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +13,8 @@ from dryfric_control.estimation.solution import Solution
 
 FloatArray = NDArray[np.float64]
 
-#: Random force over the drive, one after the other.
-LOWERED = (0.3, 0.1)
+#: Random force over the drive at first; its ratio from one to the next; their least number.
+LOUD, LOWER, LEAST = 0.3, 1.0 / 3.0, 2
 # Iterations at each.
 _FEW, _SOME = 4, 15
 
@@ -37,10 +36,11 @@ def held(
     return maximise(one, z, turns, until, True)
 
 
-def continued(
-    likelihood: Likelihood, z: FloatArray, parts: Sequence[float] = LOWERED, until: float = math.inf
-) -> FloatArray:
-    """Parameters fitted at random forces held at parts of the drive, one after the other."""
-    for part in parts:
+def continued(likelihood: Likelihood, z: FloatArray, until: float = math.inf) -> FloatArray:
+    """Parameters fitted at random forces that are held, each lower, until below the friction."""
+    level, drive = likelihood.axis.coulomb.mean, max(r.drive for r in likelihood.runs)
+    below = math.log(max(LOUD * drive / level, 1.0), 1.0 / LOWER) if level > 0.0 else 0.0
+    for rung in range(max(math.ceil(below), LEAST)):
+        part = LOUD * LOWER**rung
         z = held(likelihood, with_force(likelihood, z, part), _SOME, until).z
     return z

@@ -126,7 +126,7 @@ class Run:
     floor : float
         Lower bound of the variance of a reading.
     drive : float
-        RMS of the input, the scale of the random force.
+        RMS of the input, or the force of the motion if more: the scale of the random force.
     """
 
     record: Record
@@ -140,14 +140,21 @@ class Run:
     drive: float
 
 
-def prepare(record: Record, active: BoolArray | None = None, block: float = _BLOCK) -> Run:
-    """A record prepared for the filter; all samples active by default, `block` in s."""
+def prepare(
+    record: Record, active: BoolArray | None = None, block: float = _BLOCK, mass: float = 0.0
+) -> Run:
+    """A record prepared for the filter; all samples active by default, `block` in s.
+
+    The force of its motion, `mass` v^2 over its length, is the scale where the drive is less.
+    """
     n = len(record)
     size = max(1, round(block / record.dt))
     edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
     floor = (record.quantum or 0.0) ** 2 / 12.0 * NORMAL
     floor = max(floor, (1e-9 * record.range) ** 2)
-    drive = float(np.sqrt(np.mean(record.u**2))) or 1.0
+    scales = typical([record])
+    moving = mass * scales.length / scales.time**2
+    drive = max(float(np.sqrt(np.mean(record.u**2))), moving) or 1.0
     active = np.ones(n, bool) if active is None else active
     rest = rest_times(record)
     return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive)

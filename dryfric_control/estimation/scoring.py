@@ -157,16 +157,19 @@ def maximise(
 ) -> Solution:
     """Most likely parameters from one starting point, by damped Fisher scoring.
 
+    Infinite cost where there is no axis with the start values, whose `Likelihood.at` says why.
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
     slopes of forces from a linear recursion lead.  `again`: from where another search ended.
     """
-    z = np.clip(z, problem.low, problem.high)
-    point = problem.at(z)
+    z, none = np.clip(z, problem.low, problem.high), np.zeros(0)
+    point = problem.tried(z)
+    if not point.out:
+        return Solution(problem, z, point, none, none, False, math.inf, 0)
     if iterations and not again:
         z, point = _noises(problem, z, point)
     damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
     quiet, settled, linear = False, False, True
-    gradients = information = np.zeros(0)
+    gradients = information = none
     for turn in range(iterations):  # noqa: B007
         if quick and not linear:
             break

@@ -497,7 +497,8 @@ def problem_of(
     axis, parameters = choose(axis, free, typical(records))
     length = block_length(records) if block is None else block
     return Likelihood(
-        axis, [p.name for p in parameters], [prepare(r, block=length) for r in records],
+        axis, [p.name for p in parameters],
+        [prepare(r, block=length, mass=axis.mass) for r in records],
         tolerance=tolerance, priors=(), hold=hold,
     )  # fmt: skip
 
@@ -530,6 +531,8 @@ def likeliest(
     if few < _SOME:
         ends = [maximise(one.problem, one.z, _SOME, again=True) for one in ends]
     best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
+    if not best.point.out:
+        best.problem.at(best.z)  # says why there is no such axis
     found = maximise(best.problem, best.z, _LAST, again=True)
     acting = any(acts(found, i) for i in range(len(problem.runs)))
     if acting and not any(p.breaks_away for p in problem.parameters):

@@ -34,16 +34,7 @@ class PanelPlot(ct.ControlPlot):
     """A `control.ControlPlot` of panels whose title stands above the first one."""
 
     def set_plot_title(self, title: str, frame: str = "axes") -> None:
-        """Replace the title.
-
-        Parameters
-        ----------
-        title : str
-            The title.
-        frame : {"axes", "figure"}, optional
-            "axes": the title at the left above the first panel.  "figure": one
-            more, in the middle above the whole figure.
-        """
+        """Replace the title above the first panel, or, of frame "figure", that of the figure."""
         # python-control calls `tight_layout`, which ends the constrained layout.
         if frame == "figure":
             self.figure.suptitle(title)

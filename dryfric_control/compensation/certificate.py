@@ -181,11 +181,8 @@ class TrackingCertificate(Result):
 def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Array, Array]:
     """Linear loop of the tracking error: what acts on it beside friction.
 
-    Notes
-    -----
-    One sample written out as the compiled law runs it, read off column by column; the axis is
-    sampled exactly.  The integral of a law that bounds it is not part of the loop: it counts
-    among the forces.
+    One sample as the compiled law runs it, read off column by column; the axis is sampled exactly.
+    The integral of a law that bounds it counts among the forces.
     """
     c = loop.numbers
     dt = loop.dt

@@ -59,17 +59,13 @@ class CompensatedController:
     law: kernel.Law
 
     def memory(self, motion: MotionProfile | None = None) -> Array:
-        """Memory before the first sample.
+        """Memory before the first sample, shape (nstates,).
 
         Parameters
         ----------
         motion : MotionProfile, optional
             Reference whose first samples the controller knows already.
             Default: it rests at the first reference it is given.
-
-        Returns
-        -------
-        ndarray, shape (nstates,)
         """
         history = int(self.law.observer_axis_integers[_N_HISTORY])
         memory = np.zeros(kernel.LINE + kernel.STRIDE * self.lead + OBSERVER_LINE + history)
@@ -146,12 +142,7 @@ class CompensatedController:
         )
 
     def stepper(self) -> CompensationStepper:
-        """Controller to be stepped sample by sample.
-
-        Returns
-        -------
-        CompensationStepper
-        """
+        """Controller to be stepped sample by sample."""
         return CompensationStepper(self)
 
 

@@ -152,8 +152,8 @@ def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) ->
 def calm_noise(axis: FrictionAxis, dt: float, quantum: float, fastest: float) -> float:
     """Reading noise [m] for which the observer is as calm as the law was tuned with.
 
-    Rounding of the encoder, as far as the observer's natural frequency [rad/sample]
-    stays within limits, of which `fastest` is one; `benchmarks/compensation.py` sets them.
+    Rounding of the encoder, within limits of the natural frequency [rad/sample], of which
+    `fastest` is one; `benchmarks/compensation.py` sets them.
     """
     step = dt**2 * UNCERTAIN_FRACTION * coulomb_level(axis) / axis.mass
     frequency = _CALM

@@ -258,15 +258,7 @@ class Variable:
 
 
 class Model:
-    """Files of one FMU.
-
-    Parameters
-    ----------
-    made : Exported
-        The object.
-    version : str
-        Version of the interface.
-    """
+    """Files of one FMU: an exported object at a version of the interface."""
 
     def __init__(self, made: Exported, version: str) -> None:
         self.made, self.version, self.major = made, version, version[0]

@@ -68,54 +68,25 @@ class Signal:
 
 @dataclass(frozen=True)
 class Exported:
-    """One object as numbers, memory, signals and the kernel of one sample.
+    """One object as numbers, memory, signals and the kernel of one sample."""
 
-    Attributes
-    ----------
-    name : str
-        Prefix of every C name.
-    kind : str
-        What it is, in words.
-    axis : FrictionAxis
-        The axis that it is or knows.
-    dt : float
-        Sampling time [s].
-    tables : dict
-        Constant arrays by name.
-    memory : ndarray
-        State before the first sample.
-    starts : tuple of (Signal, int)
-        Numbers to start from, and their places in the memory.
-    inputs, outputs : tuple of Signal
-        Signals of one sample.
-    promise : str
-        The certificate in words.
-    returns : str
-        What a step returns, and of which instant.
-    places : tuple of (int, float)
-        Positions in the memory, and their unit; the first follows the axis.
-    rest : int
-        Time at rest in the memory.
-    clock : int, optional
-        Number of samples in the memory, where the kernel counts them itself.
-    """
-
-    name: str
-    kind: str
-    axis: FrictionAxis
-    dt: float
-    tables: dict[str, Array]
-    memory: Array
-    starts: tuple[tuple[Signal, int], ...]
+    name: str  # prefix of every C name
+    kind: str  # in words
+    axis: FrictionAxis  # that it is or knows
+    dt: float  # [s]
+    tables: dict[str, Array]  # constant arrays
+    memory: Array  # before the first sample
+    starts: tuple[tuple[Signal, int], ...]  # numbers to start from, and their places in the memory
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
-    promise: str
-    returns: str
+    promise: str  # the certificate in words
+    returns: str  # what a step returns, and of which instant
     entry: Callable[..., Any]
     axes: tuple[FrictionAxis, ...]
+    #: Positions in the memory, and their unit; the first follows the axis.
     places: tuple[tuple[int, float], ...]
-    rest: int
-    clock: int | None = None
+    rest: int  # place of the time at rest in the memory
+    clock: int | None = None  # place of the number of samples, where the kernel counts
 
     @property
     def moves(self) -> bool:
@@ -124,10 +95,10 @@ class Exported:
 
     @property
     def grid(self) -> float:
-        """Step in which the origin of the positions moves in single precision, a power of two.
+        """Step in which the origin of positions moves in single precision, a power of two.
 
-        A `float` then resolves a sixteenth of the way at the stick speed in one sample, and
-        a millionth of the shortest period along the travel.
+        It resolves a sixteenth of a sample's way at the stick speed, a millionth of the shortest
+        period.
         """
         short = [self.axis.effective().stick_speed * self.dt * 2.0**20]
         short += [2.0**4 * length for _, length in self.periods.values()]

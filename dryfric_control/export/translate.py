@@ -203,14 +203,9 @@ def unified(a: Kind, b: Kind) -> Kind:
 class Translator:
     """Writes the C functions that an exported object needs.
 
-    Parameters
-    ----------
-    laws : dict of int to (str, callable)
-        Name and Python source of each law and task, by the address that the integers hold.
-    single : bool
-        Whether numbers are `float`.
-    periods : dict, optional
-        Time and length after which a law repeats, by the integers of its axis and its number.
+    `laws`: name and Python source of each law and task by its address in the integers; `single`:
+    numbers are `float`; `periods`: time and length after which the law of a number in the integers
+    of an axis repeats.
     """
 
     def __init__(

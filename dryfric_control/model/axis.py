@@ -816,12 +816,7 @@ def _delayed(
 
 
 class ModeStateSpace(ct.StateSpace):
-    """State space of one mode, drawable even where the input has no effect.
-
-    In mode 0 friction cancels the drive, so B = 0.  Such a system has no
-    transmission zeros; python-control's solver gives not-a-number for them and
-    finds no range of frequencies for a Bode plot.
-    """
+    """State space of one mode; where B = 0 (stuck) it is drawn without its transmission zeros."""
 
     def zeros(self) -> NDArray[np.complex128]:
         """Transmission zeros, none where the input has no effect."""
@@ -899,12 +894,7 @@ class AxisStepper:
         Parameters
         ----------
         u : float
-            Drive force [N].
-
-        Raises
-        ------
-        ValueError
-            If `u` is not a finite number.
+            Drive force [N]; a number that is not finite raises a ValueError.
         """
         force = finite("u", u)
         a = self._arrays
@@ -972,10 +962,7 @@ def inverse_masses(axis: FrictionAxis, dt: float) -> float:
 
 
 def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
-    """Natural frequencies of "contact" and "transmission", and the decay by its "damping" [1/s].
-
-    Each is 0 without such a part.
-    """
+    """Frequencies of "contact" and "transmission", decay by its "damping" [1/s]; 0 without."""
     numbers, inverse = axis.arrays(dt).numbers, inverse_masses(axis, dt)
     return {
         "contact": math.sqrt(

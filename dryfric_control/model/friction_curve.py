@@ -24,8 +24,7 @@ _STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
 def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray:
     """Friction force of a sliding axis at velocities and positions.
 
-    Coulomb level, Stribeck peak, viscous part and every effect that acts through them
-    or by a force that depends on the velocity; no load, at time zero, no time at rest.
+    With every effect that depends on the velocity; no load, at time zero, no time at rest.
     """
     axis = axis.effective()
     alone = axis.replace(
@@ -66,10 +65,7 @@ def draw_curve(
     label: str,
     **style: Any,
 ) -> None:
-    """Draw friction over velocity: a line in mid-travel, a band where it depends on position.
-
-    The line at velocity zero runs between the breakaway forces of the two directions.
-    """
+    """Draw friction over velocity in mid-travel, a band over positions, breakaway at zero."""
     places = np.linspace(*span, _PLACES)
     # The peak lies at the stick velocity: dense there.
     grid = np.concatenate(

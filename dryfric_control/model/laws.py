@@ -315,10 +315,9 @@ class _Switched(Law):
     ) -> tuple[float, int, float]:
         """Time until the band is left, the side, and the velocity gained meanwhile.
 
-        Forces are assumed linear up to `stop`, which is exact unless an effect depends on time.
-        A load beyond friction accelerates the mass up to the band's edge. The mass leaves the
-        band once the net force at the edge points outwards: otherwise drag that begins at the
-        edge could cause endless switching.
+        Forces are linear up to `stop`, exact unless an effect depends on time.  The mass leaves
+        once the net force at the band's edge points outwards, else drag that begins there switches
+        endlessly.
         """
         band, _ = self._rest()
         left = stop - k

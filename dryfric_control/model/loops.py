@@ -37,33 +37,15 @@ from dryfric_control.units import same_unit
 
 
 class LoopRun(NamedTuple):
-    """One run of a closed loop: plant, motion and what is filled.
-
-    Attributes
-    ----------
-    axis : Arrays
-        The plant.
-    state : ndarray
-        Its memory, position and velocity at the start first.
-    motion : MotionProfile
-        Reference.
-    disturbance : ndarray, shape (n,)
-        Force added to the drive [N].
-    quantum : float
-        Encoder increment [m].
-    room : int
-        Numbers that one sample may write into the list of switches.
-    out : ndarray, shape (6, n)
-        Filled with x, v, F, mode, u, y.
-    """
+    """One run of a closed loop: plant, motion and what is filled."""
 
     axis: Arrays
-    state: NDArray[np.float64]
+    state: NDArray[np.float64]  # memory of the plant, position and velocity first
     motion: MotionProfile
-    disturbance: NDArray[np.float64]
-    quantum: float
-    room: int
-    out: NDArray[np.float64]
+    disturbance: NDArray[np.float64]  # shape (n,) [N]
+    quantum: float  # [m]
+    room: int  # numbers that one sample may write into the list of switches
+    out: NDArray[np.float64]  # shape (6, n): x, v, F, mode, u, y
 
 
 class LoopController(Protocol):

@@ -47,16 +47,12 @@ class Events:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64]) -> Events:
-        """Switches from rows of time, mode before, mode after.
+        """Switches from rows of a table.
 
         Parameters
         ----------
         rows : ndarray, shape (n, 3)
             Time [s], mode before, mode after.
-
-        Returns
-        -------
-        Events
         """
         return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
 
@@ -68,16 +64,12 @@ class Events:
             yield float(t), int(before), int(after)
 
     def times(self, before: int, after: int) -> NDArray[np.float64]:
-        """Times of one kind of switch.
+        """Times of one kind of switch [s].
 
         Parameters
         ----------
         before, after : int
             Mode before and after.
-
-        Returns
-        -------
-        ndarray, shape (n,)
         """
         for name, mode in (("before", before), ("after", after)):
             if mode not in MODE_NAMES:
@@ -94,19 +86,7 @@ class Events:
 
 
 class Response(ct.TimeResponseData):
-    """A `control.TimeResponseData` that takes its arrays without a copy.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Time [s].
-    outputs, states, inputs : ndarray, shape (nsignals, n)
-        Signals at the samples.
-    units : tuple of str
-        Units of position and force.
-    **labels
-        For `control.TimeResponseData`: labels of the signals, title.
-    """
+    """A `control.TimeResponseData` that takes its arrays without a copy, and units."""
 
     def __init__(
         self,

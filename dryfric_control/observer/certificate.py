@@ -55,22 +55,12 @@ class CertificateError(ValueError):
 
 @dataclass(frozen=True)
 class Block:
-    """One inequality of the certificate.
+    """One inequality of the certificate, from memory state to memory state."""
 
-    Attributes
-    ----------
-    kind : str
-        "gain" or "decay".
-    before, after : str
-        Memory states of the step.
-    eigenvalue : float
-        Largest eigenvalue of the dimensionless block; must be negative.
-    """
-
-    kind: str
+    kind: str  # "gain" or "decay"
     before: str
     after: str
-    eigenvalue: float
+    eigenvalue: float  # largest of the dimensionless block; must be negative
 
 
 @dataclass(frozen=True, repr=False)
@@ -201,11 +191,8 @@ def evaluate_blocks(
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains.
 
-    Notes
-    -----
-    With P = R R' the gain block of a step i to j is
-    ``T'T + U'U - I``, ``T = R_j' [F R_i^-T, G / gamma]``, ``U = [Z R_i^-T, 0]``:
-    dimensionless, and the same in any units.
+    With P = R R' the gain block of a step i to j is, dimensionless,
+    ``T'T + U'U - I``, ``T = R_j' [F R_i^-T, G / gamma]``, ``U = [Z R_i^-T, 0]``.
     """
     P = _factors(lyapunov, graph, "gain")
     Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P

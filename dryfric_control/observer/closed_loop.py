@@ -43,8 +43,6 @@ def filter_reference(
 ) -> Array:
     """Reference behind the Butterworth low-pass of `reference_filter`.
 
-    Notes
-    -----
     It steps the very block that `observed_loop` contains: through an encoder a
     difference in the last digit can grow to a whole increment.
     """
@@ -61,30 +59,14 @@ def filter_reference(
 
 @dataclass(frozen=True, repr=False)
 class ObservedLoop(Result):
-    """A closed loop and what an observer made of it.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The plant.
-    design : ObserverDesign
-        The observer.
-    reference : ndarray, shape (n,)
-        Reference behind the low-pass [m].
-    plant : SimulationResponse
-        Outputs x, v, F, mode, u, y; with located switches.
-    estimate : ObserverResponse
-        Outputs xhat, vhat, Fhat, what, mode.
-    start : float
-        Position from which the observer started, before its first reading [m].
-    """
+    """A closed loop and what an observer made of it."""
 
     axis: FrictionAxis
     design: ObserverDesign
-    reference: Array
-    plant: SimulationResponse
-    estimate: ObserverResponse
-    start: float
+    reference: Array  # behind the low-pass [m]
+    plant: SimulationResponse  # outputs x, v, F, mode, u, y
+    estimate: ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
+    start: float  # observer at the start [m]
 
     @property
     def score(self) -> EstimateScore:
@@ -123,22 +105,8 @@ class ObservedLoop(Result):
     def plot(self, ax: Any = None, title: str | None = None, what: str = "all") -> ct.ControlPlot:
         """Draw the plant against its estimate.
 
-        Parameters
-        ----------
-        ax : Axes or sequence of Axes, optional
-            Where to draw: four for "all", one for "maps", else two.  Default:
-            a new figure.
-        title : str, optional
-            Title.  Default: name of the axis and what is shown.
-        what : {"all", "maps", "position", "speed", "friction", "mode"}, optional
-            "all": position, velocity, friction and mode in one figure.  "maps": the
-            friction of plant and observer over the travel (paper, Fig. 7).
-            Others: one signal with its error (paper, Figs 8 to 11).
-
-        Raises
-        ------
-        ValueError
-            If `what` is none of these, or `ax` holds another number of axes.
+        `what` is "all", "maps" (friction over the travel; paper, Fig. 7), "position", "speed",
+        "friction" or "mode" with its error (Figs 8 to 11); `ax` four axes, one, or two.
 
         Examples
         --------

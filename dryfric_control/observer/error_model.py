@@ -43,30 +43,14 @@ C = np.array([1.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """Matrices of the open error dynamics in one mode.
+    """Matrices of the open error dynamics in one mode."""
 
-    Attributes
-    ----------
-    A : ndarray, shape (3, 3)
-        Augmented state matrix ``[A_i E_i; 0 1]``.
-    W : ndarray, shape (3, ndisturbances)
-        How the disturbances enter the error.
-    D : ndarray, shape (ndisturbances,)
-        How the disturbances enter the measurement.
-    Z : ndarray, shape (nweights, 3)
-        Performance output.
-    C : ndarray, shape (3,)
-        How the error enters the measurement.
-    current : bool
-        The current form; C and D are then those of the reading to come.
-    """
-
-    A: Array
-    W: Array
-    D: Array
-    Z: Array
-    C: Array = field(default_factory=lambda: C)
-    current: bool = False
+    A: Array  # [A_i E_i; 0 1], shape (3, 3)
+    W: Array  # disturbances into the error, shape (3, nd)
+    D: Array  # disturbances into the measurement, shape (nd,)
+    Z: Array  # performance output, shape (nz, 3)
+    C: Array = field(default_factory=lambda: C)  # error into the measurement, shape (3,)
+    current: bool = False  # current form: C and D of the reading to come
 
     def corrected(self) -> ErrorModel:
         """The same dynamics in the current form."""
@@ -188,8 +172,6 @@ def error_models(
 def check_detectable(models: Mapping[int, ErrorModel], state: Array, decay: float) -> None:
     """Refuse a mode whose error no gain can make decay fast enough.
 
-    Notes
-    -----
     Popov-Belevitch-Hautus: every eigenvalue of A with ``|lambda| >= decay`` must
     leave ``[lambda I - A; C]`` with full column rank.
     """

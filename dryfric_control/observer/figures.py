@@ -143,12 +143,9 @@ def _signal(run: Run, axes: Any, row: int, name: str, unit: str, title: str | No
 
 
 def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw position, reference and the estimation error (Fig. 8).
+    """Draw position, reference and the estimation error (Fig. 8), the plant at rest as a band.
 
-    Notes
-    -----
-    The first 0.1 s do not count for the scales; the band is the plant at rest.  The inset
-    shows the first 0.15 s, with the position from which the observer started.
+    The first 0.1 s do not count for the scales; the inset shows the first 0.15 s.
     """
     axes = axes_of(ax, 2)
     axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")

@@ -50,15 +50,7 @@ class Tables(NamedTuple):
 
 
 class HybridResponse(ObserverResponse):
-    """Estimates of a hybrid filter over a record.
-
-    Attributes
-    ----------
-    vhat_sd : ndarray, shape (n,)
-        Standard deviation of the velocity that the filter expects of itself [m/s].
-    log_likelihood : ndarray, shape (n,)
-        Logarithm of the probability of each reading, given those before.
-    """
+    """Estimates of a hybrid filter: `vhat_sd` [m/s] and `log_likelihood` of each reading too."""
 
     def __init__(self, time: Array, rows: Array, *given: Any) -> None:
         super().__init__(time, np.ascontiguousarray(rows[:, :5].T), *given)
@@ -67,20 +59,7 @@ class HybridResponse(ObserverResponse):
 
 @dataclass(frozen=True)
 class HybridFilter:
-    """A filter of three modes for position, velocity, friction and mode.
-
-    Made by `hybrid_filter`, which explains the attributes.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The model that the filter runs.
-    dt : float
-        Sampling time [s].
-    encoder_quantum : float
-        Increment of the position sensor [m].
-    excess, excess_speed, level_walk, force_noise, mass_error : float
-        What the filter expects to be wrong with the model.
+    """A filter of three modes for position, velocity, friction and mode; see `hybrid_filter`.
 
     Examples
     --------
@@ -106,26 +85,9 @@ class HybridFilter:
         return LINE + int(self.tables.axis_integers[axis_step.N_HISTORY]) + kernel.SIZE
 
     def run(self, u: Any, y: ArrayLike | None = None) -> HybridResponse:
-        """Run the filter over a whole record, compiled.
+        """Run the filter over a record, or drive u [N] and readings y [m], each shape (n,).
 
-        Parameters
-        ----------
-        u : array_like, shape (n,), or Record
-            Drive force at the samples, held to the next [N]; or a record.
-        y : array_like, shape (n,), optional
-            Position read at the samples [m]; not with a record.
-
-        Returns
-        -------
-        HybridResponse
-            Outputs xhat, vhat, Fhat, what, mode.  Each uses the reading of its
-            own sample.
-
-        Raises
-        ------
-        ValueError
-            If `u` and `y` are not finite records of one length, or exchanged, or the
-            record was sampled at another time step.
+        Each output uses the reading of its own sample.
 
         Examples
         --------
@@ -168,21 +130,9 @@ class HybridFilter:
         )
 
     def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
-        """The filter as a sampled block.
+        """The filter as a sampled block: inputs u, y; outputs xhat, vhat, Fhat, what, mode.
 
-        Returns
-        -------
-        control.NonlinearIOSystem
-            Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  Only Fhat depends
-            on u of the same sample, and only at rest, where friction is the drive.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> block = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).block()
-        >>> block.input_labels, block.output_labels
-        (['u', 'y'], ['xhat', 'vhat', 'Fhat', 'what', 'mode'])
+        Only Fhat depends on u of the same sample, and only at rest, where friction is the drive.
         """
         tables, size = self.tables, self.memory_size
 
@@ -208,23 +158,14 @@ class HybridFilter:
         --------
         >>> import dryfric_control as dfc
         >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> stepper = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).stepper()
-        >>> stepper.step(u=5.0, y=0.0).mode
+        >>> dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).stepper().step(u=5.0, y=0.0).mode
         0
         """
         return HybridStepper(self)
 
 
 class HybridStepper(Stepper):
-    """A hybrid filter sample by sample.
-
-    Made by `HybridFilter.stepper`.
-
-    Attributes
-    ----------
-    filter : HybridFilter
-        The filter.
-    """
+    """A hybrid filter sample by sample, made by `HybridFilter.stepper`."""
 
     def __init__(self, filter: HybridFilter) -> None:
         self.filter = filter

@@ -21,17 +21,9 @@ SOLVERS = ("clarabel", "scs")
 
 @dataclass
 class MatrixProgram:
-    """Minimise one variable subject to matrix inequalities.
+    """Minimise one variable subject to matrix inequalities ``B + margin I <= 0``."""
 
-    Parameters
-    ----------
-    size : int
-        Number of variables.
-    margin : float
-        Every inequality is tightened by this much: ``B + margin I <= 0``.
-    """
-
-    size: int
+    size: int  # number of variables
     margin: float
     _blocks: list[tuple[NDArray[np.intp], Array, Array]] = field(default_factory=list)
 

@@ -22,21 +22,11 @@ PRESENT_STICK, PREVIOUS_STICK = 4, 2
 
 @dataclass(frozen=True)
 class ModeGraph:
-    """Deterministic graph of memory states.
+    """Deterministic graph of memory states."""
 
-    Attributes
-    ----------
-    labels : tuple of int
-        Mode class of each node.
-    edges : tuple of (int, int)
-        Allowed steps from node to node.
-    names : tuple of str
-        What each node remembers, for reports.
-    """
-
-    labels: tuple[int, ...]
-    edges: tuple[tuple[int, int], ...]
-    names: tuple[str, ...]
+    labels: tuple[int, ...]  # mode class of each node
+    edges: tuple[tuple[int, int], ...]  # allowed steps
+    names: tuple[str, ...]  # what each node remembers
 
     def next_nodes(self) -> dict[tuple[int, int], int]:
         """Next node by (node, class of the next mode)."""
@@ -90,8 +80,7 @@ def window_graph(pairs: set[tuple[int, int]], length: int) -> ModeGraph:
 def dwell_graph(pairs: set[tuple[int, int]], longest: int) -> ModeGraph:
     """Memory of how long the present and the previous mode have lasted.
 
-    Runs of sliding are counted up to `longest` samples, runs of sticking up to
-    a few; a longer run counts as the longest.
+    Sliding is counted up to `longest` samples, sticking up to a few.
     """
     keys = sorted({a for a, _ in pairs})
     present = {key: min(longest, PRESENT_STICK) if key == STICK else longest for key in keys}

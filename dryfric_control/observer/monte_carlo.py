@@ -33,25 +33,13 @@ FIGURES = tuple(field.name for field in fields(EstimateScore))
 
 @dataclass(frozen=True)
 class Mismatch:
-    """How one plant differs from the nominal axis.
+    """How one plant differs from the nominal axis: ratios of true to nominal."""
 
-    Attributes
-    ----------
-    plus, minus : float
-        True over nominal Coulomb level, forwards and backwards [1].
-    mass : float
-        True over nominal inertia [1].
-    excess : float
-        Stribeck excess of the plant; the observer knows none [1].
-    stick_ratio : float
-        Stick velocity of the observer over that of the plant [1].
-    """
-
-    plus: float
-    minus: float
+    plus: float  # Coulomb level forwards
+    minus: float  # backwards
     mass: float
-    excess: float
-    stick_ratio: float
+    excess: float  # Stribeck excess of the plant; the observer knows none
+    stick_ratio: float  # stick velocity of the observer over that of the plant
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
@@ -69,17 +57,7 @@ class Mismatch:
     def plant(
         self, design: ObserverDesign, axis: FrictionAxis, stribeck_speed: float | None
     ) -> FrictionAxis:
-        """The plant that differs in this way from an axis.
-
-        Parameters
-        ----------
-        design : ObserverDesign
-            The observer, with its stick velocity.
-        axis : FrictionAxis
-            The axis from which it differs.
-        stribeck_speed : float or None
-            Stribeck velocity of the plant [m/s]; None for a plant without a peak.
-        """
+        """The plant that differs in this way from an axis; without a Stribeck velocity no peak."""
         peak = None if stribeck_speed is None else Stribeck(self.excess, stribeck_speed)
         return axis.replace(
             mass=self.mass * axis.mass,
@@ -100,17 +78,7 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class SwitchedEstimator:
-    """The switched PI observer as one of several estimators.
-
-    Parameters
-    ----------
-    design : ObserverDesign
-        The observer.
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the mode.
-    encoder_quantum : float, optional
-        Increment of the position sensor [m].
-    """
+    """The switched PI observer as one of several estimators, see `pi_observer`."""
 
     design: ObserverDesign
     switching: str = "reading"
@@ -131,25 +99,12 @@ class SwitchedEstimator:
 
 @dataclass(frozen=True, repr=False)
 class MonteCarlo(Result):
-    """Scores of several estimators over random mismatches.
-
-    Attributes
-    ----------
-    mismatches : tuple of Mismatch
-        The plants, in order.
-    scores : dict of str to ndarray, shape (n, 5)
-        Columns position [m], velocity, friction, friction_bias, mode-detection error [1]
-        of each estimator.
-    unit : str
-        Unit of position.
-    limit : float
-        Position error from which on an estimate counts as diverged [m].
-    """
+    """Scores of several estimators over random mismatches."""
 
     mismatches: tuple[Mismatch, ...]
-    scores: dict[str, Array]
-    unit: str = "m"
-    limit: float = np.inf
+    scores: dict[str, Array]  # shape (n, 5), columns as in `EstimateScore`
+    unit: str = "m"  # of position
+    limit: float = np.inf  # position error from which on an estimate counts as diverged
 
     @property
     def diverged(self) -> dict[str, int]:
@@ -160,17 +115,7 @@ class MonteCarlo(Result):
         }
 
     def quantiles(self, levels: Sequence[float] = (0.5, 0.9, 0.95, 1.0)) -> dict[str, Array]:
-        """Quantiles of each figure's magnitude.
-
-        Parameters
-        ----------
-        levels : sequence of float, optional
-            Probabilities.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (nlevels, 5)
-        """
+        """Quantiles of each figure's magnitude, shape (nlevels, 5), by estimator."""
         return {
             name: np.quantile(np.abs(table), levels, axis=0) for name, table in self.scores.items()
         }

@@ -109,11 +109,7 @@ def first_memory(
 
 
 class ObserverResponse(Response):
-    """Estimates over a record.
-
-    A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what and mode,
-    inputs u and y, and states xhat, vhat, what.
-    """
+    """A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what, mode, and states."""
 
     def __init__(
         self, time: Array, outputs: Array, u: Array, y: Array, units: tuple[str, str], title: str
@@ -132,11 +128,7 @@ class ObserverResponse(Response):
 
     @panels(3)
     def plot(self, axes: Any) -> str:
-        """Draw the estimates over time, estimated rest as a light band.
-
-        The first 0.1 s do not count for the scales.
-        `control.time_response_plot` draws every signal in a panel of its own.
-        """
+        """Draw the estimates over time, scaled after 0.1 s, estimated rest as a light band."""
         length, force = self.units
         axes[0].plot(self.t, self.u[1], ".", color=MEASURED, markersize=2, label="reading")
         axes[1].plot(self.t, self.y[1], "C0--", linewidth=1.0)
@@ -358,20 +350,9 @@ def pi_observer(
 
 
 class Stepper:
-    """A compiled estimator sample by sample.
+    """A compiled estimator sample by sample: kernel, its tables, memory and number of outputs.
 
-    Parameters
-    ----------
-    sample : callable
-        The compiled sample; takes tables, memory, time, drive, reading, output.
-    tables : tuple of ndarray
-        What it reads.
-    memory : ndarray
-        Memory before the first sample.
-    outputs : int
-        Numbers that a sample states, the five of an `Estimate` first.
-    dt : float
-        Sampling time [s].
+    The first five outputs are those of an `Estimate`.
     """
 
     def __init__(
@@ -382,24 +363,9 @@ class Stepper:
         self._samples = 0
 
     def step(self, u: float, y: float) -> Estimate:
-        """Take one sample and move on to the next.
+        """Estimate at this sample: drive u [N] from it on, position y [m] read at it.
 
-        Parameters
-        ----------
-        u : float
-            Drive force from this sample on [N].
-        y : float
-            Position read at this sample [m].
-
-        Returns
-        -------
-        Estimate
-            x, v, F, w and mode at this sample.
-
-        Raises
-        ------
-        ValueError
-            If `u` or `y` is not a finite number; the estimator stays as it was.
+        After a ValueError the estimator is as before.
         """
         drive, reading = finite("u", u), finite("y", y)
         if self._samples == 0:

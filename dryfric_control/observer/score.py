@@ -20,21 +20,7 @@ SETTLED_POSITION, SETTLED = 0.1, 0.2
 
 @dataclass(frozen=True)
 class EstimateScore:
-    """Errors of an estimate against the plant.
-
-    Attributes
-    ----------
-    position : float
-        Largest position error after 0.1 s [m].
-    speed : float
-        RMS speed error over the RMS of the speed, after 0.2 s [1].
-    friction : float
-        Mean absolute friction error while the plant slips, after 0.2 s, over
-        the mean Coulomb level there [1].
-    friction_bias : float
-        The same with the sign kept: positive if friction is overestimated [1].
-    commutation : float
-        Fraction of all samples with another mode than the plant's [1].
+    """Errors of an estimate against the plant, after 0.1 s or 0.2 s.
 
     Examples
     --------
@@ -44,11 +30,11 @@ class EstimateScore:
     True
     """
 
-    position: float
-    speed: float
-    friction: float
-    friction_bias: float
-    commutation: float
+    position: float  # largest, after 0.1 s [m]
+    speed: float  # RMS over the RMS of the speed, after 0.2 s [1]
+    friction: float  # mean size in slip over the mean Coulomb level there [1]
+    friction_bias: float  # with sign: positive if overestimated [1]
+    commutation: float  # samples with another mode than the plant's [1]
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}={value:.4g}" for name, value in asdict(self).items())
@@ -59,13 +45,7 @@ class EstimateScore:
         return asdict(self)
 
     def summary(self, unit: str = "m") -> str:
-        """The five figures in words.
-
-        Parameters
-        ----------
-        unit : str, optional
-            Unit of position.
-        """
+        """The five figures in words."""
         return "\n".join(
             [
                 f"position     at most {self.position:.3g} {unit} off after {SETTLED_POSITION:g} s",

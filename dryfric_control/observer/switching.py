@@ -81,9 +81,9 @@ def _correct(S, noise):  # type: ignore[no-untyped-def]
 def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-untyped-def]
     """Whether some disturbance along the repeated word beats `gamma`.
 
-    `word` holds places in F (n,3,3), N (n,3,3), Z (n,nz,3).  With `best` each
-    step corrects by the best gain for measurement noise `noise` (n,): after its
-    error counts (1, an observer that predicts), or before (2).
+    `word` holds places in F (n,3,3), N (n,3,3), Z (n,nz,3).  With `best` each step corrects by the
+    best gain for noise `noise` (n,): after its error counts (1, a predicting observer), or before
+    (2).
     """
     S = np.zeros((3, 3))
     out = np.empty((3, 3))
@@ -166,13 +166,9 @@ def _best_game(models: Mapping[int, ErrorModel]) -> _Game:
 def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     """Gain no observer can be below when the modes repeat `word`.
 
-    Notes
-    -----
-    The Riccati recursion of the optimal H-infinity filter, a priori or (current
-    form) a posteriori, from a zero initial error (Hassibi, Sayed and Kailath,
-    Indefinite-Quadratic Estimation
-    and Control, SIAM 1999).  A gamma counts only if the recursion breaks down
-    within finitely many samples, which makes the bound strict.
+    The Riccati recursion of the optimal H-infinity filter, a priori or (current form) a posteriori,
+    from a zero initial error (Hassibi, Sayed and Kailath, Indefinite-Quadratic Estimation and
+    Control, SIAM 1999).  A breakdown within finitely many samples makes the bound strict.
     """
     game = _best_game(models)
     place = np.array([game.keys.index(key) for key in word])

@@ -62,15 +62,7 @@ class InfeasibleError(ValueError):
 
 @dataclass(frozen=True)
 class Scales:
-    """Unit of each error and factor of the performance output.
-
-    Attributes
-    ----------
-    state : ndarray, shape (3,)
-        Unit of position, speed and friction error.
-    output : float
-        Factor of z.
-    """
+    """Units of position, speed and friction error, shape (3,), and factor of z."""
 
     state: Array
     output: float
@@ -91,11 +83,9 @@ class Scales:
 def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
     """Scales that make the design problem a matter of numbers near 1.
 
-    Notes
-    -----
-    With the observer's natural frequency beta per sample, an uncertain force d
-    on the mass m moves the speed estimate by about ``dt d / (m sqrt(beta))``
-    and the position estimate by ``1 / beta`` samples of that.
+    With the observer's natural frequency beta per sample, an uncertain force d on the mass m moves
+    the speed estimate by about ``dt d / (m sqrt(beta))``, the position by ``1 / beta`` samples of
+    that.
     """
     force = max(weights.uncertainty.values())
     speed = force * weights.kick / np.sqrt(weights.bandwidth)
@@ -111,25 +101,13 @@ def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What the solver proposes; the certificate decides.
-
-    Attributes
-    ----------
-    gamma : float
-        The solver's value of the optimal gain.
-    gains : ndarray, shape (nnodes, 3)
-        Observer gains, in the units of the models given.
-    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
-        Lyapunov matrices of the gain and of the decay condition.
-    status : str
-        The solver's word.
-    """
+    """What the solver proposes; the certificate decides."""
 
     gamma: float
-    gains: Array
-    lyapunov: Array
-    lyapunov_decay: Array
-    status: str
+    gains: Array  # shape (nnodes, 3), in the units of the models given
+    lyapunov: Array  # shape (nnodes, 3, 3)
+    lyapunov_decay: Array  # of the decay condition
+    status: str  # the solver's word
 
 
 def _block(

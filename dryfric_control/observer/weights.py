@@ -41,36 +41,16 @@ PERFORMANCE = (2.0, 1.0, 0.3)
 
 @dataclass(frozen=True)
 class Weights:
-    """Specifications of the observer in SI units.
+    """Specifications of the observer in SI units."""
 
-    Attributes
-    ----------
-    dt : float
-        Sampling time [s].
-    kick : float
-        Speed gained in one sample per force, dt / mass [s/kg].
-    uncertainty : dict of int to float
-        Amplitude of the force uncertainty in each mode [N].
-    noise : float
-        Amplitude of the measurement noise [m].
-    drift : float
-        Drift of the friction error per sample [N].
-    decay : float
-        Decay per sample.
-    performance : tuple of float
-        Weights of the errors of position, velocity and friction in z.
-    bandwidth : float
-        Natural frequency [rad/sample] the amplitudes amount to.
-    """
-
-    dt: float
-    kick: float
-    uncertainty: dict[int, float]
-    noise: float
-    drift: float
-    decay: float
-    performance: tuple[float, float, float]
-    bandwidth: float
+    dt: float  # [s]
+    kick: float  # speed gained in one sample per force, dt / mass [s/kg]
+    uncertainty: dict[int, float]  # of the force by mode [N]
+    noise: float  # [m]
+    drift: float  # of the friction error per sample [N]
+    decay: float  # per sample
+    performance: tuple[float, float, float]  # of position, velocity and friction errors in z
+    bandwidth: float  # natural frequency that the amplitudes amount to [rad/sample]
 
 
 class ObserverWarning(UserWarning):
@@ -144,8 +124,6 @@ def default_weights(
 ) -> Weights:
     """Fill in the specifications the user left open.
 
-    Notes
-    -----
     With d = 0.2 Fc and beta = sqrt(dt^2 d / (m n)): noise n = 4 quantum / sqrt(12),
     moved if need be until 0.03 <= beta <= 0.7, or such that beta = 0.15 if no
     quantum is given; drift = beta d / 2 per sample; decay = 1 - beta / 20; and

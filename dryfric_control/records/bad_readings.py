@@ -50,28 +50,17 @@ _OWN = 0.75
 class Masked(NamedTuple):
     """Readings that are not used.
 
-    Attributes
-    ----------
-    indices : ndarray of int64, shape (m,)
-        Their samples, increasing.
-    reasons : tuple of str
-        "jump", "repeated", "filled" or "given", one each.
-    readings : ndarray, shape (m,)
-        What was recorded [unit of x].
-
     Examples
     --------
-    >>> NONE.within(slice(0, 5)).indices.size
-    0
     >>> Masked(np.array([30, 51, 52]), ("jump", "filled", "filled"), np.zeros(3))
     masked  from sample  to sample  readings
     jump    30           30         1
     filled  51           52         2
     """
 
-    indices: NDArray[np.int64]
-    reasons: tuple[str, ...]
-    readings: FloatArray
+    indices: NDArray[np.int64]  # samples, increasing
+    reasons: tuple[str, ...]  # "jump", "repeated", "filled" or "given", one each
+    readings: FloatArray  # as recorded [unit of x]
 
     def within(self, part: slice) -> Masked:
         """Those of a slice with a positive step, counted from its start."""
@@ -231,11 +220,7 @@ def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
 
 
 def held_for(x: FloatArray, quantum: float = 0.0) -> tuple[int, int]:
-    """Samples for which a slower source holds each reading, 1 if none does, and the first new one.
-
-    Its steps are long, one after so many samples; those of a coarse encoder are one
-    quantum.
-    """
+    """Samples for which a slower source holds each reading, 1 if none, and the first new one."""
     steps = np.diff(x)
     changes = np.flatnonzero(steps) + 1
     gaps = np.diff(changes)

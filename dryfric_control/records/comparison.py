@@ -13,24 +13,12 @@ _LONGEST = 0.1  # s, delay that is looked for
 
 
 class Comparison(NamedTuple):
-    """How a channel differs from what is expected of it.
+    """How a channel differs from what is expected of it."""
 
-    Attributes
-    ----------
-    gain : float
-        Factor on the expected channel; far from 1, its unit is another one.
-    offset : float
-        What is added [unit of the channel].
-    delay : float
-        Time by which the channel comes later [s], a whole number of samples.
-    rms : float
-        Root mean square of what is left [unit of the channel].
-    """
-
-    gain: float
-    offset: float
-    delay: float
-    rms: float
+    gain: float  # factor on the expected channel; far from 1, its unit is another one
+    offset: float  # [unit of the channel]
+    delay: float  # time by which the channel comes later [s]
+    rms: float  # of what is left [unit of the channel]
 
 
 def compared(expected: FloatArray, measured: FloatArray, dt: float) -> Comparison:

@@ -448,11 +448,9 @@ def warn_if_suspect(t: FloatArray, dt: float, u: FloatArray) -> None:
 
 
 def samples_at_limit(u: FloatArray, level: float) -> int:
-    """Samples at a level that u reaches at speed and stays at.
+    """Samples at a level that u reaches at speed and stays at, where it moves much of the time.
 
-    A smooth crest slows down before it rests; a limit is run into. A
-    square wave comes in one step and a ramp with a hold is told apart by nothing, so
-    only an input that moves a good deal of the time is judged.
+    A smooth crest slows down before it rests; a square wave comes in one step.
     """
     steps = np.abs(np.diff(u))
     if np.mean(steps > 0) < 0.2:
@@ -479,10 +477,8 @@ _STAY, _STAYS, _RUN_IN, _EVEN, _CHANGE = 16, 3, 15.0, (0.7, 1.5), 0.05
 def clipped(u: FloatArray, x: FloatArray) -> BoolArray:
     """Samples at which the input rests at both its limits, exactly or but for its noise.
 
-    Noise of the record hides a limit: there it takes an input that runs into its
-    extremes, stays, and changes the velocity meanwhile, three times each way.  What
-    could be a sine, a triangle, a square wave or the friction of a constant velocity
-    is not judged.
+    Noise hides a limit: there the input must run into its extremes, stay and change the velocity
+    meanwhile, three times each way, which no sine, triangle, square wave or mere friction does.
     """
     extremes = float(u.min()), float(u.max())
     if all(samples_at_limit(u, one) for one in extremes):
@@ -541,11 +537,7 @@ _ALIKE, _EXACT = 0.9, 0.01
 
 
 def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
-    """Largest grid on which the positions lie, None if there is none.
-
-    Where the data show none, that of the decimals with which they were written down
-    before `factor` was applied to them.
-    """
+    """Largest grid of the positions, else that of the decimals before `factor`; None if none."""
     resolution = float(np.spacing(np.abs(x).max()))
     steps = np.abs(np.diff(x))
     gaps = np.diff(np.unique(x))

@@ -77,25 +77,13 @@ def straight(v: FloatArray, shape: Any = None) -> FloatArray:
 
 
 class Loss(NamedTuple):
-    """What a format cannot say of a joint.
-
-    Attributes
-    ----------
-    joint, what : str
-        The joint, and the effect or property with its numbers.
-    instead : str
-        What takes its place.
-    error : float
-        RMS error that makes over the record; NaN where no record shows it.
-    unit : str
-        Unit of the error: of force, or of position where the effect is no force.
-    """
+    """What a format cannot say of a joint."""
 
     joint: str
-    what: str
-    instead: str
-    error: float
-    unit: str
+    what: str  # the effect or property with its numbers
+    instead: str  # what takes its place
+    error: float  # RMS over the record; NaN where no record shows it
+    unit: str  # of force, or of position where the effect is no force
 
 
 @dataclass(frozen=True, repr=False)

@@ -27,10 +27,6 @@ class Factor(Effect):
         ----------
         axis : FrictionAxis
             The axis that has the effect.
-
-        Returns
-        -------
-        FrictionAxis
         """
         return axis.replace(**{self.base: self.factor * getattr(axis, self.base)})
 

@@ -25,32 +25,7 @@ _MOST_SHAPES = 256
 
 
 class View(Protocol):
-    """The states of a model in its records, one after the other, and typical sizes.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The model.
-    t, x, v, a, u : ndarray, shape (n,)
-        Time, filtered motion and drive.
-    direction : ndarray, shape (n,)
-        +1 or -1; 0 at rest.
-    level : ndarray, shape (n,)
-        Coulomb level [N].
-    drive, carried : ndarray, shape (n,)
-        Drive after its gain and limits, and load of the transmission: that less the force
-        effects [N].
-    size : float
-        Typical Coulomb level [N].
-    middle, span : float
-        Middle and length of the travel [m].
-    fast, top : float
-        Largest usual speed [m/s] and drive [N].
-    duration : float
-        Length of the longest record [s].
-    quantum, dt : float
-        Resolution of the readings [m], sampling time [s].
-    """
+    """The states of a model in its records, one after the other, and typical sizes."""
 
     axis: Any
     t: FloatArray
@@ -58,18 +33,17 @@ class View(Protocol):
     v: FloatArray
     a: FloatArray
     u: FloatArray
-    direction: FloatArray
-    level: FloatArray
-    drive: FloatArray
-    carried: FloatArray
-    size: float
-    middle: float
-    span: float
-    fast: float
-    top: float
-    duration: float
-    quantum: float
-    dt: float
+    direction: FloatArray  # +1 or -1; 0 at rest
+    level: FloatArray  # Coulomb level [N]
+    carried: FloatArray  # load of the transmission: drive less force effects [N]
+    size: float  # typical Coulomb level [N]
+    middle: float  # of the travel [m]
+    span: float  # of the travel [m]
+    fast: float  # largest usual speed [m/s]
+    top: float  # largest usual drive [N]
+    duration: float  # of the longest record [s]
+    quantum: float  # resolution of the readings [m]
+    dt: float  # [s]
 
     def waves(self, kind: str) -> tuple[list[float], float]:
         """Strongest frequencies of "force" or "reading" along x, or of "time"; lobes searched."""
@@ -78,29 +52,16 @@ class View(Protocol):
 class Column(NamedTuple):
     """One shape of an effect.
 
-    Attributes
-    ----------
-    values : callable
-        Parameters of the effect for coefficients of the columns.
-    force : sequence of ndarray, shape (n,)
-        Force that the effect adds for a coefficient of 1 [N].  Without force and reading, the
-        effect is simulated with the values for a coefficient of 1.
-    reading : sequence of ndarray, shape (n,)
-        Addition to the readings for a coefficient of 1 [m].
-    positive : bool
-        Whether the first coefficient must be positive.
-    most : float
-        Largest size of the first coefficient.
-    shapes : float
-        Number of shapes that were searched for this one, if more than there are columns.
+    Without force and reading, the effect is simulated with the values for a coefficient of 1.
     """
 
+    #: Parameters of the effect for coefficients.
     values: Callable[[Sequence[float]], dict[str, float]]
-    force: Sequence[FloatArray] = ()
-    reading: Sequence[FloatArray] = ()
-    positive: bool = False
-    most: float = math.inf
-    shapes: float = 1.0
+    force: Sequence[FloatArray] = ()  # for a coefficient of 1 [N]
+    reading: Sequence[FloatArray] = ()  # addition to the readings for a coefficient of 1 [m]
+    positive: bool = False  # the first coefficient must be
+    most: float = math.inf  # largest size of the first coefficient
+    shapes: float = 1.0  # searched for this one, if more than columns
 
 
 def amount(name: str, force: FloatArray, positive: bool = False, **others: float) -> Column:

@@ -42,8 +42,7 @@ def renumbered(names: Iterable[str], taken: str) -> list[str]:
 def named(axis: BaseAxis) -> dict[str, Effect]:
     """Effects of an axis by name: the slug, and "cogging_2" for a second of a kind.
 
-    What a field of the axis holds, such as its Stribeck peak, is the first of them;
-    an effect of that kind takes its place.
+    A field of the axis, such as its Stribeck peak, is the first of its kind.
     """
     found: dict[str, Effect] = {}
     listed = [effect.slug for effect in axis.effects]

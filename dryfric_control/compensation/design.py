@@ -162,15 +162,6 @@ class Compensation(Result):
             slow that they do not count.  On an axis without `travel` its positions are also
             those for which levels and force effects are read, otherwise -1 m to 1 m.
 
-        Returns
-        -------
-        TrackingCertificate
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of its range.
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -479,10 +470,6 @@ def design_compensation(
         Largest step of the drive when the reading changes by one increment, in parts of the
         Coulomb level.  A low-pass on the velocity keeps it, and makes the loop slower: the
         tube grows.  Not with `gains`.
-
-    Returns
-    -------
-    Compensation
 
     Raises
     ------

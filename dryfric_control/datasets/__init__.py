@@ -46,10 +46,6 @@ def belt_stage() -> Record:
 def belt_stage_axis() -> FrictionAxis:
     """Nominal axis of `belt_stage`.
 
-    Returns
-    -------
-    FrictionAxis
-
     Examples
     --------
     >>> import dryfric_control as dfc

@@ -95,11 +95,6 @@ class FrictionAxis:
         Units of position and force: ("m", "N") or ("rad", "N m"); raw ones, such as
         ("counts", "V"), and names that are not known are taken as they are.
 
-    Raises
-    ------
-    ValueError
-        If a value is not a finite number in its range; the message names it.
-
     Notes
     -----
     The modes are (paper, eqs. (2), (3); w is the net force without friction)
@@ -202,10 +197,6 @@ class FrictionAxis:
         **changes
             New values of fields.
 
-        Returns
-        -------
-        FrictionAxis
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -222,10 +213,6 @@ class FrictionAxis:
         stribeck) are applied, in their order, and leave the list of effects.
         Simulations do this automatically; call it before reading `mass`,
         `viscous`, `coulomb` or `stribeck`.
-
-        Returns
-        -------
-        FrictionAxis
 
         Examples
         --------
@@ -250,10 +237,6 @@ class FrictionAxis:
         The name is the effect's slug, with a number from the second of a kind on;
         the axis' own Stribeck peak is among them.
 
-        Returns
-        -------
-        dict of str to Effect
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -275,10 +258,6 @@ class FrictionAxis:
         unit : str
             Such as "N s/m", "kg" or "1".
 
-        Returns
-        -------
-        str
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -295,10 +274,6 @@ class FrictionAxis:
         ----------
         dt : float
             Sampling time [s]; it sets the length of the delay line.
-
-        Returns
-        -------
-        Arrays
         """
         return _arrays(self, dt)
 
@@ -415,10 +390,6 @@ class FrictionAxis:
             Sampling time [s].
         x0, v0 : float, optional
             Position and velocity at the start.
-
-        Returns
-        -------
-        AxisStepper
 
         Examples
         --------
@@ -684,15 +655,6 @@ class FrictionAxis:
         title : str, optional
             Title.  Default: name of the axis and what is shown.
 
-        Returns
-        -------
-        control.ControlPlot
-
-        Raises
-        ------
-        ValueError
-            If `speed` is not positive, or `span` does not run from low to high.
-
         Notes
         -----
         F(v) = sign(v) Fc(x) (1 + sigma exp(-((abs(v) - Sigma)/vs)^2)) + f v, and forces of
@@ -839,11 +801,6 @@ class AxisStepper:
         Sampling time [s].
     x0, v0 : float, optional
         Position [m] and velocity [m/s] at the start.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
 
     Examples
     --------

@@ -47,11 +47,6 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         Input u; outputs x, v, F, mode; states x, v, mode.  Effects with a
         memory (input delay, actuator lag) add states.
 
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive.
-
     Notes
     -----
     The input is held over the sample.  `control.input_output_response` asks
@@ -398,11 +393,6 @@ def position_controller(
     -------
     control.NonlinearIOSystem
         Inputs xref, y; output u.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
 
     See Also
     --------

@@ -37,11 +37,6 @@ class CoulombMap:
     minus : float or sequence of float, optional
         The same for negative direction, also a magnitude.  Default: as `plus`.
 
-    Raises
-    ------
-    ValueError
-        If a coefficient is not a finite number or a list is empty.
-
     Notes
     -----
     These are Fc_plus(x) and Fc_minus(x) of the hybrid model (paper, eq. (3)).
@@ -73,15 +68,6 @@ class CoulombMap:
         ----------
         coulomb : CoulombMap, float or pair
             What to take as levels.
-
-        Returns
-        -------
-        CoulombMap
-
-        Raises
-        ------
-        ValueError
-            If it is neither.
         """
         if isinstance(coulomb, CoulombMap):
             return coulomb
@@ -122,10 +108,6 @@ class CoulombMap:
             Factor of the positive direction.
         minus : float, optional
             Factor of the negative direction.  Default: as `plus`.
-
-        Returns
-        -------
-        CoulombMap
         """
         plus = finite("plus", plus)
         other = plus if minus is None else finite("minus", minus)
@@ -200,11 +182,6 @@ class Stribeck:
     speed : float
         Stribeck velocity vs, over which the excess decays [m/s or rad/s].
 
-    Raises
-    ------
-    ValueError
-        If `excess` is negative or beyond `MOST_EXCESS`, or `speed` not positive.
-
     Notes
     -----
     F = Fc (1 + sigma exp(-((s v - Sigma)/vs)^2)), with Sigma the stick velocity of
@@ -239,10 +216,6 @@ class Stribeck:
             Velocity in the direction of motion [m/s].
         stick_speed : float, optional
             Stick velocity of the axis [m/s].
-
-        Returns
-        -------
-        ndarray, shape (n,)
         """
         past = (np.asarray(speed, dtype=float) - stick_speed) / self.speed
         return np.asarray(1.0 + self.excess * np.exp(-(past**2)))

@@ -82,11 +82,6 @@ class PositionController:
     span : int, optional
         Samples over which the velocity is differenced, 1 to 8.
 
-    Raises
-    ------
-    ValueError
-        If a value is out of its range.
-
     Notes
     -----
     ::
@@ -153,10 +148,6 @@ class PositionController:
             Point at which the effects are linearised, see `FrictionAxis.mode_ss`;
             a pendulum needs it.  Default: effects are left out.
 
-        Returns
-        -------
-        PositionController
-
         Raises
         ------
         ValueError
@@ -217,10 +208,6 @@ class PositionController:
             Position reading [m].
         speed : float, optional
             Velocity [m/s].
-
-        Returns
-        -------
-        ndarray, shape (10,)
         """
         reading, speed = finite("reading", reading), finite("speed", speed)
         memory = np.zeros(READINGS + LONGEST_SPAN)
@@ -317,11 +304,6 @@ def simulate_loop(
     -------
     SimulationResponse
         Outputs x, v, F, mode, u, y; input r; with `events`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
 
     Warns
     -----

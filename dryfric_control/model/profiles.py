@@ -73,10 +73,6 @@ class MotionProfile:
         dt : float
             Sampling time [s].
 
-        Returns
-        -------
-        MotionProfile
-
         Raises
         ------
         ValueError
@@ -104,10 +100,6 @@ class MotionProfile:
             Where to draw.  Default: a new figure.
         title : str, optional
             Title.
-
-        Returns
-        -------
-        control.ControlPlot
         """
         axes = axes_of(ax, 3)
         unit = self.unit
@@ -157,10 +149,6 @@ def motion_profile(
         Time of rest at every point [s], one for all or one each.
     unit : str, optional
         Unit of the points: "rad" for a rotary axis, whose limits are in rad/s and so on.
-
-    Returns
-    -------
-    MotionProfile
 
     Raises
     ------

@@ -31,15 +31,6 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
         Where to draw.  Default: a new figure.  The letters keep their size:
         give axes at least 6.5 inches wide and 3.6 high.
 
-    Returns
-    -------
-    control.ControlPlot
-
-    Raises
-    ------
-    ValueError
-        If `axis` is no FrictionAxis, or more than one Axes is given.
-
     Notes
     -----
     Boxes hold the motion in each mode (paper, eqs. (2) and (3)), arrows what

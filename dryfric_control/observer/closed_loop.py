@@ -169,10 +169,6 @@ def simulate_observed_loop(
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the observer's mode, see `pi_observer`.
 
-    Returns
-    -------
-    ObservedLoop
-
     Raises
     ------
     ValueError

@@ -221,11 +221,6 @@ class ObserverDesign(Result):
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
 
-        Raises
-        ------
-        ValueError
-            If `mode` is not 0, +1 or -1.
-
         Notes
         -----
         A constant `force` is what the integral term is there to absorb: its
@@ -266,10 +261,6 @@ class ObserverDesign(Result):
 
     def check(self) -> Certificate:
         """Recompute the certificate from the gains.
-
-        Returns
-        -------
-        Certificate
 
         Raises
         ------
@@ -415,10 +406,6 @@ def design_pi_observer(
         solution and never raises gamma.  Not for "paper".
     solver : str
         "clarabel", or "scs" (slower, less accurate).
-
-    Returns
-    -------
-    ObserverDesign
 
     Raises
     ------

@@ -263,11 +263,6 @@ def pi_observer(
         Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  The first three
         states are xhat, vhat, what; the others start at zero.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
-
     See Also
     --------
     observe : the same over a whole record, far faster.
@@ -394,11 +389,6 @@ class ObserverStepper(Stepper):
         Rule of the mode, see `pi_observer`.
     encoder_quantum : float, optional
         Increment of the position sensor [m], see `pi_observer`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
 
     Examples
     --------

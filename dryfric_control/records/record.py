@@ -419,11 +419,6 @@ class Record:
         Record
             With the time, input and quantum of this one; it may stand still.
 
-        Raises
-        ------
-        ValueError
-            If `positions` is no vector of finite numbers, one for each sample.
-
         Examples
         --------
         >>> import numpy as np
@@ -453,11 +448,6 @@ class Record:
         -------
         Record
             With time, encoder quantum and all else of this one.
-
-        Raises
-        ------
-        ValueError
-            If an argument is no vector of finite numbers, one for each sample.
 
         Examples
         --------
@@ -849,11 +839,6 @@ class Record:
         Comparison
             Named tuple ``(gain, offset, delay, rms)``: the channel is close to gain * expected +
             offset, `delay` later.
-
-        Raises
-        ------
-        ValueError
-            If the record has no such channel, or its position stands still.
 
         Examples
         --------

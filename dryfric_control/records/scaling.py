@@ -156,11 +156,6 @@ class Scaling:
         path : path-like
             The file that `read_axis` reads; without the table nothing is scaled.
 
-        Raises
-        ------
-        ValueError
-            If the table holds an unknown key or a number out of its range.
-
         Examples
         --------
         >>> import pathlib, tempfile

@@ -207,10 +207,6 @@ class StribeckPeak(Effect):
         ----------
         axis : FrictionAxis
             The axis that has the effect.
-
-        Returns
-        -------
-        FrictionAxis
         """
         return axis.replace(stribeck=Stribeck(self.excess, self.speed))
 

@@ -92,10 +92,6 @@ def parameter(
     size : float, optional
         Change that matters.  Default: the value a fit starts from.
 
-    Returns
-    -------
-    dataclasses.Field
-
     Examples
     --------
     >>> import dryfric_control as dfc
@@ -340,10 +336,6 @@ class Effect:
         units : tuple of str, optional
             Units of position and force of the axis, its `units`.
 
-        Returns
-        -------
-        dict of str to str
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -394,10 +386,6 @@ class Effect:
         ----------
         axis : FrictionAxis
             The axis that has the effect, its base parameters those that act.
-
-        Returns
-        -------
-        Inner
         """
         return Inner()
 
@@ -411,10 +399,6 @@ class Effect:
             The axis.
         size : callable
             Typical size in the records of a quantity with a given unit.
-
-        Returns
-        -------
-        Effect
 
         Raises
         ------
@@ -479,10 +463,6 @@ class Effect:
         ----------
         axis : FrictionAxis
             The axis that has it.
-
-        Returns
-        -------
-        bool
         """
         return True
 
@@ -525,10 +505,6 @@ class Effect:
         ----------
         units : tuple of str
             Units of position and force of the axis.
-
-        Returns
-        -------
-        str
         """
         return ""
 
@@ -539,10 +515,6 @@ class Effect:
         ----------
         units : tuple of str, optional
             Units of position and force of the axis, its `units`.
-
-        Returns
-        -------
-        str
         """
         parts = []
         for name, unit in self.units(units).items():

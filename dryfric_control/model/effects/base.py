@@ -36,11 +36,6 @@ class Factor(Effect):
 class Inertia(Factor):
     r"""Mass that differs from that of the axis.
 
-    Parameters
-    ----------
-    factor : float
-        Moving mass over the `mass` of the axis [1].
-
     Notes
     -----
     .. math:: m \to \text{factor} \cdot m
@@ -74,11 +69,6 @@ class Inertia(Factor):
 class ViscousFriction(Factor):
     r"""Viscous coefficient that differs from that of the axis.
 
-    Parameters
-    ----------
-    factor : float
-        Coefficient over the axis' `viscous` [1].
-
     Notes
     -----
     .. math:: f \to \text{factor} \cdot f
@@ -111,11 +101,6 @@ class ViscousFriction(Factor):
 @dataclass(frozen=True)
 class CoulombFriction(Factor):
     r"""Coulomb level that differs, equally in both directions.
-
-    Parameters
-    ----------
-    factor : float
-        Level over the axis' `coulomb` [1].
 
     Notes
     -----
@@ -154,13 +139,6 @@ class StribeckPeak(Effect):
     r"""Friction that is higher at the slowest motion.
 
     It takes the place of the axis' own Stribeck peak, if there is one.
-
-    Parameters
-    ----------
-    excess : float
-        Relative excess of the breakaway over the Coulomb level [1].
-    speed : float
-        Stribeck velocity, over which the excess dies [m/s].
 
     Notes
     -----

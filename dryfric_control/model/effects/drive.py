@@ -31,11 +31,6 @@ _NEARLY_ALL = 0.9
 class InputDelay(Effect):
     r"""Drive force that acts a time after the command.
 
-    Parameters
-    ----------
-    delay : float
-        Delay [s], any length, not only whole samples.
-
     Notes
     -----
     .. math:: u(t) \to u(t - \text{delay})
@@ -87,11 +82,6 @@ class InputDelay(Effect):
 class ActuatorLag(Effect):
     r"""Drive force that follows the command with a first-order lag.
 
-    Parameters
-    ----------
-    time_constant : float
-        Time constant [s].
-
     Notes
     -----
     .. math:: u \to y, \quad \text{time constant} \cdot \dot y = u - y
@@ -141,11 +131,6 @@ class ActuatorLag(Effect):
 class InputGain(Effect):
     r"""Drive force that is a multiple of the commanded one.
 
-    Parameters
-    ----------
-    gain : float
-        Force acting over force commanded [1].
-
     Notes
     -----
     .. math:: u \to \text{gain} \cdot u
@@ -190,12 +175,6 @@ class InputGain(Effect):
 @dataclass(frozen=True)
 class DeadZone(Effect):
     r"""Commands to which the drive does not respond.
-
-    Parameters
-    ----------
-    width : float
-        Half width of the dead zone [N]; above it the force is the command
-        less this width.
 
     Notes
     -----
@@ -250,11 +229,6 @@ class DeadZone(Effect):
 @dataclass(frozen=True)
 class Saturation(Effect):
     r"""Largest force that the drive gives.
-
-    Parameters
-    ----------
-    limit : float
-        Largest magnitude of the force [N].
 
     Notes
     -----

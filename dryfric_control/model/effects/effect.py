@@ -132,35 +132,20 @@ class BaseAxis(Protocol):
     """What an effect reads and changes of its axis: a `FrictionAxis`."""
 
     @property
-    def mass(self) -> float:
-        """Moving mass."""
-
+    def mass(self) -> float: ...
     @property
-    def viscous(self) -> float:
-        """Viscous coefficient."""
-
+    def viscous(self) -> float: ...
     @property
-    def coulomb(self) -> CoulombMap:
-        """Coulomb levels."""
-
+    def coulomb(self) -> CoulombMap: ...
     @property
-    def stribeck(self) -> Stribeck | None:
-        """Stribeck peak."""
-
+    def stribeck(self) -> Stribeck | None: ...
     @property
-    def stick_speed(self) -> float:
-        """Speed below which the axis counts as motionless."""
-
+    def stick_speed(self) -> float: ...
     @property
-    def travel(self) -> tuple[float, float] | None:
-        """Lowest and highest position."""
-
+    def travel(self) -> tuple[float, float] | None: ...
     @property
-    def effects(self) -> tuple[Effect, ...]:
-        """Effects beyond the base model."""
-
-    def replace(self, **changes: Any) -> Self:
-        """Axis with some fields changed."""
+    def effects(self) -> tuple[Effect, ...]: ...
+    def replace(self, **changes: Any) -> Self: ...
 
 
 class Inner(NamedTuple):
@@ -204,14 +189,13 @@ class Inner(NamedTuple):
 class Effect:
     """Base of every physical effect.
 
-    A subclass is a frozen dataclass whose fields are declared with
-    `parameter`.  It sets `slug`, `title`, `action`, `explanation` and
-    `experiment`, and, for the actions "input", "force", "friction" and "reading", a
-    static method `law`; for "axis" a method ``alter(axis)`` that returns the
-    axis with other base parameters; for "delay", "lag", "contact" and
-    "transmission" a method ``inner(axis)`` that returns an `Inner` with the
-    numbers of its state.  A law that oscillates along the travel or in time states
-    `shortest_length` and `shortest_time`, and one that repeats its `periods`.
+    A subclass is a frozen dataclass whose fields are declared with `parameter`; its docstring
+    repeats them before the Notes.  It sets `slug`, `title`, `action`, `explanation` and
+    `experiment`, and, for the actions "input", "force", "friction" and "reading", a static method
+    `law`; for "axis" a method ``alter(axis)`` that returns the axis with other base parameters; for
+    "delay", "lag", "contact" and "transmission" a method ``inner(axis)`` that returns an `Inner`.
+    A law that oscillates along the travel or in time states `shortest_length` and `shortest_time`,
+    and one that repeats its `periods`.
 
     Notes
     -----
@@ -590,8 +574,21 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         returns = {"alter": "a FrictionAxis", "inner": "dfc.effects.Inner(...)"}[method]
         raise ValueError(f"{cls.__name__} needs a method {method}(axis) that returns {returns}")
     _check_numbers(cls)
+    _document_parameters(cls)
     REGISTRY[cls.slug] = cls
     return cls
+
+
+def _document_parameters(cls: type[Effect]) -> None:
+    """Put what the declarations of the parameters say into the docstring, before its notes."""
+    head, notes, rest = inspect.cleandoc(cls.__doc__ or "").partition("\nNotes\n-----\n")
+    if not notes or "\nParameters\n" in head:
+        return
+    rows = []
+    for name, said in cls.parameters().items():
+        words = said["doc"].replace("|", r"\|")
+        rows.append(f"{name} : float\n    {words[0].upper()}{words[1:]} [{said['unit']}].\n")
+    cls.__doc__ = f"{head}\nParameters\n----------\n{''.join(rows)}{notes}{rest}"
 
 
 class _NumberError(IndexError):

@@ -40,11 +40,6 @@ def _elastic_length(view: View) -> float:
 class Presliding(Effect):
     r"""Friction that is elastic before it slides.
 
-    Parameters
-    ----------
-    distance : float
-        Displacement over which the Coulomb level builds up [m].
-
     Notes
     -----
     .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
@@ -107,13 +102,6 @@ class Presliding(Effect):
 @dataclass(frozen=True)
 class Backlash(Effect):
     r"""Free play between motor and load.
-
-    Parameters
-    ----------
-    gap : float
-        Total width of the gap [m].
-    load_fraction : float
-        Share of the mass behind the gap [1].
 
     Notes
     -----
@@ -188,13 +176,6 @@ class Backlash(Effect):
 class LoadEncoderBacklash(Backlash):
     r"""Free play between motor and load, the encoder on the load.
 
-    Parameters
-    ----------
-    gap : float
-        Total width of the gap [m].
-    load_fraction : float
-        Share of the mass behind the gap [1].
-
     Notes
     -----
     .. math:: y = x_l, \quad {|x - x_l|} \le \tfrac{1}{2}\, \text{gap}, \quad x_l \text{ the load}
@@ -236,15 +217,6 @@ class LoadEncoderBacklash(Backlash):
 @dataclass(frozen=True)
 class Compliance(Effect):
     r"""Elastic transmission between motor and load.
-
-    Parameters
-    ----------
-    stiffness : float
-        Stiffness of the transmission [N/m].
-    damping : float
-        Its damping [N s/m].
-    load_fraction : float
-        Share of the mass behind the transmission [1].
 
     Notes
     -----

@@ -17,15 +17,6 @@ from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, re
 class EccentricEncoder(Effect):
     r"""Encoder with an error that is periodic in position.
 
-    Parameters
-    ----------
-    amplitude : float
-        Amplitude of the error [m].
-    period : float
-        Distance after which it repeats [m].
-    phase : float
-        Phase at x = 0 [rad].
-
     Notes
     -----
     .. math:: y = x + \text{amplitude} \cdot \sin(2\pi x / \text{period} + \text{phase})

@@ -25,11 +25,6 @@ _DEPTHS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.3)
 class BiasForce(Effect):
     r"""Constant force on the mass.
 
-    Parameters
-    ----------
-    force : float
-        Force [N], positive with x.
-
     Notes
     -----
     .. math:: w \to w + \text{force}
@@ -84,12 +79,6 @@ class BiasForce(Effect):
 class ViscousAsymmetry(Effect):
     r"""Viscous friction that differs between the directions.
 
-    Parameters
-    ----------
-    viscous : float
-        Half the difference of the two coefficients [N s/m]: added for motion
-        in positive direction, taken away in negative direction.
-
     Notes
     -----
     .. math:: w \to w - \text{viscous} \cdot {|v|}
@@ -138,11 +127,6 @@ class ViscousAsymmetry(Effect):
 class QuadraticDrag(Effect):
     r"""Drag that grows with the square of velocity.
 
-    Parameters
-    ----------
-    drag : float
-        Coefficient of ``v |v|`` [N s^2/m^2].
-
     Notes
     -----
     .. math:: w \to w - \text{drag} \cdot v {|v|}
@@ -185,13 +169,6 @@ class QuadraticDrag(Effect):
 @dataclass(frozen=True)
 class Spring(Effect):
     r"""Linear spring to the frame.
-
-    Parameters
-    ----------
-    stiffness : float
-        Stiffness [N/m].
-    rest : float
-        Position without spring force [m].
 
     Notes
     -----
@@ -241,15 +218,6 @@ class Spring(Effect):
 @dataclass(frozen=True)
 class EndStop(Effect):
     r"""Elastic stops at both ends of the travel.
-
-    Parameters
-    ----------
-    low, high : float
-        Positions at which the axis touches them [m].
-    stiffness : float
-        Stiffness of each [N/m].
-    damping : float
-        Damping of each while it is touched [N s/m].
 
     Notes
     -----
@@ -336,13 +304,6 @@ class EndStop(Effect):
 class Gravity(Effect):
     r"""Gravity on a rotary axis.
 
-    Parameters
-    ----------
-    amplitude : float
-        Largest torque m g l [N m].
-    phase : float
-        Position at which the arm hangs [rad].
-
     Notes
     -----
     .. math:: w \to w - \text{amplitude} \cdot \sin(x - \text{phase})
@@ -400,15 +361,6 @@ class Gravity(Effect):
 @dataclass(frozen=True)
 class Cogging(Effect):
     r"""Force that repeats with position.
-
-    Parameters
-    ----------
-    amplitude : float
-        Amplitude [N].
-    period : float
-        Period [m].
-    phase : float
-        Phase at x = 0 [rad].
 
     Notes
     -----
@@ -468,15 +420,6 @@ class Cogging(Effect):
 @dataclass(frozen=True)
 class TimePeriodic(Effect):
     r"""Force that repeats with time.
-
-    Parameters
-    ----------
-    amplitude : float
-        Amplitude [N].
-    frequency : float
-        Frequency [Hz].
-    phase : float
-        Phase at t = 0 [rad].
 
     Notes
     -----

@@ -24,12 +24,6 @@ _ONE_SIDED = 0.5
 class CoulombAsymmetry(Effect):
     r"""Coulomb level that differs between the directions.
 
-    Parameters
-    ----------
-    force : float
-        Half the difference of the two levels [N]: added for motion in
-        positive direction, taken away in negative direction.
-
     Notes
     -----
     .. math:: F_c \to F_c + s \cdot \text{force}, \quad s = \pm 1 \text{ the direction}
@@ -80,15 +74,6 @@ class CoulombAsymmetry(Effect):
 @dataclass(frozen=True)
 class PositionDependence(Effect):
     r"""Coulomb level that changes along the travel.
-
-    Parameters
-    ----------
-    slope : float
-        Relative change of the level per length [1/m].
-    curvature : float
-        Coefficient of the square [1/m^2].
-    centre : float
-        Position at which the level is that of the axis [m].
 
     Notes
     -----
@@ -148,11 +133,6 @@ class PositionDependence(Effect):
 @dataclass(frozen=True)
 class LoadDependence(Effect):
     r"""Friction that grows with the transmitted force.
-
-    Parameters
-    ----------
-    coefficient : float
-        Added friction over the load of the transmission [1].
 
     Notes
     -----
@@ -229,12 +209,6 @@ def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
 class LoadAsymmetry(Effect):
     r"""Load-dependent friction that differs between the directions.
 
-    Parameters
-    ----------
-    coefficient : float
-        Half the difference of added friction over the load of the transmission [1]: added
-        for motion in positive direction, subtracted in negative direction.
-
     Notes
     -----
     .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|u - e|}, \quad s = \pm 1
@@ -290,14 +264,6 @@ class LoadAsymmetry(Effect):
 @dataclass(frozen=True)
 class StribeckAsymmetry(Effect):
     r"""Stribeck peak that differs between the directions.
-
-    Parameters
-    ----------
-    difference : float
-        Half the difference of the relative excess [1]: added for motion in positive
-        direction, subtracted in negative direction.
-    speed : float
-        Velocity over which the difference decays [m/s].
 
     Notes
     -----
@@ -369,13 +335,6 @@ class StribeckAsymmetry(Effect):
 class VelocityStrengthening(Effect):
     r"""Friction that is lower at rest and rises to its level.
 
-    Parameters
-    ----------
-    deficit : float
-        Share of the axis' own Coulomb level that is missing at rest [1].
-    speed : float
-        Speed over which friction reaches its level [m/s].
-
     Notes
     -----
     .. math:: F_c \to F_c \left(1 - \text{deficit} \cdot
@@ -446,13 +405,6 @@ class VelocityStrengthening(Effect):
 class WarmUp(Effect):
     r"""Friction that falls exponentially while the machine warms up.
 
-    Parameters
-    ----------
-    rise : float
-        Relative excess of the Coulomb level at t = 0 [1].
-    time_constant : float
-        Time constant with which it dies [s].
-
     Notes
     -----
     .. math:: F_c \to F_c \left(1 + \text{rise} \cdot e^{-t/\text{time constant}}\right)
@@ -512,11 +464,6 @@ class WarmUp(Effect):
 class Drift(Effect):
     r"""Friction level that changes over the record.
 
-    Parameters
-    ----------
-    rate : float
-        Relative change of the Coulomb level per time [1/s].
-
     Notes
     -----
     .. math:: F_c \to F_c \left(1 + \text{rate} \cdot t\right)
@@ -557,13 +504,6 @@ class Drift(Effect):
 @dataclass(frozen=True)
 class DwellTime(Effect):
     r"""Breakaway level that grows with the time at rest.
-
-    Parameters
-    ----------
-    rise : float
-        Breakaway force gained after a long rest [N].
-    time_constant : float
-        Time constant of the gain [s].
 
     Notes
     -----

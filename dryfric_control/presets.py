@@ -245,7 +245,6 @@ def clutch_monte_carlo(
     design : ObserverDesign, optional
         The observer.  Default: `clutch_observer`.
     runs : int, optional
-        Number of plants.
     duration : float, optional
         Length of each run [s].
     **options

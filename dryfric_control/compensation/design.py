@@ -128,7 +128,6 @@ class Compensation(Result):
         Parameters
         ----------
         name : str, optional
-            Name of the block.
 
         Returns
         -------

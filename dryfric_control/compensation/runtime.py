@@ -103,7 +103,6 @@ class CompensatedController:
         Parameters
         ----------
         name : str, optional
-            Name of the block.
 
         Returns
         -------
@@ -152,7 +151,6 @@ class CompensationStepper:
     Parameters
     ----------
     controller : CompensatedController
-        The controller.
 
     Examples
     --------

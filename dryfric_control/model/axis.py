@@ -195,7 +195,6 @@ class FrictionAxis:
         Parameters
         ----------
         **changes
-            New values of fields.
 
         Examples
         --------
@@ -796,7 +795,6 @@ class AxisStepper:
     Parameters
     ----------
     axis : FrictionAxis
-        The axis.
     dt : float
         Sampling time [s].
     x0, v0 : float, optional

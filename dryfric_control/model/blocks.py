@@ -35,7 +35,6 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     Parameters
     ----------
     axis : FrictionAxis
-        The axis.
     dt : float
         Sampling time [s].
     name : str, optional
@@ -111,7 +110,6 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     dt : float
         Sampling time [s].
     name : str, optional
-        Name of the block.
 
     Returns
     -------
@@ -202,7 +200,6 @@ def switched_axis(
     Parameters
     ----------
     axis : FrictionAxis
-        The axis.
     dt : float
         Sampling time [s].
     name : str, optional
@@ -288,7 +285,6 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     dt : float
         Sampling time [s].
     name : str, optional
-        Name of the block.
 
     Returns
     -------
@@ -332,9 +328,7 @@ def reference_filter(
     dt : float
         Sampling time [s].
     order : int, optional
-        Order of the filter.
     name : str, optional
-        Name of the block.
 
     Returns
     -------
@@ -387,7 +381,6 @@ def position_controller(
     limit : float, optional
         Largest force [N].  Default: five times the largest breakaway friction force.
     name : str, optional
-        Name of the block.
 
     Returns
     -------

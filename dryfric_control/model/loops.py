@@ -242,7 +242,6 @@ class PositionController:
         Parameters
         ----------
         name : str, optional
-            Name of the block.
 
         Returns
         -------
@@ -286,7 +285,6 @@ def simulate_loop(
     Parameters
     ----------
     axis : FrictionAxis
-        The plant.
     controller : PositionController or CompensatedController
         The controller, or that of a compensation; its `dt` is the sampling time.
     reference : MotionProfile or array_like, shape (n,)

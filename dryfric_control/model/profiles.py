@@ -99,7 +99,6 @@ class MotionProfile:
         ax : sequence of three Axes, optional
             Where to draw.  Default: a new figure.
         title : str, optional
-            Title.
         """
         axes = axes_of(ax, 3)
         unit = self.unit

@@ -69,7 +69,6 @@ class Events:
         Parameters
         ----------
         before, after : int
-            Mode before and after.
         """
         for name, mode in (("before", before), ("after", after)):
             if mode not in MODE_NAMES:
@@ -133,7 +132,6 @@ class SimulationResponse(Response):
     inputs : ndarray, shape (ninputs, n)
         Input at the samples.
     events : Events
-        Located switches.
     units : tuple of str, optional
         Units of position and force.
     **labels

@@ -149,7 +149,6 @@ def simulate_observed_loop(
     Parameters
     ----------
     axis : FrictionAxis
-        The plant.
     controller : PositionController or CompensatedController
         The controller; it uses the readings, not the estimate.
     design : ObserverDesign

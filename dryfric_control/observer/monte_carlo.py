@@ -218,7 +218,6 @@ def monte_carlo(
     Parameters
     ----------
     design : ObserverDesign
-        The observer.
     controller : PositionController or CompensatedController
         The controller, or that of a compensation, the same for all plants.
     reference : MotionProfile or array_like, shape (n,)
@@ -232,14 +231,12 @@ def monte_carlo(
         Stribeck velocity of the plants [m/s].  Default: that of `axis`; without one the plants
         have no Stribeck peak.
     runs : int, optional
-        Number of plants.
     xhat0 : float, optional
         Start of the estimates [m].  Default: that of the plants, which are at rest where a
         `MotionProfile` starts, and at 0 if the reference is one of positions.
     estimators : mapping of str to Estimator, optional
         What is compared.  Default: both rules of the switched observer.
     seed : int, optional
-        Seed of the mismatches.
     store : path-like, optional
         File that keeps each finished run, see `run_batch`.  It serves any `runs`
         and `seed`; anything else must be as it was.
@@ -247,7 +244,6 @@ def monte_carlo(
         Runs at the same time, -1 for one on each core; a second one pays only for
         thousands of runs.  Default: what `joblib.parallel_config` says, else one.
     progress : bool, optional
-        Whether to show a progress bar.
 
     Returns
     -------

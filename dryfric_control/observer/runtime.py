@@ -164,7 +164,6 @@ def observe(
     Parameters
     ----------
     design : ObserverDesign
-        The observer.
     u : array_like, shape (n,), or Record
         Drive force at the samples [N]; a record brings `y` with it, and its step and units are
         held against those of the design.
@@ -255,7 +254,6 @@ def pi_observer(
         Increment of the position sensor [m], by which "reading" detects motion
         from a toggling last digit.  Default: the design's.
     name : str, optional
-        Name of the block.
 
     Returns
     -------
@@ -381,7 +379,6 @@ class ObserverStepper(Stepper):
     Parameters
     ----------
     design : ObserverDesign
-        The observer.
     xhat0, vhat0, what0 : float, optional
         First estimates of position [m], velocity [m/s] and integral term [N].  The position
         starts at the first reading unless given, as that of `observe` does.

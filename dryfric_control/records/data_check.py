@@ -29,7 +29,6 @@ class RecordCheck(Result):
     Attributes
     ----------
     samples : int
-        Number of samples.
     dt, duration : float
         Sampling step and time covered [s].
     travel : float

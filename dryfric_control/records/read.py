@@ -158,7 +158,6 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     Parameters
     ----------
     path : path-like
-        The file.
 
     Returns
     -------

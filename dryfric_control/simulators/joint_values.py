@@ -112,7 +112,6 @@ class SimulatorValues(Result):
         Why the values are not certain: causes of a diagnosis that may as well be others, or a
         verdict that leaves something open.
     files : tuple of Path
-        Files that were written.
 
     Examples
     --------

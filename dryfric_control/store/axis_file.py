@@ -101,7 +101,6 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     axis : FrictionAxis
-        The axis.
     path : path-like
         The file to make or to replace, whole or not at all.
 

@@ -55,7 +55,6 @@ def run_batch(
         Cases at the same time, -1 for one on each core.  Default: what
         `joblib.parallel_config` says, else one.
     progress : bool, optional
-        Whether to show a progress bar.
 
     Returns
     -------

@@ -380,7 +380,6 @@ class Effect:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis.
         size : callable
             Typical size in the records of a quantity with a given unit.
 
@@ -519,7 +518,6 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Parameters
     ----------
     cls : type of Effect
-        The class to register.
 
     Returns
     -------

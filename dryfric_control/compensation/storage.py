@@ -30,13 +30,8 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     Returns
     -------
     Compensation
-        Its certificate is computed anew from the numbers in the file.
-
-    Raises
-    ------
-    ValueError
-        If the file is no compensation, is damaged, newer than this package, or
-        states a smaller tube than its numbers give.
+        Its certificate is computed anew; a ValueError if the file states a smaller tube, is
+        damaged or newer than this package.
 
     Examples
     --------

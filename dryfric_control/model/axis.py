@@ -331,12 +331,6 @@ class FrictionAxis:
             shape (n,), and `events`.  F and mode at a sample are those that
             the new input u[k] brings about.
 
-        Raises
-        ------
-        ValueError
-            If `u` is not a finite one-dimensional array, or another argument
-            is out of its range.
-
         Examples
         --------
         >>> import numpy as np
@@ -416,11 +410,8 @@ class FrictionAxis:
             Input u; outputs x (as an encoder reads it), v, F; states x, v, and the lagged
             drive where there is a lag.  The block stays in its mode whatever happens.
 
-        Raises
-        ------
-        ValueError
-            If `index` is not a mode, or the axis has presliding, a backlash or a compliance,
-            or a delay, which `mode_ss` has as states.
+        An axis with presliding, backlash, compliance or a delay, which `mode_ss` has as states,
+        is refused.
 
         Examples
         --------
@@ -510,9 +501,8 @@ class FrictionAxis:
         Raises
         ------
         ValueError
-            If an argument is out of its range, Euler would be unstable because
-            ``dt * stick_rate >= 2``, a delay has no `dt` to count in, or the axis has
-            presliding, a backlash or a compliance, which this linear system cannot contain.
+            If Euler's rule is unstable, a delay has no `dt` to count in, or the axis has
+            presliding, a backlash or a compliance, which a linear system cannot contain.
 
         Notes
         -----
@@ -636,11 +626,7 @@ class FrictionAxis:
         ax: Any = None,
         title: str | None = None,
     ) -> ct.ControlPlot:
-        """Draw friction over velocity.
-
-        Levels of both directions with the breakaway friction forces, Stribeck peak and
-        viscous part, and everything that effects add to them; a line in the middle of the
-        span, and a band where friction depends on the position.
+        """Draw friction over velocity, with all that effects add to it.
 
         Parameters
         ----------
@@ -648,7 +634,8 @@ class FrictionAxis:
             Largest velocity shown [m/s].  Default: eight Stribeck velocities; without a
             peak, the velocity at which the viscous part is half the Coulomb level.
         span : tuple of float, optional
-            Lowest and highest position of the band [m].  Default: the travel.
+            Lowest and highest position of the band, where friction depends on it [m].
+            Default: the travel.
         ax : Axes, optional
             Where to draw.  Default: a new figure.
         title : str, optional
@@ -665,10 +652,7 @@ class FrictionAxis:
         >>> import dryfric_control as dfc
         >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
         ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
-        >>> drawn = axis.plot_friction()
-        >>> drawn.axes[0, 0].get_ylabel()
-        'friction [N]'
-        >>> friction = drawn.lines[0, 0][0].get_ydata()
+        >>> friction = axis.plot_friction().lines[0, 0][0].get_ydata()
         >>> round(float(friction.max()), 1)     # breakaway (1 + 0.3) 8 N
         10.4
         """

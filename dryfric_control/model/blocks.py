@@ -116,17 +116,12 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     control.NonlinearIOSystem
         Inputs u, x, v; output mode (0 stuck, +1, -1 sliding); state mode.
 
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive, or the axis has effects with a memory (delay,
-        lag), whose force u, x and v do not determine.
-
     Notes
     -----
     The output is the mode under the new input.  The state is the mode at the
     end of the sample: the rule is run through the sample, so that a switch
-    inside it is not missed.
+    inside it is not missed.  Effects with a memory (delay, lag) are refused: u, x and v do not
+    determine their force.
 
     Examples
     --------
@@ -212,16 +207,10 @@ def switched_axis(
         ``minus`` (each the motion over one sample that begins in its mode),
         ``supervisor`` and ``state``.
 
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive, or the axis has effects with a memory; take
-        `axis_block` then.
-
     Notes
     -----
     It shows how the parts work together and gives the same numbers as
-    `axis_block`, which is far faster.
+    `axis_block`, which is far faster, and takes effects with a memory too.
 
     Examples
     --------
@@ -291,11 +280,6 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     control.NonlinearIOSystem
         Input x; output y.
 
-    Raises
-    ------
-    ValueError
-        If `quantum` is negative or `dt` not positive, or the two look exchanged.
-
     Examples
     --------
     >>> import dryfric_control as dfc
@@ -324,7 +308,7 @@ def reference_filter(
     Parameters
     ----------
     bandwidth : float
-        Corner frequency [rad/s]; the paper uses 20.
+        Corner frequency, below that of Nyquist [rad/s]; the paper uses 20.
     dt : float
         Sampling time [s].
     order : int, optional
@@ -334,11 +318,6 @@ def reference_filter(
     -------
     control.StateSpace
         Input r; output xref; unit gain at rest.
-
-    Raises
-    ------
-    ValueError
-        If the corner is not between zero and the Nyquist frequency, or looks exchanged with `dt`.
 
     Examples
     --------

@@ -119,13 +119,7 @@ class CoulombMap:
         Parameters
         ----------
         travel : tuple of float, or None
-            Lowest and highest position [m].
-
-        Raises
-        ------
-        ValueError
-            If a level is zero or negative somewhere, or varies with position
-            while no travel says where it holds.
+            Lowest and highest position [m]; a map that varies with position needs them.
         """
         for name, direction, c in (("plus", 1, self.plus), ("minus", -1, self.minus)):
             if travel is None:

@@ -187,9 +187,6 @@ class Law(ABC):
 
         Raises
         ------
-        ValueError
-            If the axis has an input delay or an actuator lag, if it has no friction at x0,
-            or if `hold` is unknown.
         RuntimeError
             If no step meets the tolerance.
         """

@@ -52,13 +52,9 @@ class LoopController(Protocol):
     """What `simulate_loop` asks of a controller."""
 
     @property
-    def dt(self) -> float:
-        """Sampling time [s]."""
-        ...
-
+    def dt(self) -> float: ...
     def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
         """Run the compiled loop: located switches, and how many had no room."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -147,12 +143,6 @@ class PositionController:
         at : tuple of float, optional
             Point at which the effects are linearised, see `FrictionAxis.mode_ss`;
             a pendulum needs it.  Default: effects are left out.
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of its range or the bandwidth too high to be
-            sampled at `dt`.
 
         Notes
         -----
@@ -278,9 +268,7 @@ def simulate_loop(
     v0: float = 0.0,
     disturbance: ArrayLike | None = None,
 ) -> SimulationResponse:
-    """Run the sampled closed loop, all of it compiled.
-
-    Plant, encoder and controller run in one compiled loop.
+    """Run plant, encoder and controller in one compiled loop.
 
     Parameters
     ----------

@@ -73,10 +73,6 @@ class MotionProfile:
         dt : float
             Sampling time [s].
 
-        Raises
-        ------
-        ValueError
-            If the positions are no record, or the motion was sampled otherwise.
         """
         if isinstance(reference, MotionProfile):
             if not math.isclose(reference.dt, dt, rel_tol=1e-9):
@@ -148,11 +144,6 @@ def motion_profile(
         Time of rest at every point [s], one for all or one each.
     unit : str, optional
         Unit of the points: "rad" for a rotary axis, whose limits are in rad/s and so on.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the motion has no end in numbers.
 
     Notes
     -----

@@ -71,14 +71,10 @@ class Certificate(Result):
     ----------
     gamma : float
         Certified gain from the stacked disturbances to z, SI units.
-    lower_bound : float
-        Gain actually reached along `worst_sequence`.
-    worst_sequence : tuple of int
-        Repeated sequence of modes found by search.
-    limit : float
-        Lower limit of the gain of any causal observer, with or without decay.
-    hardest_sequence : tuple of int
-        Repeated sequence of modes, found by search, that shows it.
+    lower_bound, worst_sequence : float, tuple of int
+        Gain actually reached, and the repeated sequence of modes, found by search.
+    limit, hardest_sequence : float, tuple of int
+        Lower limit of the gain of any causal observer, and the sequence that shows it.
     decay : float
         Certified decay of the error per sample; 1 if none was asked for.
     spectral_radius : dict of int to float

@@ -168,12 +168,6 @@ def simulate_observed_loop(
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the observer's mode, see `pi_observer`.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or controller and observer differ
-        in their sampling time.
-
     See Also
     --------
     observed_loop : the same put together by `control.interconnect`.
@@ -229,22 +223,14 @@ def observed_loop(
         As in `simulate_observed_loop`.
     bandwidth : float, optional
         Corner of the low-pass on the reference [rad/s].
-    quantum : float, optional
-        Encoder increment [m].
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the observer's mode.
+    quantum, switching
+        As in `simulate_observed_loop`.
 
     Returns
     -------
     control.InterconnectedSystem
         Input r; outputs x, v, F, mode, u, y of the plant, xref, and xhat,
         vhat, Fhat, what, mode_hat of the observer.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or controller and observer differ
-        in their sampling time.
 
     Examples
     --------

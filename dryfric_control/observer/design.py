@@ -59,21 +59,15 @@ class ObserverDesign(Result):
         "paper", "slack", "path" or "dwell".
     window : int
         Memory of past modes [samples].
-    discretization : str
-        "euler" or "zoh".
-    form : str
-        "current" or "prediction".
+    discretization, form : str
+        "euler" or "zoh", "current" or "prediction".
     uncertainty : dict of int to float
         Amplitude of the force uncertainty in each mode [N].
-    noise : float
-        Amplitude of the measurement noise [m].
-    encoder_quantum : float
-        Increment of the position sensor [m]: as given, or the one whose
-        rounding makes `noise`.
-    drift : float
-        Drift of the friction error per sample [N].
-    decay : float
-        Certified decay of the error per sample.
+    noise, encoder_quantum : float
+        Amplitude of the measurement noise [m], and increment of the position sensor [m]: as given,
+        or the one whose rounding makes `noise`.
+    drift, decay : float
+        Drift of the friction error [N], and certified decay of the error, both per sample.
     performance : tuple of float
         Weights (q_x, q_v, q_w) of the error in z.
     integral_modes : tuple of int
@@ -85,10 +79,8 @@ class ObserverDesign(Result):
         prediction, or of the correction before it (current form).
     gamma : float
         Certified gain from the stacked disturbances to z, SI units.
-    state_scale : ndarray, shape (3,)
-        Unit of each error in the scaled problem [m, m/s, N].
-    output_scale : float
-        Factor of z in the scaled problem.
+    state_scale, output_scale : ndarray, shape (3,), and float
+        Units of the errors [m, m/s, N], and factor of z, in the scaled problem.
     lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
         Lyapunov matrices that prove gain and decay, scaled.
     certificate : Certificate
@@ -155,11 +147,8 @@ class ObserverDesign(Result):
     def transition_table(self) -> NDArray[np.int64]:
         """Next memory state for each state and next mode.
 
-        Returns
-        -------
-        ndarray of int, shape (nnodes, 3)
-            Column ``mode + 1``.  A step that `pairs` excludes leads to the state
-            in which the new mode has lasted; the certificate does not cover it.
+        Shape (nnodes, 3), column ``mode + 1``.  A step that `pairs` excludes leads to the state
+        in which the new mode has lasted; the certificate does not cover it.
         """
         following, resting = self.graph.next_nodes(), self.graph.resting()
         return np.array(
@@ -175,10 +164,7 @@ class ObserverDesign(Result):
     def resting_nodes(self) -> NDArray[np.int64]:
         """Memory state of each mode once it has lasted.
 
-        Returns
-        -------
-        ndarray of int, shape (3,)
-            Place ``mode + 1``.
+        Shape (3,), place ``mode + 1``.
         """
         resting = self.graph.resting()
         return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
@@ -221,11 +207,6 @@ class ObserverDesign(Result):
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
 
-        Notes
-        -----
-        A constant `force` is what the integral term is there to absorb: its
-        effect on every output but `e_w` has a zero at z = 1.
-
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -262,10 +243,7 @@ class ObserverDesign(Result):
     def check(self) -> Certificate:
         """Recompute the certificate from the gains.
 
-        Raises
-        ------
-        CertificateError
-            If an inequality does not hold with the gains as they are.
+        A CertificateError if an inequality does not hold with the gains as they are.
         """
         scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
         return certify(
@@ -286,7 +264,7 @@ class ObserverDesign(Result):
         Parameters
         ----------
         path : str or path
-            File to write, replaced as a whole or not at all.
+            Replaced as a whole or not at all.
         """
         # Its certificate is computed anew by who reads it.
         bare = replace(self, certificate=None)  # type: ignore[arg-type]
@@ -410,14 +388,7 @@ def design_pi_observer(
     Raises
     ------
     ValueError
-        If an argument is invalid, a mode is not detectable, the sampling time
-        is too long for Euler's rule, or the specifications cannot be met.
-
-    Warns
-    -----
-    ObserverWarning
-        If the axis has effects that the observer leaves out: presliding,
-        backlash, compliance.
+        If a mode is not detectable, or the specifications cannot be met.
 
     Notes
     -----
@@ -426,6 +397,7 @@ def design_pi_observer(
     measured position and its own velocity, time at rest and time since its first
     sample; gain, dead zone, saturation, delay and lag the known drive.  The
     slope of a force over position or velocity is not part of the certificate.
+    An ObserverWarning names effects that it leaves out: presliding, backlash, compliance.
 
     Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
     the Coulomb level; the noise is four times the quantization error

@@ -196,6 +196,8 @@ def hybrid_filter(
 ) -> HybridFilter:
     """Observer that filters position, velocity, friction and mode.
 
+    Its methods are `run`, `block` and `stepper`.
+
     Parameters
     ----------
     axis : FrictionAxis
@@ -218,22 +220,6 @@ def hybrid_filter(
     mass_error : float, optional
         Relative uncertainty of the mass, standard deviation.
 
-    Returns
-    -------
-    HybridFilter
-        With `run`, `block` and `stepper`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the axis has no Coulomb friction.
-
-    Warns
-    -----
-    ObserverWarning
-        If the axis has effects that the filter leaves out: presliding,
-        backlash, compliance.
-
     Notes
     -----
     Each mode i (stuck, sliding in either direction) has a probability and a
@@ -255,7 +241,7 @@ def hybrid_filter(
     Gaussian that represents the rest has tails again.  A reading several cells away from an
     axis at rest that no mode explains starts a motion of unknown velocity.
 
-    Effects of the axis act as in `design_pi_observer`.  The levels are learned
+    Effects of the axis act, or are left out, as in `design_pi_observer`.  The levels are learned
     while sliding alone; creeping below an increment in many samples is taken
     for rest.
 

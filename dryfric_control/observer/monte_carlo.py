@@ -43,8 +43,7 @@ class Mismatch:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
-        """Draw from levels and inertia off by up to 20 % and 15 %, excess up to
-        60 %, and stick velocities in a ratio of 0.3 to 1, all uniform."""
+        """Uniform: levels 20 % off, mass 15 %, excess up to 60 %, stick velocities 0.3 to 1."""
         plus, minus = rng.uniform(0.8, 1.2, 2)
         return cls(
             float(plus),
@@ -250,12 +249,6 @@ def monte_carlo(
     MonteCarlo
         An estimate counts as diverged if its position, after 0.1 s, is off by
         more than at the start and by more than a hundred increments.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the store was made by other
-        arguments or another version.
 
     Examples
     --------

@@ -185,12 +185,6 @@ def observe(
         and velocity at a sample use its own reading in the current form of a design, and the
         samples before it alone in the prediction form.
 
-    Raises
-    ------
-    ValueError
-        If `u` and `y` are not finite records of one length, or exchanged, the record has
-        another step or other units than the design, or another argument is out of its range.
-
     Examples
     --------
     >>> import numpy as np
@@ -263,8 +257,7 @@ def pi_observer(
 
     See Also
     --------
-    observe : the same over a whole record, far faster.
-    ObserverStepper : the same sample by sample.
+    observe, ObserverStepper : the same over a whole record, and sample by sample.
 
     Notes
     -----

@@ -37,13 +37,8 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     Returns
     -------
     ObserverDesign
-        Its certificate is computed anew from the gains in the file.
-
-    Raises
-    ------
-    ValueError
-        If the file is no observer design, is damaged or newer than this
-        package, or its gains fail the certificate.
+        Its certificate is computed anew from the gains; a ValueError if they fail it, or the file
+        is damaged or newer than this package.
 
     Examples
     --------

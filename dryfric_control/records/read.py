@@ -85,10 +85,6 @@ def read_record(
 
     Raises
     ------
-    FileNotFoundError, IsADirectoryError
-        When the path leads to no file.
-    TypeError
-        When the source is of another kind.
     ValueError
         For everything wrong inside, with row and column.
 
@@ -158,16 +154,7 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     Parameters
     ----------
     path : path-like
-
-    Returns
-    -------
-    Record
-        As it was, with mask, units, raw factors and channels.
-
-    Raises
-    ------
-    ValueError
-        If the file is of another kind or version, or was changed since.
+        A file of another kind or version, or changed since, raises a ValueError.
 
     Examples
     --------
@@ -201,13 +188,6 @@ def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str,
         ``volts`` [V], ``temperature`` [deg C] and ``torque_enable`` (bool), each shape (n,), held
         onto the record's time; and the head of the log: ``mass`` [kg], ``length`` [m], ``kp``,
         ``vin`` [V], ``motor``, ``trajectory``.
-
-    Raises
-    ------
-    FileNotFoundError, IsADirectoryError
-        When the path leads to no file.
-    ValueError
-        When the file is no such log or its data cannot be used.
 
     Notes
     -----

@@ -364,17 +364,7 @@ class Record:
 
     @cached_property
     def input_quantum(self) -> float:
-        """Steps in which the input was recorded [unit of u]; 0 for none.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(2000)
-        >>> record = dfc.Record(t, 0.01 * np.round(100.0 * np.cos(t)), np.sin(t))
-        >>> round(record.input_quantum, 6)
-        0.01
-        """
+        """Steps in which the input was recorded [unit of u]; 0 for none."""
         return estimated_quantum(self.u) or 0.0
 
     @cached_property
@@ -418,16 +408,6 @@ class Record:
         -------
         Record
             With the time, input and quantum of this one; it may stand still.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(2000)
-        >>> record = dfc.Record(t, np.cos(t), 1e-3 * np.round(1e3 * np.sin(t)), quantum=1e-3)
-        >>> again = record.read(0.5 * np.sin(t), np.random.default_rng(1), origin=0.0)
-        >>> bool(np.allclose(again.x, 1e-3 * np.round(500.0 * np.sin(t)), atol=2e-3))
-        True
         """
         path = self._one_each("positions", positions)
         x = path + self.resolution.fast * rng.standard_normal(path.size)
@@ -443,11 +423,6 @@ class Record:
         ----------
         u, x : array_like, shape (n,), optional
             What takes the place of the input and of the positions.
-
-        Returns
-        -------
-        Record
-            With time, encoder quantum and all else of this one.
 
         Examples
         --------
@@ -592,11 +567,6 @@ class Record:
             Gain of the position controller [N/m].  Default: 1, so that the input is the lag
             itself in the unit of position.  Forces are then known only in ratio to the gain:
             give the axis an effect `InputGain` with a guess of it.
-
-        Raises
-        ------
-        ValueError
-            If the record has no reference, or the servo follows it exactly.
 
         Examples
         --------
@@ -802,15 +772,6 @@ class Record:
         s, that of the acceleration is about s sqrt(720 / N^5) / dt^2 for a window of N
         samples. What happens within a window, a breakaway say, is smeared
         over it.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(1000)
-        >>> d = dfc.Record(t, np.sin(t), 0.5 * 3.0 * t**2).derivatives(window=9)
-        >>> round(float(d.a[500]), 6)
-        3.0
         """
         size = self.smoothing_window if window is None else window
         if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size % 2 == 0:
@@ -886,10 +847,7 @@ class Record:
     def to_pandas(self) -> pandas.DataFrame:
         """Data frame that `from_frame` turns back into this record.
 
-        Returns
-        -------
-        pandas.DataFrame
-            Columns such as ``"x [m]"``; name, quantum and notes in ``attrs``.
+        Columns such as ``"x [m]"``; name, quantum and notes in ``attrs``.
         """
         try:
             import pandas
@@ -925,14 +883,12 @@ class Record:
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write everything the record holds to a JSON file.
-
-        `load_record` reads it.
+        """Write all that it holds to a JSON file for `load_record`.
 
         Parameters
         ----------
         path : path-like
-            File to write, replaced as a whole or not at all.
+            Replaced as a whole or not at all.
         """
         save_object(self, path, "record", (Record,))
 

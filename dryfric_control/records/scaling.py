@@ -60,16 +60,6 @@ class Scaling:
     piston_area : float, optional
         Area on which a measured pressure acts [m^2].
 
-    Raises
-    ------
-    ValueError
-        For a number out of its range, or two that contradict each other.
-
-    Warns
-    -----
-    RecordWarning
-        If `lead` or `pinion_radius` is a metre or more.
-
     Notes
     -----
     ``x = counts / counts_per_turn / gear_ratio`` turns of the load, times 2 pi [rad] or `lead` [m];

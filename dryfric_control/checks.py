@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +66,13 @@ def whole(name: str, value: object, least: int = 1) -> int:
     if isinstance(value, bool) or not number >= least or not float(number).is_integer():
         raise ValueError(f"{name} must be a whole number of at least {least}, got {short(value)}")
     return int(number)
+
+
+def one_of(name: str, value: object, choices: Iterable[object]) -> None:
+    """Reject what is none of some words or numbers."""
+    known = list(choices)
+    if isinstance(value, bool) or not any(isinstance(value, type(w)) and value == w for w in known):
+        raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, got {value!r}")
 
 
 def instance(name: str, value: object, kind: type, mend: str = "") -> None:

@@ -13,7 +13,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.checks import finite, increment, instance, positive
+from dryfric_control.checks import finite, increment, instance, one_of, positive
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import (
     DRIVE,
@@ -521,8 +521,7 @@ def design_compensation(
     quantum = increment(encoder_quantum, axis.unit("m"), zero=True)
     check_quantum_and_dt("encoder_quantum", quantum, dt)
     delay = positive("input_delay", input_delay, unit="s", zero=True)
-    if not isinstance(law, str) or law not in tuned.LAWS:
-        raise ValueError(f"law must be one of {', '.join(tuned.LAWS)}, got {law!r}")
+    one_of("law", law, tuned.LAWS)
     mismatch = positive("mismatch", mismatch, zero=True)
     if mismatch >= 1.0:
         raise ValueError(f"mismatch must be below 1 (a part of each parameter), got {mismatch:g}")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dryfric_control.checks import finite, positive, whole
+from dryfric_control.checks import finite, one_of, positive, whole
 from dryfric_control.compensation.design import KIND, SAVED, Compensation, Promise, certified
 from dryfric_control.compensation.tuning import LAWS
 from dryfric_control.observer.certificate import CertificateError
@@ -58,8 +58,7 @@ def _checked(stated: Promise) -> Compensation:
         positive(name, getattr(comp, name), zero=True)
     finite("kd", comp.kd)
     whole("lead", comp.lead, least=0)
-    if comp.law not in LAWS:
-        raise ValueError(f"law must be one of {', '.join(LAWS)}, got {comp.law!r}")
+    one_of("law", comp.law, LAWS)
     if not comp.mismatch < 1.0:
         raise ValueError(f"mismatch must be below 1, got {comp.mismatch!r}")
     if comp.limit != np.inf:

@@ -18,6 +18,7 @@ import jinja2
 import numpy as np
 
 from dryfric_control._version import __version__
+from dryfric_control.checks import one_of
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, SHIFT, Function, Translator
@@ -112,9 +113,7 @@ def export_c(
     >>> [file.name for file in files]
     ['slide.h', 'slide.c', 'slide.json', 'README.md']
     """
-    if precision not in PRECISIONS:
-        words = ", ".join(f'"{name}"' for name in PRECISIONS)
-        raise ValueError(f"precision must be one of {words}, got {precision!r}")
+    one_of("precision", precision, PRECISIONS)
     made = exported(obj, name, dt)
     code = Code(made, precision)
     where = existing_folder(folder)

@@ -709,17 +709,26 @@ def _read(numbers: Any, integers: Any, t: float, x: float) -> float:
     return float(axis_step.reading_now(numbers, integers, memory, t))
 
 
+def mode_matrices(
+    rate: float, inverse_mass: float, dt: float, discretization: str
+) -> tuple[Matrix, Matrix]:
+    """State matrix and force column of ``v' = -rate v + force / mass``, "euler" or "zoh"."""
+    if discretization == "euler":
+        return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
+    z = rate * dt
+    # phi1 = (1 - e^-z) / z and phi2 = (1 - phi1) / z, by series where they cancel
+    phi1 = -math.expm1(-z) / z if z > 1e-8 else 1.0 - z / 2.0
+    phi2 = (1.0 - phi1) / z if z > 1e-4 else 0.5 - z / 6.0 + z * z / 24.0
+    A = np.array([[1.0, dt * phi1], [0.0, math.exp(-z)]])
+    return A, np.array([dt * dt * phi2, dt * phi1]) * inverse_mass
+
+
 def _held(a: Matrix, b: Matrix, h: float, method: str) -> tuple[Matrix, Matrix]:
     """Matrices of a time h over which the input is held."""
     n, rate = len(a), -float(a[1, 1])
-    if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:  # closed form
-        fall = -np.expm1(-rate * h)
-        moved = fall / rate if rate * h > 1e-8 else h * (1.0 - 0.5 * rate * h)
-        drift = (h - moved) / rate if rate * h > 1e-4 else h**2 * (0.5 - rate * h / 6.0)
-        gain = b[1, 0]
-        return np.array([[1.0, moved], [0.0, 1.0 - fall]]), np.array(
-            [[gain * drift], [gain * moved]]
-        )
+    if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:
+        held, column = mode_matrices(rate, float(b[1, 0]), h, method)
+        return held, column[:, None]
     rates = h * np.block([[a, b], [np.zeros((1, n + 1))]])
     held = np.eye(n + 1) + rates if method == "euler" else scipy.linalg.expm(rates)
     return held[:n, :n], held[:n, n:]

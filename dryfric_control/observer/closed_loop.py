@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import finite, instance, samples
+from dryfric_control.checks import finite, instance, one_of, samples
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.blocks import axis_block, encoder, reference_filter
 from dryfric_control.model.loops import (
@@ -122,10 +122,9 @@ class ObservedLoop(Result):
             "friction": figures.draw_friction,
             "mode": figures.draw_modes,
         }
+        one_of("what", what, (*draw, "maps"))
         if what == "maps":
             return figures.draw_coulomb_maps(self.axis, self.design.axis, ax, title)
-        if not isinstance(what, str) or what not in draw:
-            raise ValueError(f"what must be one of {', '.join(draw)}, maps, got {what!r}")
         return draw[what](self, ax, title)
 
 

@@ -11,7 +11,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.checks import sampling_time, whole
+from dryfric_control.checks import one_of, sampling_time, whole
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.observer.certificate import Certificate, certify
 from dryfric_control.observer.error_model import (
@@ -420,10 +420,8 @@ def design_pi_observer(
     >>> print(f"{design.gamma:.4f}")
     0.0160
     """
-    if not isinstance(method, str) or method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if solver not in SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+    one_of("method", method, METHODS)
+    one_of("solver", solver, SOLVERS)
     if window is None:
         window = DEFAULT_WINDOW[method]
     if isinstance(window, bool) or window not in range(1, 65):
@@ -434,8 +432,7 @@ def design_pi_observer(
         )
     if whole("refine", refine, least=0) and method == "paper":
         raise ValueError(f"refine must be 0 for 'paper', which has no rounds, got {refine!r}")
-    if not isinstance(form, str) or form not in FORMS:
-        raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
+    one_of("form", form, FORMS)
     own = own_axis(axis, coulomb, stick_speed)
     dt = sampling_time(dt)
     check_sampling(own, dt, discretization)

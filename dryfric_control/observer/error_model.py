@@ -22,7 +22,6 @@ only if its amplitude is not zero.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -30,7 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.checks import positive
+from dryfric_control.checks import one_of, positive
+from dryfric_control.model.axis import mode_matrices
 
 Array = NDArray[np.float64]
 
@@ -81,20 +81,6 @@ class ErrorModel:
         return self.A - np.outer(gain, self.C), self.W - np.outer(gain, self.D)
 
 
-def mode_matrices(
-    rate: float, inverse_mass: float, dt: float, discretization: str
-) -> tuple[Array, Array]:
-    """State matrix and force column of ``v' = -rate v + force / mass``."""
-    if discretization == "euler":
-        return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
-    z = rate * dt
-    # phi1 = (1 - e^-z) / z and phi2 = (1 - phi1) / z, by series where they cancel
-    phi1 = -math.expm1(-z) / z if z > 1e-8 else 1.0 - z / 2.0
-    phi2 = (1.0 - phi1) / z if z > 1e-4 else 0.5 - z / 6.0 + z * z / 24.0
-    A = np.array([[1.0, dt * phi1], [0.0, math.exp(-z)]])
-    return A, np.array([dt * dt * phi2, dt * phi1]) * inverse_mass
-
-
 def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Array, Array]:
     """State matrix of a mode and the column in which forces act.
 
@@ -109,10 +95,7 @@ def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple
 
 def check_sampling(axis: Any, dt: float, discretization: str) -> None:
     """Refuse a sampling time with which a mode is not stable."""
-    if discretization not in DISCRETIZATIONS:
-        raise ValueError(
-            f"discretization must be one of {', '.join(DISCRETIZATIONS)}, got {discretization!r}"
-        )
+    one_of("discretization", discretization, DISCRETIZATIONS)
     positive("dt", dt, unit="s")
     if discretization == "euler":
         for name, rate in (

@@ -13,7 +13,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import finite, instance, positive, samples
+from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import observer as kernel
 from dryfric_control.drawing import MEASURED, legend_above, panels, settled_scale, shade_stuck
 from dryfric_control.model.block import Block
@@ -60,8 +60,7 @@ def tables(
 ) -> Tables:
     """Arrays of a design for the compiled observer."""
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
-    if not isinstance(switching, str) or switching not in SWITCHING:
-        raise ValueError(f"switching must be one of {', '.join(SWITCHING)}, got {switching!r}")
+    one_of("switching", switching, SWITCHING)
     if encoder_quantum is None:
         quantum = design.encoder_quantum
     else:

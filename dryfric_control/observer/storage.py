@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import positive, whole
+from dryfric_control.checks import one_of, positive, whole
 from dryfric_control.model.axis import MODES
 from dryfric_control.observer.certificate import CertificateError
 from dryfric_control.observer.design import KIND, METHODS, SAVED, ObserverDesign
@@ -79,13 +77,13 @@ def checked(design: ObserverDesign) -> ObserverDesign:
     for name, zero in _NUMBERS.items():
         positive(name, getattr(design, name), zero=zero)
     for name, known in _WORDS.items():
-        _check_one_of(name, getattr(design, name), known)
+        one_of(name, getattr(design, name), known)
     if not design.decay <= 1.0:
         raise ValueError(f"decay must be at most 1, got {design.decay!r}")
     for mode in MODES:
         positive(f"uncertainty[{mode}]", design.uncertainty[mode], zero=True)
     for mode in design.integral_modes:
-        _check_one_of("integral_modes", mode, MODES)
+        one_of("integral_modes", mode, MODES)
     if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
         raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
     check_sampling(design.axis, design.dt, design.discretization)
@@ -95,8 +93,3 @@ def checked(design: ObserverDesign) -> ObserverDesign:
         positive("performance", weight, zero=True)
     whole("window", design.window)
     return replace(design, certificate=design.check())
-
-
-def _check_one_of(name: str, value: Any, known: Sequence[Any]) -> None:
-    if value not in known or isinstance(value, bool):
-        raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, got {value!r}")

@@ -20,7 +20,7 @@ import numpy as np
 from numba import cfunc
 from numpy.typing import NDArray
 
-from dryfric_control.checks import finite, positive
+from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.friction import CoulombMap, Stribeck
@@ -110,8 +110,7 @@ def parameter(
         raise ValueError(f"bounds must run from low to high, got {bounds!r}")
     if default is not None and not low <= finite("default", default) <= high:
         raise ValueError(f"default must lie within bounds = {bounds!r}, got {default!r}")
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    one_of("kind", kind, KINDS)
     flags = {"free": free, "breaks_away": breaks_away, "logarithmic": logarithmic}
     for name, flag in flags.items():
         if not isinstance(flag, bool):

@@ -31,13 +31,6 @@ from dryfric_control.model.effects import Spring
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.state_machine import plot_state_machine
-from dryfric_control.observer.figures import (
-    draw_coulomb_maps,
-    draw_friction,
-    draw_modes,
-    draw_position,
-    draw_speed,
-)
 from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import replacing
 from dryfric_control.text import length_text, percent
@@ -191,11 +184,11 @@ def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
     loop = presets.clutch_experiment()
     summary = {"design": loop.design.certificate.to_dict(), "loop": loop.to_dict()}
     figures = {
-        "figure_7_maps": draw_coulomb_maps(loop.axis, loop.design.axis),
-        "figure_8_position": draw_position(loop),
-        "figure_9_speed": draw_speed(loop),
-        "figure_10_friction": draw_friction(loop),
-        "figure_11_modes": draw_modes(loop),
+        "figure_7_maps": loop.plot(what="maps"),
+        "figure_8_position": loop.plot(what="position"),
+        "figure_9_speed": loop.plot(what="speed"),
+        "figure_10_friction": loop.plot(what="friction"),
+        "figure_11_modes": loop.plot(what="mode"),
     }
     return summary, figures
 

@@ -135,6 +135,15 @@ def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "
     )
 
 
+def over_time(axes: Any, names: Sequence[str] = ()) -> None:
+    """Label the axes of signals over time from top to bottom, and leave no room beside them."""
+    for one, name in zip(axes, names, strict=False):
+        one.set_ylabel(name)
+    for one in axes:
+        one.margins(x=0.0)
+    axes[-1].set_xlabel("Time [s]")
+
+
 def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
     """Fit the scale to what comes after the start, and state what of the start it cuts off."""
     late = t >= _START

@@ -24,7 +24,7 @@ from dryfric_control.compensation.certificate import (
 )
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
-from dryfric_control.drawing import legend_above, panels, shade_stuck
+from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
@@ -271,12 +271,10 @@ class Compensation(Result):
         axes[2].plot(run.t, run.y[4], "k", linewidth=1.0, label="drive u")
         axes[2].plot(run.t, run.y[2], "C0--", linewidth=1.0, label="friction")
         labels = (f"position [{length}]", typeset(f"error [{short}]"), f"force [{force}]")
-        for one, label in zip(axes, labels, strict=True):
+        for one in axes:
             shade_stuck(one, run.t, run.y[3])
-            one.set_ylabel(label)
-            one.margins(x=0.0)
             legend_above(one)
-        axes[-1].set_xlabel("Time [s]")
+        over_time(axes, labels)
         return f"{self.axis.name}: compensation"
 
     def _there_and_back(self) -> MotionProfile:

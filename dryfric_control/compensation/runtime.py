@@ -118,27 +118,19 @@ class CompensatedController:
         """
         law = self.law
 
-        def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+        def update(t: float, x: Any, u: Any) -> Array:
             memory = np.array(x, dtype=float)
             kernel.step(law, memory, u[0], u[1], u[2], u[3])
             return memory
 
-        def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+        def output(t: float, x: Any, u: Any) -> Array:
             memory = np.array(x, dtype=float)
             drive = kernel.step(law, memory, u[0], u[1], u[2], u[3])
             return np.array([drive, memory[kernel.FORCE]])
 
         states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
-        return Block(
-            update,
-            output,
-            inputs=["xref", "vref", "aref", "y"],
-            outputs=["u", "friction"],
-            states=states,
-            dt=self.dt,
-            name=name,
-        )
+        return Block.of(update, output, "xref vref aref y", "u friction", states, self.dt, name)
 
     def stepper(self) -> CompensationStepper:
         """Controller to be stepped sample by sample."""

@@ -437,7 +437,7 @@ class FrictionAxis:
             effects=tuple(e for e in axis.effects if e not in before)
         ).arrays(1.0)
 
-        def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+        def update(t: float, x: Any, u: Any) -> Matrix:
             drive = x[2] if inner.lag > 0.0 else u[0]
             rate, _ = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
             if inner.lag <= 0.0:
@@ -447,20 +447,14 @@ class FrictionAxis:
                 drive = effect.law(t, x[0], x[1], drive, 0.0, 0.0, 0.0, effect.values)
             return np.array([x[1], rate, (drive - x[2]) / inner.lag])
 
-        def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+        def output(t: float, x: Any, u: Any) -> Matrix:
             drive = x[2] if inner.lag > 0.0 else u[0]
             _, friction = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
             return np.array([_read(numbers, integers, t, x[0]), x[1], friction])
 
-        return Block(
-            update,
-            output,
-            inputs=["u"],
-            outputs=["x", "v", "F"],
-            states=["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"],
-            name=f"{self.name}_{mode_label(index)}",
-            dt=0,
-        )
+        states = ["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"]
+        name = f"{self.name}_{mode_label(index)}"
+        return Block.of(update, output, "u", "x v F", states, 0, name)
 
     def mode_ss(
         self,

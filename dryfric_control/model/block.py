@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import control as ct
+
+#: Of time, state and input.
+Function = Callable[[float, Any, Any], Any]
 
 
 class Block(ct.NonlinearIOSystem):
@@ -14,6 +18,23 @@ class Block(ct.NonlinearIOSystem):
     It is linearised with the names of its signals, and refuses `params`, which would change
     nothing.
     """
+
+    @classmethod
+    def of(
+        cls, update: Function | None, output: Function, inputs: str, outputs: str,
+        states: Sequence[str], dt: float, name: str,
+    ) -> Block:  # fmt: skip
+        """Block of functions of time, state and input; names of signals between blanks."""
+
+        def taking_params(function: Function | None) -> Any:
+            if function is None:
+                return None
+            return lambda t, x, u, params: function(t, x, u)
+
+        return cls(
+            taking_params(update), taking_params(output), inputs=inputs.split(),
+            outputs=outputs.split(), states=list(states) or None, dt=dt, name=name,
+        )  # fmt: skip
 
     def linearize(
         self,

@@ -74,12 +74,12 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         memory[:size] = x
         return memory
 
-    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+    def update(t: float, x: Any, u: Any) -> Vector:
         memory = full(x)
         axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, u[0], u[0])
         return memory[:size]
 
-    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Vector:
         memory = full(x)
         read = axis_step.reading_now(arrays.numbers, arrays.integers, memory, t)
         v, friction, mode = axis_step.outputs_now(
@@ -89,15 +89,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
-    return Block(
-        update,
-        output,
-        inputs=["u"],
-        outputs=["x", "v", "F", "mode"],
-        states=states[:size],
-        dt=dt,
-        name=name or axis.name,
-    )
+    return Block.of(update, output, "u", "x v F mode", states[:size], dt, name or axis.name)
 
 
 def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.NonlinearIOSystem:
@@ -138,33 +130,25 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     def memory(state: Any, u: Any) -> Vector:
         return np.array([u[1], u[2], state[0], 0.0, 0.0])
 
-    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+    def update(t: float, x: Any, u: Any) -> Vector:
         after = memory(x, u)
         axis_step.step(arrays.numbers, arrays.integers, after, t, dt, u[0], u[0])
         return after[2:3]
 
-    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Vector:
         _, _, mode = axis_step.outputs_now(
             arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0]
         )
         return np.array([float(mode)])
 
-    return Block(
-        update,
-        output,
-        inputs=["u", "x", "v"],
-        outputs=["mode"],
-        states=["mode"],
-        dt=dt,
-        name=name,
-    )
+    return Block.of(update, output, "u x v", "mode", ["mode"], dt, name)
 
 
 def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSystem:
     """One sample that begins in one mode; zeros while another is active."""
     arrays = axis.arrays(dt)
 
-    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Vector:
         force, position, speed, active = u
         if round(active) != index:
             return np.zeros(4)
@@ -177,14 +161,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
         return np.array([memory[0], memory[1], now, friction])
 
-    return Block(
-        None,
-        output,
-        inputs=["u", "x", "v", "mode"],
-        outputs=["x_next", "v_next", "v_now", "F"],
-        dt=dt,
-        name=mode_label(index),
-    )
+    return Block.of(None, output, "u x v mode", "x_next v_next v_now F", (), dt, mode_label(index))
 
 
 def switched_axis(
@@ -290,14 +267,7 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     quantum = positive("quantum", quantum, unit="m", zero=True)
     dt = positive("dt", dt, unit="s")
     check_quantum_and_dt("quantum", quantum, dt)
-    return Block(
-        None,
-        lambda t, x, u, params: np.array([encode(u[0], quantum)]),
-        inputs=["x"],
-        outputs=["y"],
-        dt=dt,
-        name=name,
-    )
+    return Block.of(None, lambda t, x, u: np.array([encode(u[0], quantum)]), "x", "y", (), dt, name)
 
 
 def reference_filter(

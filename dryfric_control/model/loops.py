@@ -240,23 +240,16 @@ class PositionController:
         """
         gains = self.gains
 
-        def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+        def update(t: float, x: Any, u: Any) -> NDArray[np.float64]:
             memory = np.array(x, dtype=float)
             control_update(gains, memory, u[0], u[1])
             return memory
 
-        def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> NDArray[np.float64]:
+        def output(t: float, x: Any, u: Any) -> NDArray[np.float64]:
             return np.array([control_force(gains, np.array(x, dtype=float), u[0], u[1])[1]])
 
-        return Block(
-            update,
-            output,
-            inputs=["xref", "y"],
-            outputs=["u"],
-            states=["integral", "speed", *(f"y{i + 1}" for i in range(LONGEST_SPAN))],
-            dt=self.dt,
-            name=name,
-        )
+        states = ["integral", "speed", *(f"y{i + 1}" for i in range(LONGEST_SPAN))]
+        return Block.of(update, output, "xref y", "u", states, self.dt, name)
 
 
 def simulate_loop(

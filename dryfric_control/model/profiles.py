@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, positive, samples
-from dryfric_control.drawing import axes_of, control_plot, title_above
+from dryfric_control.drawing import over_time, panels
 
 Array = NDArray[np.float64]
 
@@ -87,25 +86,14 @@ class MotionProfile:
         v = np.gradient(x, dt)
         return cls(dt, x, v, np.concatenate([[0.0], np.diff(x, 2) / dt**2, [0.0]]))
 
-    def plot(self, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-        """Draw position, velocity and acceleration over time.
-
-        Parameters
-        ----------
-        ax : sequence of three Axes, optional
-            Where to draw.  Default: a new figure.
-        title : str, optional
-        """
-        axes = axes_of(ax, 3)
+    @panels(3)
+    def plot(self, axes: Any) -> str:
+        """Draw position, velocity and acceleration over time."""
         unit = self.unit
-        names = (f"position [{unit}]", f"velocity [{unit}/s]", f"acceleration [{unit}/s²]")
-        for one, name, values in zip(axes, names, self.rows, strict=True):
+        for one, values in zip(axes, self.rows, strict=True):
             one.plot(self.time, values, "k", linewidth=1.0)
-            one.set_ylabel(name)
-            one.margins(x=0.0)
-        axes[-1].set_xlabel("Time [s]")
-        title_above(axes[0], "reference motion" if title is None else title)
-        return control_plot(axes)
+        over_time(axes, (f"position [{unit}]", f"velocity [{unit}/s]", f"acceleration [{unit}/s²]"))
+        return "reference motion"
 
     def _repr_html_(self) -> str:
         return f"<pre>{self!r}</pre>"

@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.drawing import legend_above, panels, shade_stuck
+from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.text import prefixed, typeset
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
@@ -193,11 +193,9 @@ class SimulationResponse(Response):
         drive = self.y[labels.index("u")] if "u" in labels else self.u[0]
         forces.plot(self.t, drive, color="0.55", linewidth=1.0, label="drive u")
         forces.plot(self.t, self.y[2], "k", linewidth=1.0, label="friction F")
-        for one, name in zip(axes, names, strict=True):
+        for one in axes:
             shade_stuck(one, self.t, self.y[3])
-            one.set_ylabel(name)
-            one.margins(x=0.0)
+        over_time(axes, names)
         legend_above(axes[0])
         legend_above(forces)
-        axes[-1].set_xlabel("Time [s]")
         return str(self.title)

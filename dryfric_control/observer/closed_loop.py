@@ -115,17 +115,10 @@ class ObservedLoop(Result):
         >>> run.plot(what="speed").axes[1, 0].get_ylabel()
         'error [inc/s]'
         """
-        draw = {
-            "all": figures.draw_loop,
-            "position": figures.draw_position,
-            "speed": figures.draw_speed,
-            "friction": figures.draw_friction,
-            "mode": figures.draw_modes,
-        }
-        one_of("what", what, (*draw, "maps"))
+        one_of("what", what, ("all", "position", "speed", "friction", "mode", "maps"))
         if what == "maps":
             return figures.draw_coulomb_maps(self.axis, self.design.axis, ax, title)
-        return draw[what](self, ax, title)
+        return figures.draw_run(self, what, ax, title)
 
 
 def simulate_observed_loop(

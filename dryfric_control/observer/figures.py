@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
 
 from dryfric_control.drawing import (
     axes_of,
     control_plot,
     legend_above,
+    over_time,
     settled_scale,
     shade_stuck,
     title_above,
 )
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.responses import Response
+
+if TYPE_CHECKING:
+    from dryfric_control.observer.closed_loop import ObservedLoop
 
 # Start that the inset of the position shows [s].
 _FIRST = 0.15
@@ -40,22 +42,14 @@ _ARROWS = (
     (((0.485, 0.72), (0.485, 0.22), (0.52, 0.22)), "", 0),
     (((0.52, 0.12), (0.3, 0.12)), r"$\hat x,\ \hat v,\ \hat F$, mode", 0),
 )
+#: Signals of a run: name, unit, row of the plant and of the estimate.
+_SIGNALS = {
+    "position": ("position", "length", 0, 0),
+    "speed": ("velocity", "speed", 1, 1),
+    "friction": ("friction", "force", 2, 2),
+    "mode": ("mode", "", 3, 4),
+}
 _JUNCTIONS = ((0.945, 0.72), (0.945, 0.47), (0.485, 0.72))
-
-
-class Run(Protocol):
-    """What a figure reads of an observed loop."""
-
-    @property
-    def axis(self) -> FrictionAxis: ...
-    @property
-    def reference(self) -> NDArray[np.float64]: ...
-    @property
-    def plant(self) -> Response: ...
-    @property
-    def estimate(self) -> Response: ...
-    @property
-    def start(self) -> float: ...
 
 
 def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPlot:
@@ -117,41 +111,50 @@ def draw_coulomb_maps(
     return control_plot(axes)
 
 
-def _title(run: Run, axes: Any, name: str, title: str | None) -> None:
-    """The title of a run's figure, once the legend stands."""
-    title_above(axes[0], f"{run.axis.name}: {name} and its estimate" if title is None else title)
+def draw_run(
+    run: ObservedLoop, what: str, ax: Any = None, title: str | None = None
+) -> ct.ControlPlot:
+    """Draw one signal of a run with its error (Figs 8 to 11), or "all" of them without.
 
-
-def _signal(run: Run, axes: Any, row: int, name: str, unit: str, title: str | None) -> None:
-    """Plant and estimate above, the error below."""
-    t = run.plant.t
-    true, estimate = run.plant.y[row], run.estimate.y[row]
-    top, bottom = axes
-    top.plot(t, true, "k", linewidth=1.0, label="system")
-    top.plot(t, estimate, "C0--", linewidth=1.0, label="observer")
-    bottom.plot(t, estimate - true, "C3", linewidth=0.8)
-    settled_scale(top, t, true, estimate)
-    settled_scale(bottom, t, estimate - true)
+    The first 0.1 s do not count for the scales; the band is the plant at rest.
+    """
+    whole = what == "all"
+    axes = axes_of(ax, len(_SIGNALS) if whole else 2)
+    t, (length, force) = run.plant.t, run.axis.units
+    units = {"length": f" [{length}]", "speed": f" [{length}/s]", "force": f" [{force}]", "": ""}
+    shown = list(_SIGNALS.values()) if whole else [_SIGNALS[what]]
+    for one, (name, kind, row, mine) in zip(axes, shown, strict=False):
+        true, estimate = run.plant.y[row], run.estimate.y[mine]
+        if name == "position":
+            one.plot(t, run.reference, color="0.55", linewidth=0.8, label="reference")
+        style = {} if kind else {"drawstyle": "steps-post"}
+        one.plot(t, true, "k", linewidth=1.0, label="system", **style)
+        one.plot(t, estimate, "C0--", linewidth=1.0, label="observer", **style)
+        settled_scale(one, t, true, estimate)
+        one.set_ylabel(name + units[kind])
+        if name == "mode":
+            one.set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
+    if not whole:
+        axes[1].plot(t, estimate - true, "C3", linewidth=0.8, **style)
+        settled_scale(axes[1], t, estimate - true)
+        axes[1].set_ylabel(f"error{units[kind]}" if kind else "mode error")
+        if not kind:
+            axes[1].set_yticks([-2, -1, 0, 1, 2])
     for one in axes:
         shade_stuck(one, t, run.plant.y[3])
-        one.margins(x=0.0)
-    top.set_ylabel(f"{name} [{unit}]")
-    bottom.set_ylabel(f"error [{unit}]")
-    legend_above(top)
-    _title(run, axes, name, title)
-    bottom.set_xlabel("Time [s]")
+    over_time(axes)
+    legend_above(axes[0])
+    words = f"{name} and its estimate" if not whole else "axis and its observer"
+    title_above(axes[0], f"{run.axis.name}: {words}" if title is None else title)
+    if what == "position":
+        _draw_start(axes[0], run)
+    return control_plot(axes)
 
 
-def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw position, reference and the estimation error (Fig. 8), the plant at rest as a band.
-
-    The first 0.1 s do not count for the scales; the inset shows the first 0.15 s.
-    """
-    axes = axes_of(ax, 2)
-    axes[0].plot(run.plant.t, run.reference, color="0.55", linewidth=0.8, label="reference")
-    _signal(run, axes, 0, "position", run.axis.units[0], title)
+def _draw_start(ax: Any, run: ObservedLoop) -> None:
+    """Inset of the first 0.15 s, with the position from which the observer started."""
     first = run.plant.t <= _FIRST
-    inset = axes[0].inset_axes((0.055, 0.40, 0.25, 0.46))
+    inset = ax.inset_axes((0.055, 0.40, 0.25, 0.46))
     inset.plot(run.plant.t[first], run.plant.y[0][first], "k", linewidth=1.0)
     # Before its first reading the observer is where it was started.
     t, estimate = np.r_[0.0, run.plant.t[first]], np.r_[run.start, run.estimate.y[0][first]]
@@ -160,59 +163,3 @@ def draw_position(run: Run, ax: Any = None, title: str | None = None) -> ct.Cont
     inset.set_xlim(-0.03 * _FIRST, _FIRST)
     inset.set_title(f"observer starts at {run.start:.4g}", fontsize="x-small", pad=2.0)
     inset.tick_params(labelsize="x-small")
-    return control_plot(axes)
-
-
-def draw_speed(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw velocity and its estimation error (Fig. 9)."""
-    axes = axes_of(ax, 2)
-    _signal(run, axes, 1, "velocity", f"{run.axis.units[0]}/s", title)
-    return control_plot(axes)
-
-
-def draw_friction(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw friction, its estimate and the error (Fig. 10)."""
-    axes = axes_of(ax, 2)
-    _signal(run, axes, 2, "friction", run.axis.units[1], title)
-    return control_plot(axes)
-
-
-def draw_modes(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw the mode and the mode-detection errors (Fig. 11)."""
-    axes = axes_of(ax, 2)
-    t, true, estimate = run.plant.t, run.plant.y[3], run.estimate.y[4]
-    axes[0].step(t, true, "k", where="post", linewidth=1.0, label="system")
-    axes[0].step(t, estimate, "C0--", where="post", linewidth=1.0, label="observer")
-    axes[1].step(t, estimate - true, "C3", where="post", linewidth=0.8)
-    axes[0].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
-    axes[1].set_yticks([-2, -1, 0, 1, 2])
-    axes[1].set_ylim(-2.2, 2.2)
-    axes[0].set_ylabel("mode")
-    axes[1].set_ylabel("mode error")
-    for one in axes:
-        one.margins(x=0.0)
-    legend_above(axes[0])
-    _title(run, axes, "mode", title)
-    axes[1].set_xlabel("Time [s]")
-    return control_plot(axes)
-
-
-def draw_loop(run: Run, ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw position, velocity, friction and mode in one figure."""
-    axes = axes_of(ax, 4)
-    t, length, force = run.plant.t, *run.axis.units
-    names = (f"position [{length}]", f"velocity [{length}/s]", f"friction [{force}]", "mode")
-    axes[0].plot(t, run.reference, color="0.55", linewidth=0.8, label="reference")
-    for row, (one, name) in enumerate(zip(axes, names, strict=True)):
-        mine = row if row < 3 else 4
-        one.plot(t, run.plant.y[row], "k", linewidth=1.0, label="system")
-        one.plot(t, run.estimate.y[mine], "C0--", linewidth=1.0, label="observer")
-        settled_scale(one, t, run.plant.y[row], run.estimate.y[mine])
-        shade_stuck(one, t, run.plant.y[3])
-        one.set_ylabel(name)
-        one.margins(x=0.0)
-    axes[3].set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
-    legend_above(axes[0])
-    title_above(axes[0], f"{run.axis.name} and its observer" if title is None else title)
-    axes[3].set_xlabel("Time [s]")
-    return control_plot(axes)

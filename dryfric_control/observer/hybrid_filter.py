@@ -14,16 +14,16 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import increment, positive, samples, sampling_time
+from dryfric_control.checks import increment, positive, sampling_time
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.block import Block
 from dryfric_control.observer.error_model import axis_matrices
-from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper
+from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper, drive_and_reading
 from dryfric_control.observer.weights import coulomb_level, own_axis
-from dryfric_control.order import check_drive_and_reading, check_quantum_and_dt
+from dryfric_control.order import check_quantum_and_dt
 
 Array = NDArray[np.float64]
 
@@ -101,33 +101,11 @@ class HybridFilter:
         >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
         True
         """
-        if hasattr(u, "dt") and hasattr(u, "x"):
-            if y is not None:
-                raise ValueError("y must be left out where u is a record: it holds its positions")
-            if abs(u.dt - self.dt) > 0.01 * self.dt:
-                raise ValueError(
-                    f"the record has dt = {u.dt:g} s and the filter dt = {self.dt:g} s: "
-                    "make the filter with the record's dt, or use record.resampled"
-                )
-            u, y = u.u, u.x
-        elif y is None:
-            raise ValueError("y is missing: give u and y, or one record")
-        drive, reading = samples("u", u), samples("y", y)
-        if drive.size != reading.size:
-            raise ValueError(
-                f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
-            )
-        check_drive_and_reading(self.axis, self.dt, drive, reading)
+        time, drive, reading = drive_and_reading("filter", self, u, y)
         out = np.empty((drive.size, kernel.OUTPUTS))
         kernel.run(*self.tables, np.zeros(self.memory_size), drive, reading, out)
-        return HybridResponse(
-            np.asarray(np.arange(drive.size) * self.dt, dtype=float),
-            out,
-            drive,
-            reading,
-            self.axis.units,
-            f"{self.axis.name}: hybrid filter",
-        )
+        title = f"{self.axis.name}: hybrid filter"
+        return HybridResponse(time, out, drive, reading, self.axis.units, title)
 
     def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
         """The filter as a sampled block: inputs u, y; outputs xhat, vhat, Fhat, what, mode.
@@ -141,15 +119,11 @@ class HybridFilter:
             kernel.step(*tables, memory, t, u[0], u[1], out)
             return memory, out
 
-        return Block(
-            lambda t, x, u, params: sample(t, x, u)[0],
-            lambda t, x, u, params: sample(t, x, u)[1][:5],
-            inputs=["u", "y"],
-            outputs=list(OUTPUTS),
-            states=["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, size))],
-            dt=self.dt,
-            name=name,
-        )
+        states = ["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, size))]
+        return Block.of(
+            lambda t, x, u: sample(t, x, u)[0], lambda t, x, u: sample(t, x, u)[1][:5],
+            "u y", " ".join(OUTPUTS), states, self.dt, name,
+        )  # fmt: skip
 
     def stepper(self) -> HybridStepper:
         """The filter sample by sample, for a loop of your own.

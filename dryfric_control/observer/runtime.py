@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import observer as kernel
-from dryfric_control.drawing import MEASURED, legend_above, panels, settled_scale, shade_stuck
+from dryfric_control.drawing import (
+    MEASURED,
+    legend_above,
+    over_time,
+    panels,
+    settled_scale,
+    shade_stuck,
+)
 from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
@@ -136,14 +143,12 @@ class ObserverResponse(Response):
         axes[2].plot(self.t, self.y[2], "C0--", linewidth=1.0, label="friction, estimate")
         names = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
         shown = ((self.u[1], self.y[0]), (self.y[1],), (self.u[0], self.y[2]))
-        for one, name, signals in zip(axes, names, shown, strict=True):
+        for one, signals in zip(axes, shown, strict=True):
             settled_scale(one, self.t, *signals)
             shade_stuck(one, self.t, self.y[4])
-            one.set_ylabel(name)
-            one.margins(x=0.0)
+        over_time(axes, names)
         legend_above(axes[0])
         legend_above(axes[2])
-        axes[-1].set_xlabel("Time [s]")
         return str(self.title)
 
 
@@ -197,13 +202,28 @@ def observe(
     >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
     True
     """
+    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
+    time, drive, reading = drive_and_reading("design", design, u, y)
+    arrays = tables(design, switching, encoder_quantum)
+    memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
+    out = np.empty((drive.size, kernel.OUTPUTS))
+    kernel.run(*arrays, memory, drive, reading, out)
+    title = f"{design.axis.name}: switched PI observer"
+    rows = np.ascontiguousarray(out.T)
+    return ObserverResponse(time, rows, drive, reading, design.axis.units, title)
+
+
+def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Array, Array, Array]:
+    """Time, drive and reading, of arrays or a record, for an estimator with an axis and a step."""
     start = 0.0
-    if y is None and hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
-        check_units(design.axis, u)
-        if abs(u.dt / design.dt - 1.0) > 1e-6:
+    if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
+        if y is not None:
+            raise ValueError("y must be left out where u is a record: it holds its positions")
+        check_units(made.axis, u)
+        if abs(u.dt / made.dt - 1.0) > 1e-6:
             raise ValueError(
-                f"record.dt is {u.dt:g} s and design.dt {design.dt:g} s: design with "
-                f"dt={u.dt:g}, or pass record.resampled({design.dt:g})"
+                f"record.dt is {u.dt:g} s and {name}.dt {made.dt:g} s: design with "
+                f"dt={u.dt:g}, or pass record.resampled({made.dt:g})"
             )
         start, u, y = float(u.t[0]), u.u, u.x
     elif y is None:
@@ -213,19 +233,8 @@ def observe(
         raise ValueError(
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
-    arrays = tables(design, switching, encoder_quantum)
-    check_drive_and_reading(design.axis, design.dt, drive, reading)
-    memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
-    out = np.empty((drive.size, kernel.OUTPUTS))
-    kernel.run(*arrays, memory, drive, reading, out)
-    return ObserverResponse(
-        np.asarray(start + np.arange(drive.size) * design.dt, dtype=float),
-        np.ascontiguousarray(out.T),
-        drive,
-        reading,
-        design.axis.units,
-        f"{design.axis.name}: switched PI observer",
-    )
+    check_drive_and_reading(made.axis, made.dt, drive, reading)
+    return np.asarray(start + np.arange(drive.size) * made.dt, dtype=float), drive, reading
 
 
 def pi_observer(
@@ -310,28 +319,20 @@ def pi_observer(
     arrays = tables(design, switching, encoder_quantum)
     length = first_memory(design).size
 
-    def update(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+    def update(t: float, x: Any, u: Any) -> Array:
         memory = np.array(x, dtype=float)
         out = np.empty(kernel.OUTPUTS)
         kernel.step(*arrays, memory, t, u[0], u[1], out)
         return memory
 
-    def output(t: float, x: Any, u: Any, params: dict[str, Any]) -> Array:
+    def output(t: float, x: Any, u: Any) -> Array:
         memory = np.array(x, dtype=float)
         friction = kernel.decide(*arrays, memory, t, u[0], u[1])
         return np.array([memory[0], memory[1], friction, memory[2], memory[kernel.MODE]])
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return Block(
-        update,
-        output,
-        inputs=["u", "y"],
-        outputs=list(OUTPUTS),
-        states=states,
-        dt=design.dt,
-        name=name,
-    )
+    return Block.of(update, output, "u y", " ".join(OUTPUTS), states, design.dt, name)
 
 
 class Stepper:

@@ -995,6 +995,7 @@ class Record:
             axes_of,
             control_plot,
             legend_above,
+            over_time,
             shade_stuck,
             title_above,
         )
@@ -1018,11 +1019,8 @@ class Record:
                 limit = np.where(self._clipped & side, self.u, np.nan)
                 bottom.plot(self.t, limit, "C3", lw=2.5, label=label)
             legend_above(bottom)
-        for one, name, unit in zip(axes, ("position", "input"), self._known_units(), strict=True):
-            one.set_ylabel(f"{name} [{unit}]" if unit else name)
-        bottom.set_xlabel("Time [s]")
-        for one in axes:
-            one.margins(x=0.0)
+        named = zip(("position", "input"), self._known_units(), strict=True)
+        over_time(axes, [f"{name} [{unit}]" if unit else name for name, unit in named])
         title_above(top, (self.name or "record") if title is None else title)
         return control_plot(axes)
 

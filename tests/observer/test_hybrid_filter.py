@@ -206,7 +206,7 @@ def test_a_record_is_run_like_its_columns():
     np.testing.assert_array_equal(observer.run(record).outputs, observer.run(u, y).outputs)
     with pytest.raises(ValueError, match="y must be left out"):
         observer.run(record, y)
-    with pytest.raises(ValueError, match=r"record has dt = 0\.001 s and the filter dt = 0\.002 s"):
+    with pytest.raises(ValueError, match=r"record.dt is 0\.001 s and filter.dt 0\.002 s"):
         dfc.hybrid_filter(stage(), 2 * DT, 1e-5).run(record)
 
 

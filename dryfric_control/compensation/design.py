@@ -123,17 +123,11 @@ class Compensation(Result):
         return CompensatedController(self.dt, self.lead, self._law())
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
-        """The controller with its observer as one sampled block.
+        """The controller as a block, see `CompensatedController.block`.
 
         Parameters
         ----------
         name : str, optional
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            Inputs xref, vref, aref, y; outputs u and friction, see
-            `CompensatedController.block`.
         """
         return self.controller.block(name)
 
@@ -160,14 +154,6 @@ class Compensation(Result):
             Reference, whose inertia and viscous friction widen the tube.  Default: one so
             slow that they do not count.  On an axis without `travel` its positions are also
             those for which levels and force effects are read, otherwise -1 m to 1 m.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> comp = dfc.design_compensation(axis, dt=1e-3)
-        >>> comp.certify(learned=1.0).tube < comp.certificate.tube
-        True
         """
         mu = self.mismatch if mismatch is None else positive("mismatch", mismatch, zero=True)
         known = positive("learned", learned, zero=True)

@@ -78,19 +78,12 @@ class CompensatedController:
         return memory
 
     def run(self, loop: LoopRun) -> tuple[Array, int]:
-        """Run the compiled loop, see `simulate_loop`.
+        """Run the loop: located switches, and how many had no room.
 
         Parameters
         ----------
         loop : LoopRun
             Plant, reference and encoder; its `out` is filled.
-
-        Returns
-        -------
-        ndarray, shape (nswitches, 3)
-            Located switches: time, mode before, mode after.
-        int
-            Switches for which there was no room.
         """
         return kernel.run_loop(
             loop.axis.numbers, loop.axis.integers, loop.state, self.law, self.memory(loop.motion),
@@ -164,24 +157,14 @@ class CompensationStepper:
         return {name: float(self._memory[place]) for name, place in places.items()}
 
     def step(self, xref: float, vref: float, aref: float, y: float) -> float:
-        """Take one sample and move on to the next.
+        """Drive force to hold until the next sample [N].
 
         Parameters
         ----------
         xref, vref, aref : float
             Reference of `lead` samples later [m], [m/s], [m/s^2].
         y : float
-            Position read at this sample [m].
-
-        Returns
-        -------
-        float
-            Drive force to hold until the next sample [N].
-
-        Raises
-        ------
-        ValueError
-            If an argument is not a finite number; the controller stays as it was.
+            Position read at this sample [m].  A ValueError leaves the controller as it was.
         """
         given = (finite("xref", xref), finite("vref", vref), finite("aref", aref), finite("y", y))
         return float(kernel.step(self.controller.law, self._memory, *given))

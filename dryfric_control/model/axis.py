@@ -195,13 +195,6 @@ class FrictionAxis:
         Parameters
         ----------
         **changes
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=2.0)
-        >>> axis.replace(mass=3.0).mass
-        3.0
         """
         return replace(self, **changes)
 
@@ -212,15 +205,6 @@ class FrictionAxis:
         stribeck) are applied, in their order, and leave the list of effects.
         Simulations do this automatically; call it before reading `mass`,
         `viscous`, `coulomb` or `stribeck`.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=2.0,
-        ...                         effects=(dfc.effects.Inertia(factor=3.0),
-        ...                                  dfc.effects.BiasForce(force=0.1)))
-        >>> axis.effective().mass, [effect.slug for effect in axis.effective().effects]
-        (3.0, ['bias_force'])
         """
         changing = [effect for effect in self.effects if effect.action == "axis"]
         if not changing:
@@ -244,8 +228,6 @@ class FrictionAxis:
         ...                                  dfc.effects.Cogging(amplitude=0.5, period=0.03)))
         >>> list(axis.named_effects())
         ['cogging', 'cogging_2']
-        >>> axis.named_effects()["cogging_2"].period
-        0.03
         """
         return named(self)
 
@@ -256,13 +238,6 @@ class FrictionAxis:
         ----------
         unit : str
             Such as "N s/m", "kg" or "1".
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> arm = dfc.FrictionAxis(mass=0.1, viscous=0.2, coulomb=1.0, units=("rad", "N m"))
-        >>> arm.unit("kg"), arm.unit("N s/m"), arm.unit("1/m")
-        ('kg m^2', 'N m s/rad', '1/rad')
         """
         return on_axis(unit, self.units)
 
@@ -383,16 +358,6 @@ class FrictionAxis:
             Sampling time [s].
         x0, v0 : float, optional
             Position and velocity at the start.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0)
-        >>> plant = axis.stepper(dt=1e-3)
-        >>> for k in range(100):
-        ...     plant.step(100.0 * (0.1 - plant.x) - 10.0 * plant.v)
-        >>> plant.mode
-        1
         """
         return AxisStepper(self, dt, x0, v0)
 
@@ -518,14 +483,6 @@ class FrictionAxis:
         >>> print(axis.mode_ss(0, dt=1e-3).A)
         [[1.    0.001]
          [0.    0.5  ]]
-
-        A pendulum that hangs, in rad and N m, swings at sqrt(9 / 0.25) rad/s:
-
-        >>> from dryfric_control.effects import Gravity
-        >>> arm = dfc.FrictionAxis(mass=0.25, viscous=0.0, coulomb=0.1,
-        ...                        effects=Gravity(amplitude=9.0))
-        >>> print(arm.mode_ss(+1, at=(0.0, 0.1)).poles().imag.round(6))
-        [ 6. -6.]
         """
         _check_mode(index)
         dt = positive("dt", dt, unit="s", zero=True)

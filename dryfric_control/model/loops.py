@@ -54,7 +54,7 @@ class LoopController(Protocol):
     @property
     def dt(self) -> float: ...
     def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
-        """Run the compiled loop: located switches, and how many had no room."""
+        """Run the loop: located switches, and how many had no room."""
 
 
 @dataclass(frozen=True)
@@ -206,19 +206,12 @@ class PositionController:
         return memory
 
     def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
-        """Run the compiled loop, see `simulate_loop`.
+        """Run the loop: located switches, and how many had no room.
 
         Parameters
         ----------
         loop : LoopRun
             Plant, reference and encoder; its `out` is filled.
-
-        Returns
-        -------
-        ndarray, shape (nswitches, 3)
-            Located switches: time, mode before, mode after.
-        int
-            Switches for which there was no room.
         """
         memory = self.memory(encode(loop.state[0], loop.quantum), loop.state[1])
         return run_loop(
@@ -227,16 +220,11 @@ class PositionController:
         )  # fmt: skip
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
-        """The controller as a sampled block.
+        """The controller as a sampled block: inputs xref, y; output u.
 
         Parameters
         ----------
         name : str, optional
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            Inputs xref, y; output u; sampled at `dt`.
         """
         gains = self.gains
 

@@ -206,15 +206,6 @@ class ObserverDesign(Result):
             [m], `drift` [N per sample]; outputs `e_x`, `e_v` (true minus
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0,
-        ...                         stick_rate=500.0, stick_speed=1e-4)
-        >>> dynamics = dfc.design_pi_observer(axis, dt=1e-3).error_dynamics(1)
-        >>> bool(max(abs(dynamics.poles())) < 1)
-        True
         """
         A2, _, integral = self.mode_matrices(mode)
         force = axis_matrices(self.axis, mode, self.dt, self.discretization)[1]

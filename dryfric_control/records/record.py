@@ -130,18 +130,9 @@ class Record:
     ----------
     dt : float
         Sampling step [s].
-    notes : tuple of str
-    quantum : float or None
-        Encoder quantum [unit of x], None if none: as given, or the largest step of which at least
-        98 % of the differences between positions are whole multiples (within a tenth).
     masked : Masked
         Readings that are not used: ``indices``, ``reasons`` and ``readings``, what was
         recorded.  In ``x`` a smooth path bridges them.
-
-    Raises
-    ------
-    ValueError
-        For data that cannot be judged; the message says what to do.
 
     Warns
     -----
@@ -151,6 +142,9 @@ class Record:
 
     Notes
     -----
+    An estimated quantum is the largest step of which at least 98 % of the differences between
+    positions are whole multiples (within a tenth).
+
     A velocity from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
     ``u[k]``, not ``u[k]``.
 
@@ -335,20 +329,6 @@ class Record:
         before once more, while the axis moves; "filled": none was recorded; "given":
         left out by the user; "clipped": the input rests at both its extremes.  Where
         it was clipped on its way to the record, the force is not known.
-
-        Examples
-        --------
-        >>> import warnings
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(2000)
-        >>> x = np.sin(3 * t)
-        >>> x[700] = 0.1
-        >>> with warnings.catch_warnings():
-        ...     warnings.simplefilter("ignore")
-        ...     record = dfc.Record(t, np.cos(t), x)
-        >>> record.bad["jump"], round(float(record.x[700]), 3), float(record.measured[700])
-        (1, 0.863, 0.1)
         """
         counts = {reason: self.masked.reasons.count(reason) for reason in REASONS}
         return counts | {"clipped": int(self._clipped.sum())}
@@ -423,15 +403,6 @@ class Record:
         ----------
         u, x : array_like, shape (n,), optional
             What takes the place of the input and of the positions.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(2000)
-        >>> record = dfc.Record(t, np.cos(t), np.sin(t))
-        >>> float(record.replace(u=35.0 * record.u).u[0])
-        35.0
         """
         given = {name: values for name, values in (("u", u), ("x", x)) if values is not None}
         new: dict[str, Any] = {name: self._one_each(name, one) for name, one in given.items()}
@@ -567,15 +538,6 @@ class Record:
             Gain of the position controller [N/m].  Default: 1, so that the input is the lag
             itself in the unit of position.  Forces are then known only in ratio to the gain:
             give the axis an effect `InputGain` with a guess of it.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(1000)
-        >>> record = dfc.Record(t, None, np.sin(9.0 * t - 0.1), np.sin(9.0 * t))
-        >>> record.commanded(400.0).notes
-        ('u is 400 (reference - x)',)
         """
         if self.reference is None:
             raise ValueError(
@@ -800,16 +762,6 @@ class Record:
         Comparison
             Named tuple ``(gain, offset, delay, rms)``: the channel is close to gain * expected +
             offset, `delay` later.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(2000)
-        >>> v = 60 / (2 * np.pi) * 7.0 * np.cos(7.0 * t)     # in rpm, by mistake
-        >>> record = dfc.Record(t, np.cos(t), np.sin(7.0 * t), channels={"v": v})
-        >>> round(record.compare("v").gain, 2)
-        9.55
         """
         if name not in self.channels:
             raise ValueError(
@@ -946,32 +898,7 @@ class Record:
         return table(self._rows(), as_html=True)
 
     def check(self) -> RecordCheck:
-        """Check the data before any fit.
-
-        Returns
-        -------
-        RecordCheck
-            Reversals, time at rest, readings lost, clipping, resolution; in its
-            ``messages`` what the record is uninformative about and what looks wrong.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> t = 1e-3 * np.arange(4000)
-        >>> u = 20.0 * np.sin(6.0 * t)
-        >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
-        >>> print(dfc.Record(t, u, x).check())
-        7 reversals, 9 % at rest, no samples lost, drive not clipped, resolution 1 um
-                  record
-        time      4 s in 4000 samples, 0.001 s apart
-        travel    0.166 m, 166035 steps of 1 um
-        noise     0.289 um
-        motion    48 % forwards, 42 % backwards, longest rest 0.073 s
-        velocity  0.013 to 0.592 m/s in 90 % of the motion
-        units     none stated for u, x: taken as those of the axis (N, m by default), time in s
-        """
+        """Reversals, rest, lost readings, clipping, gaps: before any fit."""
         return check_record(self, self._known_units())
 
     def _known_units(self) -> tuple[str, str]:

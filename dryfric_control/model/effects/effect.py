@@ -318,12 +318,6 @@ class Effect:
         ----------
         units : tuple of str, optional
             Units of position and force of the axis, its `units`.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> dfc.effects.Cogging.units(("rad", "N m"))
-        {'amplitude': 'N m', 'period': 'rad', 'phase': 'rad'}
         """
         return {
             item.name: item.metadata["unit"]
@@ -339,26 +333,12 @@ class Effect:
 
     @classmethod
     def loaded(cls) -> bool:
-        """Whether it is friction that depends on the load.
-
-        Returns
-        -------
-        bool
-            True for load-dependent friction, false for a friction of position.
-        """
+        """Whether it is friction that depends on the load."""
         return cls.action == "friction" and cls.depends_on_load
 
     @classmethod
     def needs_velocities(cls) -> bool:
-        """Whether only motion at different velocities shows it.
-
-        So it is where a unit of its parameters contains a velocity.
-
-        Returns
-        -------
-        bool
-            True for viscous and Stribeck effects, false for a spring.
-        """
+        """Whether only motion at different velocities shows it."""
         units = (re.findall("[a-z]+", p["unit"]) for p in cls.parameters().values())
         return any({"m", "s"} <= set(names) for names in units)
 
@@ -381,11 +361,6 @@ class Effect:
         axis : FrictionAxis
         size : callable
             Typical size in the records of a quantity with a given unit.
-
-        Raises
-        ------
-        ValueError
-            If a parameter has no neutral value.
         """
         values: dict[str, float] = {}
         for item in fields(cls):
@@ -411,18 +386,14 @@ class Effect:
         ----------
         view : View
             The states of the model in the records.
-
-        Yields
-        ------
-        Column
         """
         yield from by_law(cls, view)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        """Distance and time after a reversal in which it is no force.
+        """Distance [m] and time [s] in which it is no force.
 
-        A reversal is one of the motion, or a start, or one of the force that a transmission
-        carries.
+        They begin at a reversal of the motion, or of the force that a transmission carries, or at
+        a start; both are 0 for an effect that is a force at every sample.
 
         Parameters
         ----------
@@ -430,11 +401,6 @@ class Effect:
             The axis that has the effect, its base parameters those that act.
         force : float
             RMS of the drive force [N].
-
-        Returns
-        -------
-        tuple of float
-            Distance [m] and time [s], 0 for an effect that is a force at every sample.
         """
         return 0.0, 0.0
 
@@ -457,26 +423,16 @@ class Effect:
             Recorded inputs.
         noise : float
             RMS of the random force [N].
-
-        Returns
-        -------
-        bool
-            True for an effect that noise does not imitate.
         """
         return True
 
     def viscous_in(self, direction: int) -> float:
-        """Viscous coefficient that it adds in one direction.
+        """Viscous coefficient that it adds in one direction [N s/m].
 
         Parameters
         ----------
         direction : int
             +1 or -1.
-
-        Returns
-        -------
-        float
-            Coefficient [N s/m].
         """
         return 0.0
 
@@ -517,11 +473,6 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Parameters
     ----------
     cls : type of Effect
-
-    Returns
-    -------
-    type of Effect
-        The same class.
 
     Raises
     ------

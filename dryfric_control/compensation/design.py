@@ -412,6 +412,9 @@ def design_compensation(
 ) -> Compensation:
     """Design a position controller that compensates friction.
 
+    A ValueError says so if the loop is unstable; an ObserverWarning, that the observer leaves
+    out backlash or a compliance.
+
     Parameters
     ----------
     axis : FrictionAxis
@@ -453,17 +456,6 @@ def design_compensation(
         Largest step of the drive when the reading changes by one increment, in parts of the
         Coulomb level.  A low-pass on the velocity keeps it, and makes the loop slower: the
         tube grows.  Not with `gains`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the loop is unstable for an axis
-        within the mismatch.
-
-    Warns
-    -----
-    ObserverWarning
-        If the axis has backlash or a compliance, which the observer leaves out.
 
     Notes
     -----

@@ -61,23 +61,13 @@ def emps(path: str | os.PathLike[str]) -> Record:
     Parameters
     ----------
     path : path-like
-        DATA_EMPS.mat, from nonlinearbenchmark.org; it does not ship with this package.
+        DATA_EMPS.mat, from nonlinearbenchmark.org; it does not ship with this package.  `emps_axis`
+        is the model published with it.
 
     Returns
     -------
     Record
         Drive force [N], position and reference [m] at 1 kHz, 24.8 s.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the file is not there.
-    ValueError
-        If it is another.
-
-    See Also
-    --------
-    emps_axis : the model published with it.
 
     Notes
     -----
@@ -106,12 +96,7 @@ def emps(path: str | os.PathLike[str]) -> Record:
 
 
 def emps_axis() -> FrictionAxis:
-    """Model published with the EMPS record.
-
-    Returns
-    -------
-    FrictionAxis
-        The symmetric model of its authors, with its offset.
+    """Symmetric model that the authors of the EMPS record published.
 
     Notes
     -----

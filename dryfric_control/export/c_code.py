@@ -77,13 +77,6 @@ def export_c(
     list of Path
         Header, source, numbers (JSON) and README.
 
-    Raises
-    ------
-    ValueError
-        If `obj` is none of these, an argument is out of its range, an effect of yours has
-        a law without C, the drive is late by more than 4096 samples, or the folder cannot be
-        written.  No file is written then.
-
     Notes
     -----
     The C code is translated from the Python source of the compiled kernels, function by
@@ -91,17 +84,14 @@ def export_c(
     products and sums (``-ffp-contract=off``), in double precision, it returns the bits of
     the kernels where both call the same mathematical library.
 
-    The switched observer is exported with ``switching="reading"``, see `pi_observer`.
-
-    The README of another object in the folder stays: then that of this one has its name.
-
     Nothing is allocated, no variable is global, no function calls itself, and every loop is
-    bounded.  Single precision shifts the tolerances of the axis from 3e-9 to 1e-4.
+    bounded.  The switched observer decides by ``switching="reading"``, see `pi_observer`.  A drive
+    late by more than 4096 samples, or an effect of yours whose law has no C, is refused.
 
-    Samples are counted in 64 bits.  In single precision time and position are counted from an
-    origin that follows the axis, and periodic effects know the part of their period exactly: the
-    motion is as accurate after days and at many metres as at the start.  Positions themselves
-    have the 24 bits of a `float`, 0.2 um at 5 m; take "mixed" where that is too coarse.
+    In single precision tolerances are 1e-4 in place of 3e-9.  Time and position are counted from
+    an origin that follows the axis: the motion is as accurate after days and at many metres as at
+    the start.  Positions themselves have the 24 bits of a `float`, 0.2 um at 5 m; take "mixed"
+    where that is too coarse.
 
     Examples
     --------

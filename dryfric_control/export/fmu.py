@@ -82,24 +82,18 @@ def export_fmu(
     Path
         The file: binary for this platform, source, model description.
 
-    Raises
-    ------
-    ValueError
-        As `export_c`; and if the version is another, there is no C compiler, or the package
-        with the FMI headers (``fmpy``) is not installed.  No file is written then.
-
     Notes
     -----
+    It needs a C compiler, and the package ``fmpy`` for the FMI headers.
+
     The plant holds its input over a communication step of any length and locates its switches
     inside it; longer steps than `dt` are cut into equal pieces.  With a delay of the drive a
-    step is a whole number of samples.  Its outputs are those under the present input.  Its
-    parameters can be set, as far as each sets numbers of the axis in proportion.
+    step is a whole number of samples.  Parameters that set numbers of the axis in proportion can
+    be set.
 
     Observer and compensation take a sample at every multiple of their `dt` that a step
     begins at or contains, with the inputs of that step.  In a loop they go first: readings
     to the controller, its step, its drive to the plant, the plant's step.
-
-    All can be reset, and their state read, written and stored.
 
     Examples
     --------

@@ -272,17 +272,11 @@ def simulate_loop(
     SimulationResponse
         Outputs x, v, F, mode, u, y; input r; with `events`.
 
-    Warns
-    -----
-    RuntimeWarning
-        If the loop diverges: at the end the error is more than ten times the travel of the
-        reference, and the axis still moves.
-
     Notes
     -----
-    The same compiled functions as `axis_block`, `encoder` and
-    `PositionController.block` connected by `control.interconnect`; the two
-    agree to round-off.
+    It agrees to round-off with `axis_block`, `encoder` and `PositionController.block` connected by
+    `control.interconnect`.  A RuntimeWarning says that the loop diverges: at the end the error is
+    more than ten times the travel of the reference, and the axis still moves.
 
     Examples
     --------

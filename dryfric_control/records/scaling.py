@@ -145,17 +145,6 @@ class Scaling:
         ----------
         path : path-like
             The file that `read_axis` reads; without the table nothing is scaled.
-
-        Examples
-        --------
-        >>> import pathlib, tempfile
-        >>> import dryfric_control as dfc
-        >>> text = "[record]\\ncounts_per_turn = 4096\\nlead = 5e-3\\ngain = {u = 35.0}\\n"
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "axis.toml")
-        ...     _ = path.write_text(text)
-        ...     dfc.Scaling.from_file(path).lead
-        0.005
         """
         data = _table(path)
         try:
@@ -164,14 +153,7 @@ class Scaling:
             raise ValueError(f"{path}: {problem}") from None
 
     def to_dict(self) -> dict[str, Any]:
-        """What was given, as `from_dict` reads it.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> dfc.Scaling(counts_per_turn=4096, load_encoder=True, gain={"u": 2.0}).to_dict()
-        {'gain': {'u': 2.0}, 'counts_per_turn': 4096.0, 'load_encoder': True}
-        """
+        """What was given, as `from_dict` reads it."""
         default = Scaling()
         return {
             item.name: dict(value) if isinstance(value, Mapping) else value
@@ -216,17 +198,6 @@ class Scaling:
         -------
         Conversion or None
             None where the numbers of the machine do not enter, as for a force in kN.
-
-        Raises
-        ------
-        ValueError
-            When the unit is not known or cannot belong to this channel.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> dfc.Scaling(torque_constant=0.5).conversion("u", "mA")
-        Conversion(factor=0.0005, raw='mA', unit='N m')
         """
         if role not in ("u", "x", "reference", "v", "a"):
             return None

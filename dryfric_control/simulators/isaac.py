@@ -54,11 +54,6 @@ def to_isaac(
     joint, load, velocities
         As for `to_mjcf`; the load is needed.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong kind, or no load is given.
-
     Notes
     -----
     `friction` is the breakaway friction force, `dynamic_friction` and `viscous_friction`

@@ -68,12 +68,6 @@ def to_modelica(
     joint, velocities, out
         As for `to_mjcf`; a joint is the name of its component.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong kind, or a component is not in the file or is in
-        other units than the result.
-
     Notes
     -----
     The table `tau_pos` (`f_pos` of a `SupportFriction`) holds friction over speed, the same

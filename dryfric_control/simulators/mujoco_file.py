@@ -78,12 +78,6 @@ def to_mjcf(
     SimulatorValues
         The numbers with their standard errors, what MJCF cannot say, and the errors of both.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong kind, a joint is not in the model or does not have
-        one axis in the units of the result, or the load is needed and MuJoCo is not installed.
-
     Notes
     -----
     `frictionloss` c and `damping` d are the least-squares approximation of the friction

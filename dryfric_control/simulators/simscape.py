@@ -74,12 +74,6 @@ def to_simscape(
     joint, velocities
         As for `to_mjcf`; a joint is the path of its block.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong kind, or the axis has other units than those of
-        the blocks `Rotational Friction` and `Translational Friction`.
-
     Notes
     -----
     The blocks state, with w_b the breakaway velocity,

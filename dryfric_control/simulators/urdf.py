@@ -47,12 +47,6 @@ def to_urdf(
     joint, velocities, out
         As for `to_mjcf`.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong kind, or a joint is not in the file or is in other
-        units than the result.
-
     Notes
     -----
     The attributes `damping` and `friction` of the element ``<dynamics>`` are set, which is

@@ -32,16 +32,7 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
         The file.  Its keys are the fields of `FrictionAxis`: `coulomb` is a
         level, ``[plus, minus]``, or ``{plus = [c0, c1], minus = [c0]}``;
         ``[stribeck]`` holds excess and speed; every ``[[effects]]`` names its
-        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`,
-        ``[knowledge]`` to `read_knowledge`.
-
-    Raises
-    ------
-    ValueError
-        If the file is no TOML, a key is missing or unknown, or a value is out
-        of its range; the message names the file and the key.
-    OSError
-        If the file cannot be read.
+        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`.
 
     Examples
     --------

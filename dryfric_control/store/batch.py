@@ -62,20 +62,11 @@ def run_batch(
         Result of each case by its key, in the order of `cases`, as JSON gives it
         back: the same from a run and from a store, bit for bit.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, the store was made by other settings,
-        is none, or is damaged elsewhere than in a last line cut short; or if a
-        result is nothing that JSON holds.
-
     Notes
     -----
-    A run that is killed loses the cases under way and no others: the next call
-    with the same store runs what is missing.  An exception in a case ends the run
-    in the same way, with the case named in a note.  Two runs must not write one
-    store at the same time.  NaN and infinities stand in it as NaN and Infinity,
-    which Python reads and a strict reader of JSON refuses.
+    A run that is killed, or an exception in a case, loses the cases under way and no others: the
+    next call with the same store runs what is missing.  Two runs must not write one store at the
+    same time.  NaN and infinities stand in it as NaN and Infinity.
 
     Examples
     --------
@@ -83,12 +74,9 @@ def run_batch(
     >>> import dryfric_control as dfc
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     store = pathlib.Path(folder, "roots.jsonl")
-    ...     few = dfc.run_batch(math.sqrt, {"a": 4.0, "b": 9.0}, store=store, progress=False)
-    ...     all_three = dfc.run_batch(
-    ...         math.sqrt, {"a": 4.0, "b": 9.0, "c": 16.0}, store=store, progress=False
-    ...     )  # runs "c" alone
-    >>> all_three
-    {'a': 2.0, 'b': 3.0, 'c': 4.0}
+    ...     _ = dfc.run_batch(math.sqrt, {"a": 4.0, "b": 9.0}, store=store, progress=False)
+    ...     dfc.run_batch(math.sqrt, {"b": 9.0, "c": 16.0}, store=store, progress=False)  # c alone
+    {'b': 3.0, 'c': 4.0}
     """
     if not callable(function):
         raise ValueError(f"function must be callable with one case, got {function!r}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import html
+import inspect
 import math
 import re
 import textwrap
@@ -168,6 +169,29 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Numbers and words, ready for JSON."""
         return fields_of(self)
+
+
+def stated(words: str, **options: Any) -> Any:
+    """Field of a dataclass that says what it is, for `documented`."""
+    return dataclasses.field(metadata={"doc": words}, **options)
+
+
+def documented(cls: type[Any]) -> type[Any]:
+    """Put what the fields of a dataclass say of themselves into its docstring."""
+    rows = [
+        f"{one.name} : {one.type}\n    {one.metadata['doc']}" for one in dataclasses.fields(cls)
+    ]
+    list_in_docstring(cls, "Attributes", rows)
+    return cls
+
+
+def list_in_docstring(cls: type[Any], section: str, rows: Iterable[str]) -> None:
+    """Put a section with these entries before the notes or examples of a docstring without it."""
+    text = inspect.cleandoc(cls.__doc__ or "")
+    begin = re.search(r"^(Notes|Examples)\n-+$", text, re.MULTILINE)
+    if begin and f"\n{section}\n" not in text:
+        own = "\n".join([section, "-" * len(section), *rows])
+        cls.__doc__ = f"{text[: begin.start()]}{own}\n\n{text[begin.start() :]}"
 
 
 def fields_of(result: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from scipy.signal import lfilter, oaconvolve
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.text import Result, length_text
+from dryfric_control.text import Result, documented, length_text, stated
 
 Array = NDArray[np.float64]
 
@@ -79,44 +79,14 @@ class Condition(NamedTuple):
     detail: str
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackingCertificate(Result):
     """Tracking tube and conditions of rest of a compensated loop.
 
-    Attributes
-    ----------
-    tube : float
-        Bound of the tracking error [m]; infinite if the loop is unstable for an
-        axis within the mismatch, or the drive may need more than its limit.  It holds
-        for the `reference` of `Compensation.certify`; without one, for references so slow
-        that inertia and viscous friction do not count, and a faster one has a wider tube.
-    parts : dict of str to float
-        Contributions to the tube [m].
-    friction_left : float
-        Largest force that the compensation leaves [N].
-    nominal, worst : LoopGains
-        Gains of the linear loop, nominal and at the worst axis within the mismatch.
-    mismatch, learned : float
-        The bounds it was computed for.
-    conditions : tuple of Condition
-        Conditions of rest without hunting.
-    units : tuple of str
-        Units of position and force.
-    slow : bool
-        Whether it holds for slow references only.
-    delay_margin : float
-        Delay of the drive beyond that of the nominal axis [s] below which the linear loop
-        of that axis is stable; 200 samples if it is more than that.
-    drive_needed : float
-        Force that the drive may need: inertia, viscous friction, the largest Coulomb level,
-        its peak while the reference is slow, force effects, and kp times the tube [N].
-    limit : float
-        Largest force of the drive [N].
-    friction_most : float
-        What friction and its compensation may leave while the axis sticks, or slides against
-        the reference [N].
-    known : tuple of str
-        Effects that count as known: the certificate takes them as the nominal axis has them.
+    The tube holds for the `reference` of `Compensation.certify`; without one, for references so
+    slow that inertia and viscous friction do not count, and a faster one has a wider tube.  A
+    delay margin of 200 samples is that or more.
 
     Examples
     --------
@@ -129,21 +99,25 @@ class TrackingCertificate(Result):
     1.6 ms
     """
 
-    tube: float
-    parts: dict[str, float]
-    friction_left: float
-    nominal: LoopGains
-    worst: LoopGains
-    mismatch: float
-    learned: float
-    conditions: tuple[Condition, ...]
-    units: tuple[str, str] = ("m", "N")
-    slow: bool = False
-    delay_margin: float = 0.0
-    drive_needed: float = 0.0
-    limit: float = math.inf
-    friction_most: float = 0.0
-    known: tuple[str, ...] = ()
+    tube: float = stated("Bound of the tracking error [m]; inf if unstable or beyond the drive.")
+    parts: dict[str, float] = stated("Contributions to the tube [m].")
+    friction_left: float = stated("Largest force that the compensation leaves [N].")
+    nominal: LoopGains = stated("Gains of the linear loop of the nominal axis.")
+    worst: LoopGains = stated("Gains at the worst axis within the mismatch.")
+    mismatch: float = stated("Relative error of every parameter it was computed for.")
+    learned: float = stated("Part of the mismatch of the levels that was taken as learned.")
+    conditions: tuple[Condition, ...] = stated("Conditions of rest without hunting.")
+    units: tuple[str, str] = stated("Units of position and force.", default=("m", "N"))
+    slow: bool = stated("Whether it holds for slow references only.", default=False)
+    delay_margin: float = stated(
+        "Longest additional delay of a stable nominal loop [s].", default=0.0
+    )
+    drive_needed: float = stated(
+        "Force that the drive may need for model and tube [N].", default=0.0
+    )
+    limit: float = stated("Largest force of the drive [N].", default=math.inf)
+    friction_most: float = stated("The same, stuck or against the reference [N].", default=0.0)
+    known: tuple[str, ...] = stated("Effects that it takes as they are.", default=())
 
     @property
     def no_hunting(self) -> bool:

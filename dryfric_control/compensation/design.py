@@ -33,55 +33,18 @@ from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.weights import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import save_object
-from dryfric_control.text import Result, length_text, prefixed, typeset
+from dryfric_control.text import Result, documented, length_text, prefixed, stated, typeset
 
 #: What a file of a compensation is.
 KIND = "friction compensation"
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation(Result):
     """A friction-compensating position controller, certified.
 
     Made by `design_compensation`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The axis that is compensated.
-    dt : float
-        Sampling time [s].
-    law : str
-        "learned", or a baseline.
-    encoder_quantum : float
-        Encoder increment [m].
-    input_delay : float
-        Largest delay of the drive, beyond the axis' own effects [s].
-    bandwidth : float
-        Bandwidth of the sliding loop [rad/s].
-    kp, ki, kd : float
-        Gains [N/m], [N/(m s)], [N s/m].
-    filter_time : float
-        Time constant of the low-pass on the velocity [s].
-    lead : int
-        Samples by which the feedforward looks ahead.
-    limit : float
-        Largest drive force [N].
-    tolerance : float
-        Position error at which the drive is held at rest [m].
-    learning : float
-        Rate at which levels and excess are learned [1/s].
-    disturbance_bandwidth : float
-        Bandwidth of the estimate of velocity, or of a baseline's disturbance observer [rad/s].
-    mismatch : float
-        Relative error of every parameter, for the certificate.
-    correction : float
-        Largest change of the nominal friction by learning and the integral, in parts of the
-        Coulomb level.
-    observer : ObserverDesign or None
-        The switched observer, where the law has one.
-    certificate : Any
-        The tracking tube and the conditions of rest, recomputed from the gains.
 
     Examples
     --------
@@ -92,25 +55,25 @@ class Compensation(Result):
     (1, True)
     """
 
-    axis: FrictionAxis
-    dt: float
-    law: str
-    encoder_quantum: float
-    input_delay: float
-    bandwidth: float
-    kp: float
-    ki: float
-    kd: float
-    filter_time: float
-    lead: int
-    limit: float
-    tolerance: float
-    learning: float
-    disturbance_bandwidth: float
-    mismatch: float
-    correction: float
-    observer: ObserverDesign | None
-    certificate: TrackingCertificate
+    axis: FrictionAxis = stated("The axis that is compensated.")
+    dt: float = stated("Sampling time [s].")
+    law: str = stated("learned, or a baseline.")
+    encoder_quantum: float = stated("Encoder increment [m].")
+    input_delay: float = stated("Largest delay of the drive, beyond the axis' own effects [s].")
+    bandwidth: float = stated("Bandwidth of the sliding loop [rad/s].")
+    kp: float = stated("Position gain [N/m].")
+    ki: float = stated("Integral gain [N/(m s)].")
+    kd: float = stated("Velocity gain [N s/m].")
+    filter_time: float = stated("Time constant of the low-pass on the velocity [s].")
+    lead: int = stated("Samples by which the feedforward looks ahead.")
+    limit: float = stated("Largest drive force [N].")
+    tolerance: float = stated("Position error at which the drive is held at rest [m].")
+    learning: float = stated("Rate at which levels and excess are learned [1/s].")
+    disturbance_bandwidth: float = stated("Of the velocity, or of a baseline [rad/s].")
+    mismatch: float = stated("Relative error of every parameter, for the certificate.")
+    correction: float = stated("Largest change of the nominal friction, over the Coulomb level.")
+    observer: ObserverDesign | None = stated("The switched observer, where the law has one.")
+    certificate: TrackingCertificate = stated("Tracking tube and conditions of rest.")
 
     @functools.cached_property
     def rigid_axis(self) -> FrictionAxis:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import hardest_switching, runs_of, worst_switching
-from dryfric_control.text import Result
+from dryfric_control.text import Result, documented, stated
 from dryfric_control.ties import ranked
 
 Array = NDArray[np.float64]
@@ -63,26 +63,10 @@ class Block:
     eigenvalue: float  # largest of the dimensionless block; must be negative
 
 
+@documented
 @dataclass(frozen=True, repr=False)
 class Certificate(Result):
     """Certified and reached gain of a design.
-
-    Attributes
-    ----------
-    gamma : float
-        Certified gain from the stacked disturbances to z, SI units.
-    lower_bound, worst_sequence : float, tuple of int
-        Gain actually reached, and the repeated sequence of modes, found by search.
-    limit, hardest_sequence : float, tuple of int
-        Lower limit of the gain of any causal observer, and the sequence that shows it.
-    decay : float
-        Certified decay of the error per sample; 1 if none was asked for.
-    spectral_radius : dict of int to float
-        Largest pole magnitude of each mode when it lasts.
-    margin : float
-        Smallest distance of a block's largest eigenvalue from zero.
-    blocks : tuple of Block
-        Every block evaluated.
 
     Examples
     --------
@@ -94,15 +78,15 @@ class Certificate(Result):
     True
     """
 
-    gamma: float
-    lower_bound: float
-    worst_sequence: tuple[int, ...]
-    limit: float
-    hardest_sequence: tuple[int, ...]
-    decay: float
-    spectral_radius: dict[int, float]
-    margin: float
-    blocks: tuple[Block, ...]
+    gamma: float = stated("Certified gain from the stacked disturbances to z, SI units.")
+    lower_bound: float = stated("Gain actually reached along `worst_sequence`.")
+    worst_sequence: tuple[int, ...] = stated("Repeated sequence of modes found by search.")
+    limit: float = stated("Lower limit of the gain of any causal observer, with or without decay.")
+    hardest_sequence: tuple[int, ...] = stated("Repeated sequence of modes that shows it.")
+    decay: float = stated("Certified decay of the error per sample; 1 if none was asked for.")
+    spectral_radius: dict[int, float] = stated("Largest pole magnitude of each mode when it lasts.")
+    margin: float = stated("Smallest distance of a block's largest eigenvalue from zero.")
+    blocks: tuple[Block, ...] = stated("Every block evaluated.")
 
     @property
     def gap(self) -> float:

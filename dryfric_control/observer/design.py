@@ -28,7 +28,7 @@ from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_grap
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights, own_axis
 from dryfric_control.store.saved import save_object
-from dryfric_control.text import Result
+from dryfric_control.text import Result, documented, stated
 
 if TYPE_CHECKING:
     from dryfric_control.model.axis import FrictionAxis
@@ -42,49 +42,12 @@ DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
 KIND = "observer design"
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class ObserverDesign(Result):
     """A switched PI observer: gains, specifications, certificate.
 
     Made by `design_pi_observer`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The model of the observer: its own Coulomb maps and stick velocity, no
-        Stribeck peak, and the effects that it includes.
-    dt : float
-        Sampling time [s].
-    method : str
-        "paper", "slack", "path" or "dwell".
-    window : int
-        Memory of past modes [samples].
-    discretization, form : str
-        "euler" or "zoh", "current" or "prediction".
-    uncertainty : dict of int to float
-        Amplitude of the force uncertainty in each mode [N].
-    noise, encoder_quantum : float
-        Amplitude of the measurement noise [m], and increment of the position sensor [m]: as given,
-        or the one whose rounding makes `noise`.
-    drift, decay : float
-        Drift of the friction error [N], and certified decay of the error, both per sample.
-    performance : tuple of float
-        Weights (q_x, q_v, q_w) of the error in z.
-    integral_modes : tuple of int
-        Modes in which the integral term acts.
-    graph : ModeGraph
-        Memory states and the steps between them.
-    node_gains : ndarray, shape (nnodes, 3)
-        Gains L_x [1], L_v [1/s] and G [N/m] of each memory state: of the
-        prediction, or of the correction before it (current form).
-    gamma : float
-        Certified gain from the stacked disturbances to z, SI units.
-    state_scale, output_scale : ndarray, shape (3,), and float
-        Units of the errors [m, m/s, N], and factor of z, in the scaled problem.
-    lyapunov, lyapunov_decay : ndarray, shape (nnodes, 3, 3)
-        Lyapunov matrices that prove gain and decay, scaled.
-    certificate : Certificate
-        The recomputed check.
 
     Examples
     --------
@@ -97,27 +60,27 @@ class ObserverDesign(Result):
     True
     """
 
-    axis: FrictionAxis
-    dt: float
-    method: str
-    window: int
-    discretization: str
-    form: str
-    uncertainty: dict[int, float]
-    noise: float
-    encoder_quantum: float
-    drift: float
-    decay: float
-    performance: tuple[float, float, float]
-    integral_modes: tuple[int, ...]
-    graph: ModeGraph
-    node_gains: Array
-    gamma: float
-    state_scale: Array
-    output_scale: float
-    lyapunov: Array
-    lyapunov_decay: Array
-    certificate: Certificate
+    axis: FrictionAxis = stated("Model of the observer: own levels and stick velocity, no peak.")
+    dt: float = stated("Sampling time [s].")
+    method: str = stated("paper, slack, path or dwell.")
+    window: int = stated("Memory of past modes [samples].")
+    discretization: str = stated("euler or zoh.")
+    form: str = stated("current or prediction.")
+    uncertainty: dict[int, float] = stated("Amplitude of the force uncertainty in each mode [N].")
+    noise: float = stated("Amplitude of the measurement noise [m].")
+    encoder_quantum: float = stated("Increment of the sensor, or that of `noise` [m].")
+    drift: float = stated("Drift of the friction error per sample [N].")
+    decay: float = stated("Certified decay of the error per sample.")
+    performance: tuple[float, float, float] = stated("Weights (q_x, q_v, q_w) of the error in z.")
+    integral_modes: tuple[int, ...] = stated("Modes in which the integral term acts.")
+    graph: ModeGraph = stated("Memory states and the steps between them.")
+    node_gains: Array = stated("Gains L_x [1], L_v [1/s], G [N/m] by memory state, shape (n, 3).")
+    gamma: float = stated("Certified gain from the stacked disturbances to z, SI units.")
+    state_scale: Array = stated("Unit of each error in the scaled problem [m, m/s, N].")
+    output_scale: float = stated("Factor of z in the scaled problem.")
+    lyapunov: Array = stated("Lyapunov matrices that prove the gain, scaled, shape (n, 3, 3).")
+    lyapunov_decay: Array = stated("Lyapunov matrices that prove the decay.")
+    certificate: Certificate = stated("The recomputed check.")
 
     @property
     def lower_bound(self) -> float:

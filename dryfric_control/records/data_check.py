@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
-from dryfric_control.text import Result, length_text
+from dryfric_control.text import Result, documented, length_text, stated
 
 # What a record must have to say something: shortest rest [s] and [samples], parts of the
 # samples that slide, part of them that slide either way, encoder steps of travel, travel over
@@ -22,42 +22,10 @@ _STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
 _TAKEN = 0.2
 
 
+@documented
 @dataclass(frozen=True, repr=False)
 class RecordCheck(Result):
     """Contents and gaps of a record; made by `Record.check`.
-
-    Attributes
-    ----------
-    samples : int
-    dt, duration : float
-        Sampling step and time covered [s].
-    travel : float
-        Distance between the extreme positions [unit of x].
-    reversals : int
-        Changes of direction, with or without a rest between them.
-    at_rest, forwards, backwards : float
-        Shares of the samples at which the readings show no motion, motion of
-        growing and of falling position [1].
-    longest_rest : float
-        Longest time without motion [s].
-    velocity : tuple of float
-        Magnitudes between which 90 % of the motion lies [unit of x/s].
-    masked : dict of str to int
-        Readings that are not used, by reason, see `Record.bad`.
-    clipped : float
-        Share of the samples at which the drive rests at its extremes [1].
-    quantum : float
-        Encoder quantum, 0 for none [unit of x].
-    noise : float
-        Standard deviation of the position noise, at least quantum / sqrt(12) [unit of x].
-    units : tuple of str
-        Units of position and drive; empty where the record does not know.
-    messages : tuple of str
-        What the record is uninformative about, and what looks wrong.
-    assumed : str
-        What is taken for units that nobody stated, empty where all are.
-    raw : dict of str to tuple
-        Unit in which a channel was stored and the factor on its numbers.
 
     Examples
     --------
@@ -78,24 +46,28 @@ class RecordCheck(Result):
     units     none stated for u, x: taken as those of the axis (N, m by default), time in s
     """
 
-    samples: int
-    dt: float
-    duration: float
-    travel: float
-    reversals: int
-    at_rest: float
-    forwards: float
-    backwards: float
-    longest_rest: float
-    velocity: tuple[float, float]
-    masked: Mapping[str, int]
-    clipped: float
-    quantum: float
-    noise: float
-    units: tuple[str, str]
-    messages: tuple[str, ...]
-    assumed: str = ""
-    raw: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    samples: int = stated("Number of samples.")
+    dt: float = stated("Sampling step [s].")
+    duration: float = stated("Time covered [s].")
+    travel: float = stated("Distance between the extreme positions [unit of x].")
+    reversals: int = stated("Changes of direction, with or without a rest between them.")
+    at_rest: float = stated("Share of the samples at which the readings show no motion [1].")
+    forwards: float = stated("Share of the samples at which the position grows [1].")
+    backwards: float = stated("Share of the samples at which the position falls [1].")
+    longest_rest: float = stated("Longest time without motion [s].")
+    velocity: tuple[float, float] = stated("Magnitudes around 90 % of the motion [unit of x/s].")
+    masked: Mapping[str, int] = stated("Readings that are not used, by reason, see `Record.bad`.")
+    clipped: float = stated("Share of the samples at which the drive rests at its extremes [1].")
+    quantum: float = stated("Encoder quantum, 0 for none [unit of x].")
+    noise: float = stated("Spread of the position noise, at least quantum / sqrt(12) [unit of x].")
+    units: tuple[str, str] = stated("Units of position and drive; empty where unknown.")
+    messages: tuple[str, ...] = stated("What is missing for a fit, and what looks wrong.")
+    assumed: str = stated(
+        "What is taken for units that nobody stated; empty where all are.", default=""
+    )
+    raw: Mapping[str, tuple[str, float]] = stated(
+        "Unit in which a channel was stored, and the factor on it.", default_factory=dict
+    )
 
     @property
     def headline(self) -> str:

@@ -23,7 +23,7 @@ from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import usual_speed
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, length_text, percent, plain_data
+from dryfric_control.text import Result, documented, length_text, percent, plain_data, stated
 from dryfric_control.units import powers
 
 FloatArray = NDArray[np.float64]
@@ -86,32 +86,12 @@ class Loss(NamedTuple):
     unit: str  # of force, or of position where the effect is no force
 
 
+@documented
 @dataclass(frozen=True, repr=False)
 class SimulatorValues(Result):
     """Values of joints for a simulator, and what it cannot say.
 
     Made by `to_mjcf`, `to_urdf`, `to_isaac`, `to_modelica` and `to_simscape`.
-
-    Attributes
-    ----------
-    values : dict of str to dict
-        Numbers by joint and name, as the format has them.
-    standard_errors : dict of str to dict
-        Standard errors of those that follow from a fit or a diagnosis; infinite for what
-        the record does not determine.
-    lost : tuple of Loss
-        What the format cannot say: ``joint``, ``what``, ``instead``, ``error``, ``unit``.
-    friction_error : dict of str to float
-        RMS error of the friction force of each joint, over the sliding samples of its record.
-    free_runs : dict of str to tuple of float
-        RMS error of free runs of 0.25 s of the whole axis, and of `reduced`; only where
-        there is a record.
-    reduced : dict of str to FrictionAxis
-        The axis of each joint as far as the format states it.
-    messages : tuple of str
-        Why the values are not certain: causes of a diagnosis that may as well be others, or a
-        verdict that leaves something open.
-    files : tuple of Path
 
     Examples
     --------
@@ -124,14 +104,14 @@ class SimulatorValues(Result):
     (0.2, ())
     """
 
-    values: dict[str, dict[str, Any]]
-    standard_errors: dict[str, dict[str, float]]
-    lost: tuple[Loss, ...]
-    friction_error: dict[str, float]
-    free_runs: dict[str, tuple[float, float]]
-    reduced: dict[str, FrictionAxis]
-    messages: tuple[str, ...]
-    files: tuple[Path, ...]
+    values: dict[str, dict[str, Any]] = stated("Numbers by joint and name, as the format has them.")
+    standard_errors: dict[str, dict[str, float]] = stated("Infinite where a record does not tell.")
+    lost: tuple[Loss, ...] = stated("What the format cannot say, and what takes its place.")
+    friction_error: dict[str, float] = stated("RMS error of the friction while sliding.")
+    free_runs: dict[str, tuple[float, float]] = stated("RMS errors of the axis and of `reduced`.")
+    reduced: dict[str, FrictionAxis] = stated("The axes as far as the format states them.")
+    messages: tuple[str, ...] = stated("Why the values are not certain.")
+    files: tuple[Path, ...] = stated("Files that were written.")
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         names = list(dict.fromkeys(n for values in self.values.values() for n in values))

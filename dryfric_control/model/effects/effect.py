@@ -24,6 +24,7 @@ from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.text import list_in_docstring
 from dryfric_control.units import on_axis
 
 #: What an effect may act on; those of the first row act by a law.
@@ -529,14 +530,11 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
 
 def _document_parameters(cls: type[Effect]) -> None:
     """Put what the declarations of the parameters say into the docstring, before its notes."""
-    head, notes, rest = inspect.cleandoc(cls.__doc__ or "").partition("\nNotes\n-----\n")
-    if not notes or "\nParameters\n" in head:
-        return
     rows = []
     for name, said in cls.parameters().items():
         words = said["doc"].replace("|", r"\|")
-        rows.append(f"{name} : float\n    {words[0].upper()}{words[1:]} [{said['unit']}].\n")
-    cls.__doc__ = f"{head}\nParameters\n----------\n{''.join(rows)}{notes}{rest}"
+        rows.append(f"{name} : float\n    {words[0].upper()}{words[1:]} [{said['unit']}].")
+    list_in_docstring(cls, "Parameters", rows)
 
 
 class _NumberError(IndexError):

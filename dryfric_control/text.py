@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import html
 import inspect
 import math
@@ -171,24 +172,28 @@ class Result:
         return fields_of(self)
 
 
-def stated(words: str, **options: Any) -> Any:
+def stated(words: str, default: Any = dataclasses.MISSING, **options: Any) -> Any:
     """Field of a dataclass that says what it is, for `documented`."""
-    return dataclasses.field(metadata={"doc": words}, **options)
+    return dataclasses.field(default=default, metadata={"doc": words}, **options)
 
 
-def documented(cls: type[Any]) -> type[Any]:
+def documented(cls: type[Any], section: str = "Attributes") -> type[Any]:
     """Put what the fields of a dataclass say of themselves into its docstring."""
     rows = [
         f"{one.name} : {one.type}\n    {one.metadata['doc']}" for one in dataclasses.fields(cls)
     ]
-    list_in_docstring(cls, "Attributes", rows)
+    list_in_docstring(cls, section, rows)
     return cls
+
+
+#: The same of a class that users make: its fields are its parameters.
+with_parameters = functools.partial(documented, section="Parameters")
 
 
 def list_in_docstring(cls: type[Any], section: str, rows: Iterable[str]) -> None:
     """Put a section with these entries before the notes or examples of a docstring without it."""
     text = inspect.cleandoc(cls.__doc__ or "")
-    begin = re.search(r"^(Notes|Examples)\n-+$", text, re.MULTILINE)
+    begin = re.search(r"^(Notes|References|Examples)\n-+$", text, re.MULTILINE)
     if begin and f"\n{section}\n" not in text:
         own = "\n".join([section, "-" * len(section), *rows])
         cls.__doc__ = f"{text[: begin.start()]}{own}\n\n{text[begin.start() :]}"

@@ -107,17 +107,13 @@ class TrackingCertificate(Result):
     mismatch: float = stated("Relative error of every parameter it was computed for.")
     learned: float = stated("Part of the mismatch of the levels that was taken as learned.")
     conditions: tuple[Condition, ...] = stated("Conditions of rest without hunting.")
-    units: tuple[str, str] = stated("Units of position and force.", default=("m", "N"))
-    slow: bool = stated("Whether it holds for slow references only.", default=False)
-    delay_margin: float = stated(
-        "Longest additional delay of a stable nominal loop [s].", default=0.0
-    )
-    drive_needed: float = stated(
-        "Force that the drive may need for model and tube [N].", default=0.0
-    )
-    limit: float = stated("Largest force of the drive [N].", default=math.inf)
-    friction_most: float = stated("The same, stuck or against the reference [N].", default=0.0)
-    known: tuple[str, ...] = stated("Effects that it takes as they are.", default=())
+    units: tuple[str, str] = stated("Units of position and force.", ("m", "N"))
+    slow: bool = stated("Whether it holds for slow references only.", False)
+    delay_margin: float = stated("Longest additional delay of a stable nominal loop [s].", 0.0)
+    drive_needed: float = stated("Force that the drive may need for model and tube [N].", 0.0)
+    limit: float = stated("Largest force of the drive [N].", math.inf)
+    friction_most: float = stated("The same, stuck or against the reference [N].", 0.0)
+    known: tuple[str, ...] = stated("Effects that it takes as they are.", ())
 
     @property
     def no_hunting(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, places, positive
+from dryfric_control.text import stated, with_parameters
 
 
 def _coefficients(name: str, values: float | Iterable[float]) -> tuple[float, ...]:
@@ -165,16 +166,10 @@ def _surely_positive(c: tuple[float, ...], travel: tuple[float, float]) -> bool:
 MOST_EXCESS = 10.0
 
 
+@with_parameters
 @dataclass(frozen=True)
 class Stribeck:
     """Stribeck peak: friction that is higher at low velocity.
-
-    Parameters
-    ----------
-    excess : float
-        Relative excess sigma of the breakaway friction force over the Coulomb level [1].
-    speed : float
-        Stribeck velocity vs, over which the excess decays [m/s or rad/s].
 
     Notes
     -----
@@ -188,8 +183,8 @@ class Stribeck:
     Stribeck(excess=0.3, speed=0.01)
     """
 
-    excess: float
-    speed: float
+    excess: float = stated("Relative excess sigma of breakaway over the Coulomb level [1].")
+    speed: float = stated("Stribeck velocity vs, over which the excess decays [m/s or rad/s].")
 
     def __post_init__(self) -> None:
         excess = positive("stribeck.excess", self.excess, zero=True)

@@ -22,6 +22,7 @@ from scipy.integrate import solve_ivp
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled import axis_step
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.text import stated, with_parameters
 
 __all__ = ["Dahl", "Karnopp", "Law", "LuGre", "Sign", "Tanh"]
 
@@ -94,16 +95,13 @@ class _Motion:
         return 0.5 * sum(self.forces(0.0, x, 0.0, s, s)[1] for s in (1.0, -1.0))
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Law(ABC):
     """Base of friction laws that replace the switched one.
 
-    Parameters
-    ----------
-    tolerance : float
-        Error allowed in one step, relative to the state; near rest, relative to a
-        speed of the law itself: what the Coulomb force gives the mass in one sample or,
-        if smaller, the law's own width.
+    The error allowed in one step is relative to the state; near rest, to a speed of the law
+    itself: what the Coulomb force gives the mass in one sample or, if smaller, the law's own width.
 
     Notes
     -----
@@ -126,7 +124,7 @@ class Law(ABC):
     2.0
     """
 
-    tolerance: float = 1e-8
+    tolerance: float = stated("Error allowed in one step, see `Law`.", 1e-8)
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -405,6 +403,7 @@ class _Smooth(Law):
         out[:, last] = seen(last, y)
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Sign(_Switched):
     """Coulomb's law with a sign function, solved exactly.
@@ -413,11 +412,6 @@ class Sign(_Switched):
     of m v' = w - Fc sign(v): the mass rests while they hold the load w. This is the
     limit of the tanh law for a vanishing width, without its creep and without the
     chatter of a sampled sign function.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Error allowed in one step, see `Law`.
 
     Examples
     --------
@@ -432,20 +426,13 @@ class Sign(_Switched):
     """
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Tanh(_Smooth):
     """Coulomb's law smoothed: F = Fc tanh(v / speed).
 
     It never rests: under a load w below the level it creeps at
     v = speed artanh(w / Fc).
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Error allowed in one step, see `Law`.
-    speed : float
-        Width of the transition [m/s]. Keep it well below the Stribeck velocity: a wider
-        transition hides the peak.
 
     Examples
     --------
@@ -459,7 +446,7 @@ class Tanh(_Smooth):
     0.549306
     """
 
-    speed: float
+    speed: float = stated("Width of the transition, well below the Stribeck velocity [m/s].")
 
     def _width(self, level: float, dt: float) -> float:
         return self.speed
@@ -468,6 +455,7 @@ class Tanh(_Smooth):
         return level * math.tanh(v / self.speed), 0.0
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Karnopp(_Switched):
     """Karnopp's law with a zero-velocity band.
@@ -475,13 +463,6 @@ class Karnopp(_Switched):
     Inside the band the velocity counts as zero and friction balances the load up to the
     breakaway level (1 + sigma) Fc; load beyond that builds up momentum, and the mass
     slides once its velocity is outside the band.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Error allowed in one step, see `Law`.
-    band : float
-        Half width of the band [m/s].
 
     References
     ----------
@@ -500,25 +481,19 @@ class Karnopp(_Switched):
     (0.0, 0.0, 3.9)
     """
 
-    band: float
+    band: float = stated("Half width of the band [m/s].")
 
     def _rest(self) -> tuple[float, int]:
         return self.band, 2
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Dahl(_Smooth):
     """Dahl's elastic friction, with exponent 1.
 
     ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``.  Dahl's own level is constant; a
     Stribeck peak, if the axis has one, enters through Fc.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Error allowed in one step, see `Law`.
-    stiffness : float
-        sigma0, slope of friction over position at a reversal [N/m].
 
     References
     ----------
@@ -537,7 +512,7 @@ class Dahl(_Smooth):
     True
     """
 
-    stiffness: float
+    stiffness: float = stated("sigma0, slope of friction over position at a reversal [N/m].")
 
     def _width(self, level: float, dt: float) -> float:
         return level / (self.stiffness * dt)
@@ -546,21 +521,13 @@ class Dahl(_Smooth):
         return self.stiffness * z, v - self.stiffness * abs(v) / level * z
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class LuGre(Dahl):
     """LuGre: bristles with a stiffness and a damping.
 
     ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's
     level with its Stribeck peak; the viscous part sigma2 v is the axis's own.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Error allowed in one step, see `Law`.
-    stiffness : float
-        Bristle stiffness sigma0 [N/m].
-    damping : float
-        Bristle damping sigma1 [N s/m]; sqrt(stiffness * mass) is a common choice.
 
     References
     ----------
@@ -580,7 +547,7 @@ class LuGre(Dahl):
     10000.0
     """
 
-    damping: float
+    damping: float = stated("Bristle damping sigma1, often sqrt(stiffness * mass) [N s/m].")
 
     def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
         force, rate = super()._law(level, v, z)

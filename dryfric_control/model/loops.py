@@ -33,6 +33,7 @@ from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import Events, SimulationResponse
 from dryfric_control.order import check_bandwidth_and_dt
+from dryfric_control.text import stated, with_parameters
 from dryfric_control.units import same_unit
 
 
@@ -57,26 +58,10 @@ class LoopController(Protocol):
         """Run the loop: located switches, and how many had no room."""
 
 
+@with_parameters
 @dataclass(frozen=True)
 class PositionController:
     """Sampled PID position controller, limited, with anti-windup.
-
-    Parameters
-    ----------
-    kp : float
-        Position gain [N/m].
-    ki : float
-        Integral gain [N/(m s)].
-    kd : float
-        Velocity gain, on the measured velocity [N s/m].
-    dt : float
-        Sampling time [s].
-    limit : float, optional
-        Largest magnitude of the force [N].  Default: no limit.
-    filter_time : float, optional
-        Time constant of the low-pass on the velocity [s].
-    span : int, optional
-        Samples over which the velocity is differenced, 1 to 8.
 
     Notes
     -----
@@ -98,13 +83,13 @@ class PositionController:
     0.08
     """
 
-    kp: float
-    ki: float
-    kd: float
-    dt: float
-    limit: float = math.inf
-    filter_time: float = 0.0
-    span: int = 1
+    kp: float = stated("Position gain [N/m].")
+    ki: float = stated("Integral gain [N/(m s)].")
+    kd: float = stated("Velocity gain, on the measured velocity [N s/m].")
+    dt: float = stated("Sampling time [s].")
+    limit: float = stated("Largest magnitude of the force [N].", math.inf)
+    filter_time: float = stated("Time constant of the low-pass on the velocity [s].", 0.0)
+    span: int = stated("Samples over which the velocity is differenced, 1 to 8.", 1)
 
     def __post_init__(self) -> None:
         positive("kp", self.kp, unit="N/m")

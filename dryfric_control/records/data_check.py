@@ -62,9 +62,7 @@ class RecordCheck(Result):
     noise: float = stated("Spread of the position noise, at least quantum / sqrt(12) [unit of x].")
     units: tuple[str, str] = stated("Units of position and drive; empty where unknown.")
     messages: tuple[str, ...] = stated("What is missing for a fit, and what looks wrong.")
-    assumed: str = stated(
-        "What is taken for units that nobody stated; empty where all are.", default=""
-    )
+    assumed: str = stated("What is taken for units that nobody stated; empty where all are.", "")
     raw: Mapping[str, tuple[str, float]] = stated(
         "Unit in which a channel was stored, and the factor on it.", default_factory=dict
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
-from dryfric_control.text import did_you_mean
+from dryfric_control.text import did_you_mean, stated, with_parameters
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
@@ -30,38 +30,14 @@ class Conversion(NamedTuple):
     unit: str
 
 
+@with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
     """Factors of a machine from raw readings to SI units.
 
-    Parameters
-    ----------
-    gain : mapping of str to float, optional
-        Factor on a channel (``u``, ``x`` with its reference, ``v``, ``a``, ``x2``), such as
-        newtons per volt: converts the number in the file, in place of everything below.
-    counts_per_turn : float, optional
-        Encoder counts per turn of its shaft.
-    gear_ratio : float, optional
-        Turns of the motor per turn of the load.
-    lead : float, optional
-        Travel of a linear axis per turn of the load [m].
-    load_encoder : bool, optional
-        Whether the encoder sits on the load, behind the gear.
-    torque_constant : float, optional
-        Torque of the motor's shaft per current [N m/A].
-    rated_torque : float, optional
-        Torque of the motor's shaft at 100 % [N m].
-    force_constant : float, optional
-        Force of a linear motor per current [N/A].
-    rated_force : float, optional
-        Force of a linear motor at 100 % [N].
-    pinion_radius : float, optional
-        Of rack and pinion, or of the pulley of a belt [m]: a lead of 2 pi times as much.
-    piston_area : float, optional
-        Area on which a measured pressure acts [m^2].
-
     Notes
     -----
+    A gain, such as newtons per volt, converts the number in the file, in place of all else.
     ``x = counts / counts_per_turn / gear_ratio`` turns of the load, times 2 pi [rad] or `lead` [m];
     ``u = torque_constant * current * gear_ratio`` [N m], times 2 pi / `lead` [N], or
     ``u = piston_area * pressure`` [N]. A channel without a unit is taken to be in counts, amperes
@@ -78,17 +54,19 @@ class Scaling:
     (Conversion(factor=1.25e-07, raw='counts', unit='m'), 502.655)
     """
 
-    gain: Mapping[str, float] = field(default_factory=dict)
-    counts_per_turn: float | None = None
-    gear_ratio: float = 1.0
-    lead: float | None = None
-    load_encoder: bool = False
-    torque_constant: float | None = None
-    rated_torque: float | None = None
-    force_constant: float | None = None
-    rated_force: float | None = None
-    pinion_radius: float | None = None
-    piston_area: float | None = None
+    gain: Mapping[str, float] = stated(
+        "Factors on `u`, `x` with its reference, `v`, `a`, `x2`.", default_factory=dict
+    )
+    counts_per_turn: float | None = stated("Encoder counts per turn of its shaft.", None)
+    gear_ratio: float = stated("Turns of the motor per turn of the load.", 1.0)
+    lead: float | None = stated("Travel of a linear axis per turn of the load [m].", None)
+    load_encoder: bool = stated("Whether the encoder sits on the load, behind the gear.", False)
+    torque_constant: float | None = stated("Torque of the motor's shaft per current [N m/A].", None)
+    rated_torque: float | None = stated("Torque of the motor's shaft at 100 % [N m].", None)
+    force_constant: float | None = stated("Force of a linear motor per current [N/A].", None)
+    rated_force: float | None = stated("Force of a linear motor at 100 % [N].", None)
+    pinion_radius: float | None = stated("Of rack and pinion, or the pulley of a belt [m].", None)
+    piston_area: float | None = stated("Area on which a measured pressure acts [m^2].", None)
 
     def __post_init__(self) -> None:
         put = object.__setattr__

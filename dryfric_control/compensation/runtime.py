@@ -15,6 +15,7 @@ from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
 from dryfric_control.model.block import Block
 from dryfric_control.model.loops import LoopRun
 from dryfric_control.model.profiles import MotionProfile
+from dryfric_control.text import documented, stated
 
 Array = NDArray[np.float64]
 
@@ -27,21 +28,13 @@ _STATES = (
 )  # fmt: skip
 
 
+@documented
 @dataclass(frozen=True, eq=False)
 class CompensatedController:
     """Position controller with friction compensation, ready to run.
 
     Made by `Compensation.controller`; for `simulate_loop`, for
     `control.interconnect` (`block`) and for your own loop (`stepper`).
-
-    Attributes
-    ----------
-    dt : float
-        Sampling time [s].
-    lead : int
-        Samples by which block and stepper need the reference ahead.
-    law : Law
-        Arrays of the compiled law.
 
     Examples
     --------
@@ -54,9 +47,9 @@ class CompensatedController:
     True
     """
 
-    dt: float
-    lead: int
-    law: kernel.Law
+    dt: float = stated("Sampling time [s].")
+    lead: int = stated("Samples by which block and stepper need the reference ahead.")
+    law: kernel.Law = stated("Arrays of the compiled law.")
 
     def memory(self, motion: MotionProfile | None = None) -> Array:
         """Memory before the first sample, shape (nstates,).

@@ -11,26 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import finite, positive, samples
 from dryfric_control.drawing import over_time, panels
+from dryfric_control.text import documented, stated
 
 Array = NDArray[np.float64]
 
 
+@documented
 @dataclass(frozen=True, eq=False)
 class MotionProfile:
     """A sampled reference motion with velocity and acceleration.
-
-    Attributes
-    ----------
-    dt : float
-        Sampling time [s].
-    position : ndarray, shape (n,)
-        Position [m].
-    velocity : ndarray, shape (n,)
-        Velocity [m/s].
-    acceleration : ndarray, shape (n,)
-        Acceleration [m/s^2].
-    unit : str
-        Unit of the position, "m" or that of a rotary axis, "rad": what text and figures show.
 
     Examples
     --------
@@ -40,11 +29,11 @@ class MotionProfile:
     True
     """
 
-    dt: float
-    position: Array
-    velocity: Array
-    acceleration: Array
-    unit: str = "m"
+    dt: float = stated("Sampling time [s].")
+    position: Array = stated("Position [m], shape (n,).")
+    velocity: Array = stated("Velocity [m/s].")
+    acceleration: Array = stated("Acceleration [m/s^2].")
+    unit: str = stated("Unit of the position, that text and figures show: m or rad.", "m")
 
     @property
     def time(self) -> Array:

@@ -11,21 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
-from dryfric_control.text import prefixed, typeset
+from dryfric_control.text import documented, prefixed, stated, typeset
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
 
+@documented
 @dataclass(frozen=True, eq=False)
 class Events:
     """Located switches of a simulation.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Time of each switch [s], located inside the sample.
-    before, after : ndarray of int, shape (n,)
-        Mode before and after: 0 stuck, +1 and -1 sliding.
 
     Notes
     -----
@@ -41,9 +35,9 @@ class Events:
     (1, 0)
     """
 
-    time: NDArray[np.float64]
-    before: NDArray[np.int64]
-    after: NDArray[np.int64]
+    time: NDArray[np.float64] = stated("Time of each switch [s], located inside the sample.")
+    before: NDArray[np.int64] = stated("Mode before: 0 stuck, +1 and -1 sliding.")
+    after: NDArray[np.int64] = stated("Mode after.")
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64]) -> Events:

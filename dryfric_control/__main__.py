@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 _SIMULATORS = {".xml": "mjcf", ".urdf": "urdf", ".mo": "modelica", ".m": "simscape", ".py": "isaac"}
 # Coulomb level to start from, over the largest drive, where a model has none.
 _GUESS = 0.2
-_STIFF = "MJCF: let joints at rest creep fifty times less"
 _ROOM = 4_000_000  # bytes, more than a report takes
 
 #: What messages say of arguments in Python, and how it is said of options.
@@ -76,9 +75,9 @@ def parser() -> argparse.ArgumentParser:
     demo = command(
         _demo, "stick-slip, a fit with its replay, the figures of the paper, a diagnosis"
     )
-    demo.add_argument("--out", default="demo", metavar="DIR", help="folder for the results")
     _add(
         demo,
+        ("--out", str, "DIR", "folder for the results", {"default": "demo"}),
         ("--record", str, "FILE", "measured record (CSV or MAT); default: a simulated one"),
         ("--dt", float, "S", "step of its time, where rows were lost"),
     )
@@ -91,12 +90,15 @@ def parser() -> argparse.ArgumentParser:
         "(dt, rate, max_gap) may also be given in the table [record] of the axis file; an option "
         "overrides it.",
     )
-    words = "measured records of one machine (CSV, MAT, xlsx, parquet)"
-    diagnose.add_argument("record", nargs="+", metavar="RUN.csv", help=words)
-    diagnose.add_argument("--axis", required=True, metavar="FILE", help="the nominal axis, TOML")
-    diagnose.add_argument("--out", default="diagnosis", metavar="DIR", help="folder of the results")
-    _add(diagnose, ("--joint", str, "NAME", "joint of a log of several, as in its headings"))
-    _add_reading(diagnose)
+    _add(
+        diagnose,
+        ("record", str, "RUN.csv", "measured records of one machine (CSV, MAT, xlsx, parquet)",
+         {"nargs": "+"}),
+        ("--axis", str, "FILE", "the nominal axis, TOML", _NEEDED),
+        ("--out", str, "DIR", "folder of the results", {"default": "diagnosis"}),
+        ("--joint", str, "NAME", "joint of a log of several, as in its headings"),
+        *_READING,
+    )  # fmt: skip
 
     joints = command(
         _joints,
@@ -105,35 +107,31 @@ def parser() -> argparse.ArgumentParser:
         "its name, and the model with the values of the joints. joints.jsonl keeps every joint "
         "that is finished: the same command goes on where it was interrupted.",
     )
-    words = "logs with columns for each joint (mcap, CSV, ..)"
-    joints.add_argument("record", nargs="+", metavar="LOG", help=words)
-    joints.add_argument("--out", default="joints", metavar="DIR", help="folder for the results")
-    words = "joints in parallel, by default one a core"
-    joints.add_argument("--jobs", type=int, default=-1, metavar="N", help=words)
-    words = "nominal axes, TOML with a table for each joint; default: those of the MJCF model, "
     _add(
         joints,
-        ("--axes", str, "FILE", f"{words}by MuJoCo"),
+        ("record", str, "LOG", "logs with columns for each joint (mcap, CSV, ..)", {"nargs": "+"}),
+        ("--out", str, "DIR", "folder for the results", {"default": "joints"}),
+        ("--jobs", int, "N", "joints in parallel, by default one a core", {"default": -1}),
+        ("--axes", str, "FILE", "nominal axes, TOML with a table for each joint; default: those of "
+         "the MJCF model, by MuJoCo"),
         ("--model", str, "FILE", "MJCF (.xml) or URDF (.urdf) file"),
         ("--joints", _names, "elbow,..", "joints to take, by default all of the axes"),
-        _LOAD,
-    )
-    joints.add_argument("--stiff", action="store_true", help=_STIFF)
-    _add_reading(joints)
+        *_INTO_MODEL,
+        *_READING,
+    )  # fmt: skip
 
     export = command(_export, "write an axis or a design as C99 or as an FMU")
-    words = "axis (TOML), observer or compensation (JSON, as saved)"
-    export.add_argument("file", metavar="FILE", help=words)
-    export.add_argument("--to", required=True, choices=("c", "fmu"), help="what to write")
-    export.add_argument("--out", default="export", metavar="DIR", help="folder for the files")
     _add(
         export,
+        ("file", str, "FILE", "axis (TOML), observer or compensation (JSON, as saved)"),
+        ("--to", str, None, "what to write", _NEEDED | {"choices": ("c", "fmu")}),
+        ("--out", str, "DIR", "folder for the files", {"default": "export"}),
         ("--name", str, "NAME", "prefix of the names in C"),
         ("--dt", float, "S", "sampling time of an axis [s], default 0.001"),
-    )
-    precisions = ("double", "single", "mixed")
-    export.add_argument("--precision", choices=precisions, help="of the C code, default double")
-    export.add_argument("--version", choices=("3.0", "2.0"), help="of the FMU, default 3.0")
+        ("--precision", str, None, "of the C code, default double",
+         {"choices": ("double", "single", "mixed")}),
+        ("--version", str, None, "of the FMU, default 3.0", {"choices": ("3.0", "2.0")}),
+    )  # fmt: skip
 
     simulator = command(
         _simulator,
@@ -141,59 +139,25 @@ def parser() -> argparse.ArgumentParser:
         "Every other byte of the model stays. What the format cannot state is listed "
         "with what takes its place and the error that makes.",
     )
-    words = "axis (TOML), fit or diagnosis (JSON, as saved), by the name of its joint if there are "
-    simulator.add_argument("result", nargs="+", metavar="[JOINT=]FILE", help=f"{words}several")
-    words = "MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to write for isaac (.py) "
-    simulator.add_argument(
-        "--model", required=True, metavar="FILE", help=f"{words}and simscape (.m)"
-    )
-    words = "format, by default that of the extension"
-    simulator.add_argument("--to", choices=(*_SIMULATORS.values(),), help=words)
-    _add(simulator, _LOAD, ("--out", str, "FILE", "file to write in place of the model"))
-    simulator.add_argument("--stiff", action="store_true", help=_STIFF)
+    _add(
+        simulator,
+        ("result", str, "[JOINT=]FILE", "axis (TOML), fit or diagnosis (JSON, as saved), by the "
+         "name of its joint if there are several", {"nargs": "+"}),
+        ("--model", str, "FILE", "MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to "
+         "write for isaac (.py) and simscape (.m)", _NEEDED),
+        ("--to", str, None, "format, by default that of the extension",
+         {"choices": (*_SIMULATORS.values(),)}),
+        ("--out", str, "FILE", "file to write in place of the model"),
+        *_INTO_MODEL,
+    )  # fmt: skip
     return top
 
 
-def _add(
-    command: argparse.ArgumentParser, *options: tuple[str, Callable[[str], Any], str, str]
-) -> None:
-    """Options that take a value: name, type, placeholder and meaning."""
-    for name, kind, metavar, words in options:
-        command.add_argument(name, type=kind, metavar=metavar, help=words)
-
-
-def _add_reading(command: argparse.ArgumentParser) -> None:
-    """Options on how records are read and what a diagnosis may rely on."""
-    _add(
-        command,
-        ("--columns", _pairs, "t=..,u=..,x=..", "headings or numbers of time, input and position "
-         "where they are not the usual ones, none for none"),
-        ("--units", _pairs, "t=..,u=..,x=..", "units as stored, such as t=ms,x=mm, where the "
-         "headings do not give them"),
-        ("--gain", _gains, "K or u=..,x=..", "factor of the input, such as N per V, or factors by "
-         "channel"),
-        ("--counts-per-turn", float, "N", "encoder counts per turn"),
-        ("--gear-ratio", float, "N", "turns of the motor per turn of the load"),
-        ("--lead", float, "M", "travel of a linear axis per turn of the load [m]"),
-        ("--pinion-radius", float, "R", "radius of a pinion or belt pulley [m]"),
-        ("--piston-area", float, "A", "area on which a measured pressure acts [m^2]"),
-        ("--torque-constant", float, "K", "torque of the motor per current [N m/A]"),
-        ("--rated-torque", float, "T", "torque of the motor at 100 %% [N m]"),
-        ("--force-constant", float, "K", "force of a linear motor per current [N/A]"),
-        ("--rated-force", float, "F", "force of a linear motor at 100 %% [N]"),
-        ("--dt", float, "S", "resample irregular time stamps to this step [s]; without a time "
-         "column, the step"),
-        ("--rate", float, "HZ", "samples per second of a file without time column"),
-        ("--max-gap", float, "S", "longest gap that --dt may fill [s]"),
-        ("--known", _names, "mass,..", "nominal values that are right"),
-        ("--tolerance", _tolerances, "viscous=0.5,..", "relative standard deviations of nominal "
-         "values"),
-        ("--time-limit", float, "S", "time after which the best answer so far is returned [s]"),
-        ("--window", float, "S", "length of the free runs [s], 0.25 by default"),
-    )  # fmt: skip
-    words = "the encoder is on the load"
-    command.add_argument("--load-encoder", action="store_true", default=None, help=words)
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+def _add(command: argparse.ArgumentParser, *options: tuple[Any, ...]) -> None:
+    """Options: name, type (None for a switch), placeholder and meaning; settings of argparse."""
+    for name, kind, metavar, words, *more in options:
+        settings = {"action": "store_true"} if kind is None else {"type": kind, "metavar": metavar}
+        command.add_argument(name, help=words, **settings, **dict(*more))
 
 
 def _names(text: str) -> list[str]:
@@ -235,9 +199,41 @@ def _loads(text: str) -> float | dict[str, float]:
     return _inertias(text) if "=" in text else _inertias(text)["all"]
 
 
-_LOAD = (
-    "--load", _loads, "J or JOINT=J,..", "inertia that the bodies of the model have about the "
-    "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed",
+_NEEDED = {"required": True}
+#: How values come into the file of a simulator.
+_INTO_MODEL = (
+    ("--load", _loads, "J or JOINT=J,..", "inertia that the bodies of the model have about the "
+     "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed"),
+    ("--stiff", None, None, "MJCF: let joints at rest creep fifty times less"),
+)  # fmt: skip
+#: How records are read, and what a diagnosis may rely on.
+_READING = (
+    ("--columns", _pairs, "t=..,u=..,x=..", "headings or numbers of time, input and position "
+     "where they are not the usual ones, none for none"),
+    ("--units", _pairs, "t=..,u=..,x=..", "units as stored, such as t=ms,x=mm, where the "
+     "headings do not give them"),
+    ("--gain", _gains, "K or u=..,x=..", "factor of the input, such as N per V, or factors by "
+     "channel"),
+    ("--counts-per-turn", float, "N", "encoder counts per turn"),
+    ("--gear-ratio", float, "N", "turns of the motor per turn of the load"),
+    ("--lead", float, "M", "travel of a linear axis per turn of the load [m]"),
+    ("--pinion-radius", float, "R", "radius of a pinion or belt pulley [m]"),
+    ("--piston-area", float, "A", "area on which a measured pressure acts [m^2]"),
+    ("--torque-constant", float, "K", "torque of the motor per current [N m/A]"),
+    ("--rated-torque", float, "T", "torque of the motor at 100 %% [N m]"),
+    ("--force-constant", float, "K", "force of a linear motor per current [N/A]"),
+    ("--rated-force", float, "F", "force of a linear motor at 100 %% [N]"),
+    ("--dt", float, "S", "resample irregular time stamps to this step [s]; without a time "
+     "column, the step"),
+    ("--rate", float, "HZ", "samples per second of a file without time column"),
+    ("--max-gap", float, "S", "longest gap that --dt may fill [s]"),
+    ("--known", _names, "mass,..", "nominal values that are right"),
+    ("--tolerance", _tolerances, "viscous=0.5,..", "relative standard deviations of nominal "
+     "values"),
+    ("--time-limit", float, "S", "time after which the best answer so far is returned [s]"),
+    ("--window", float, "S", "length of the free runs [s], 0.25 by default"),
+    ("--load-encoder", None, None, "the encoder is on the load", {"default": None}),
+    ("--quiet", None, None, "no progress bar"),
 )  # fmt: skip
 
 

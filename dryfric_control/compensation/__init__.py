@@ -1,9 +1,8 @@
 """Friction compensation: position controllers with what they guarantee."""
 
 from dryfric_control.compensation.certificate import TrackingCertificate
-from dryfric_control.compensation.design import Compensation, design_compensation
+from dryfric_control.compensation.design import Compensation, design_compensation, load_compensation
 from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
-from dryfric_control.compensation.storage import load_compensation
 
 __all__ = [
     "CompensatedController",

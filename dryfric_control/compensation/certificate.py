@@ -327,8 +327,7 @@ def certify_tracking(
     learning and integral together, sigma and sigma_a the nominal and the largest excess: axis and
     reference may be at different velocities.  *Stuck*, or *sliding against the reference*, it
     is at most W, all of the feedforward and all of the friction; but then w drives the axis on only
-    while the error's velocity has the sign that takes it back.  `friction_tube` turns this into a
-    bound, for whatever reference and however near its reversals are to each other.  A law that
+    while the error's velocity has the sign that takes it back.  A law that
     does not bound its corrections, and a law without feedforward, leaves W always: abs(e) <= L1 W.
 
     At rest, after a settling time, the integral may go beyond its bound, so slowly that it

@@ -13,7 +13,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.checks import finite, increment, instance, one_of, positive
+from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import (
     DRIVE,
@@ -28,11 +28,13 @@ from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
+from dryfric_control.observer.certificate import CertificateError
 from dryfric_control.observer.design import SAVED as OBSERVER_SAVED
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
+from dryfric_control.observer.design import checked as checked_design
 from dryfric_control.observer.weights import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
-from dryfric_control.store.saved import save_object
+from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, documented, length_text, prefixed, stated, typeset
 
 #: What a file of a compensation is.
@@ -557,6 +559,9 @@ class Promise:
 
 #: What stands in a file of a compensation.
 SAVED = (Promise, Compensation, *OBSERVER_SAVED)
+_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
+_MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch",
+                "correction")  # fmt: skip
 
 
 def certified(comp: Compensation) -> Compensation:
@@ -581,3 +586,62 @@ def _three(gains: Any) -> tuple[float, float, float]:
         positive("gains[1] (ki)", ki, zero=True),
         finite("gains[2] (kd)", kd),
     )
+
+
+def load_compensation(path: str | os.PathLike[str]) -> Compensation:
+    """Read a compensation back and check its certificate.
+
+    Parameters
+    ----------
+    path : str or path
+        File written by `Compensation.save`.
+
+    Returns
+    -------
+    Compensation
+        Its certificate is computed anew; a ValueError if the file states a smaller tube, is
+        damaged or newer than this package.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> import pathlib, tempfile
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> comp = dfc.design_compensation(axis, dt=1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     comp.save(pathlib.Path(folder) / "compensation.json")
+    ...     again = dfc.load_compensation(pathlib.Path(folder) / "compensation.json")
+    >>> again.certificate.tube == comp.certificate.tube
+    True
+    """
+    found: Compensation = load_object(path, KIND, SAVED, _checked, CertificateError)
+    return found
+
+
+def _checked(stated: Promise) -> Compensation:
+    """The design of a file, every part in its range, which keeps what the file states."""
+    comp = stated.design
+    for name in _POSITIVE:
+        positive(name, getattr(comp, name))
+    for name in _MAY_BE_ZERO:
+        positive(name, getattr(comp, name), zero=True)
+    finite("kd", comp.kd)
+    whole("lead", comp.lead, least=0)
+    one_of("law", comp.law, tuned.LAWS)
+    if not comp.mismatch < 1.0:
+        raise ValueError(f"mismatch must be below 1, got {comp.mismatch!r}")
+    if comp.limit != np.inf:
+        positive("limit", comp.limit)
+    if (comp.observer is None) == (comp.law in ("learned", "fixed")):
+        raise ValueError(f"law {comp.law!r} and observer do not fit together")
+    if comp.observer is not None:
+        if comp.observer.dt != comp.dt:
+            raise ValueError("dt differs from that of the observer")
+        comp = replace(comp, observer=checked_design(comp.observer))
+    comp = certified(comp)
+    if not np.array_equal(stated.numbers, comp.controller.law.numbers):
+        raise ValueError("numbers of its law are not those that this package gives the design")
+    tube = comp.certificate.tube
+    if not tube <= stated.tube * (1.0 + 1e-9):
+        raise ValueError(f"its numbers give a tube of {tube:.6g}, not {stated.tube:.6g} as stated")
+    return comp

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import positive
+from dryfric_control.compensation import design as compensations
 from dryfric_control.compensation import load_compensation
-from dryfric_control.compensation import storage as compensations
 from dryfric_control.compensation.design import Compensation
 from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
 from dryfric_control.export import entries
@@ -32,11 +32,10 @@ from dryfric_control.export.translate import (
 )
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import Effect, law_address
-from dryfric_control.observer import storage as designs
-from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer import design as designs
+from dryfric_control.observer.design import ObserverDesign, load_design
 from dryfric_control.observer.hybrid_filter import HybridFilter
 from dryfric_control.observer.runtime import first_memory, tables
-from dryfric_control.observer.storage import load_design
 from dryfric_control.store.axis_file import read_axis
 from dryfric_control.store.files import existing_file
 from dryfric_control.store.saved import kind_of

@@ -1,4 +1,4 @@
-"""The switched PI observer: design, certificate, storage, and the observer at work."""
+"""The switched PI observer: design, certificate, and the observer at work."""
 
 from dryfric_control.observer.certificate import Certificate, CertificateError
 from dryfric_control.observer.closed_loop import (
@@ -7,7 +7,7 @@ from dryfric_control.observer.closed_loop import (
     observed_loop,
     simulate_observed_loop,
 )
-from dryfric_control.observer.design import ObserverDesign, design_pi_observer
+from dryfric_control.observer.design import ObserverDesign, design_pi_observer, load_design
 from dryfric_control.observer.hybrid_filter import HybridFilter, HybridStepper, hybrid_filter
 from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
 from dryfric_control.observer.runtime import (
@@ -18,7 +18,6 @@ from dryfric_control.observer.runtime import (
     pi_observer,
 )
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
-from dryfric_control.observer.storage import load_design
 from dryfric_control.observer.weights import ObserverWarning
 
 __all__ = [

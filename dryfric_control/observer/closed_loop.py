@@ -20,16 +20,8 @@ from dryfric_control.model.loops import (
     simulate_loop,
 )
 from dryfric_control.model.responses import SimulationResponse
-from dryfric_control.observer import figures
+from dryfric_control.observer import figures, runtime
 from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.observer.runtime import (
-    OUTPUTS,
-    ObserverResponse,
-    first_memory,
-    observe,
-    pi_observer,
-    tables,
-)
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
 from dryfric_control.text import Result
 
@@ -65,7 +57,7 @@ class ObservedLoop(Result):
     design: ObserverDesign
     reference: Array  # behind the low-pass [m]
     plant: SimulationResponse  # outputs x, v, F, mode, u, y
-    estimate: ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
+    estimate: runtime.ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
     start: float  # observer at the start [m]
 
     @property
@@ -177,14 +169,14 @@ def simulate_observed_loop(
     """
     check_loop(controller, design)
     instance("axis", axis, FrictionAxis)
-    tables(design, switching, quantum)
-    first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
+    runtime.tables(design, switching, quantum)
+    runtime.first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
     x0 = finite("x0", x0)
     r = samples("reference", reference)
     if bandwidth is not None:
         r = filter_reference(r, bandwidth, design.dt, x0)
     plant = simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
-    estimate = observe(
+    estimate = runtime.observe(
         design,
         plant.y[4],
         plant.y[5],
@@ -246,11 +238,11 @@ def observed_loop(
         controller.block("controller"),
         axis_block(axis, dt, name="plant"),
         encoder(quantum, dt),
-        pi_observer(design, switching=switching, encoder_quantum=quantum),
+        runtime.pi_observer(design, switching=switching, encoder_quantum=quantum),
     ]
     sources = {name: f"plant.{name}" for name in _PLANT[:4]}
     sources |= {"u": "controller.u", "y": "encoder.y", "xref": "reference_filter.xref"}
-    sources |= {name: f"observer.{name}" for name in OUTPUTS[:4]}
+    sources |= {name: f"observer.{name}" for name in runtime.OUTPUTS[:4]}
     sources["mode_hat"] = "observer.mode"
     return ct.interconnect(
         parts,

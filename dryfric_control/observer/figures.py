@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Any
 import control as ct
 import numpy as np
 
-from dryfric_control.drawing import (
-    axes_of,
-    control_plot,
-    legend_above,
-    over_time,
-    settled_scale,
-    shade_stuck,
-    title_above,
-)
+from dryfric_control import drawing
 from dryfric_control.model.axis import FrictionAxis
 
 if TYPE_CHECKING:
@@ -56,7 +48,7 @@ def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPl
     """Draw the closed loop of the paper's section 5 as blocks."""
     from matplotlib.patches import FancyBboxPatch
 
-    axes = axes_of(ax, 1, figsize=(7.0, 3.2))
+    axes = drawing.axes_of(ax, 1, figsize=(7.0, 3.2))
     one = axes[0]
     one.set_axis_off()
     one.set_xlim(-0.01, 1.01)
@@ -76,15 +68,15 @@ def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPl
         one.text(*(middle + (0.0, 0.03)), words, ha="center", va="bottom", fontsize="small")
     one.plot(*zip(*_JUNCTIONS, strict=True), "ko", ms=3.5)
     title = "closed loop: the observer reads drive force and encoder" if title is None else title
-    title_above(one, title)
-    return control_plot(axes)
+    drawing.title_above(one, title)
+    return drawing.control_plot(axes)
 
 
 def draw_coulomb_maps(
     plant: FrictionAxis, own: FrictionAxis, ax: Any = None, title: str | None = None
 ) -> ct.ControlPlot:
     """Draw the friction of the plant and of the observer (Fig. 7)."""
-    axes = axes_of(ax, 1, figsize=(7.0, 3.6))
+    axes = drawing.axes_of(ax, 1, figsize=(7.0, 3.6))
     one = axes[0]
     plant, own = plant.effective(), own.effective()
     low, high = plant.travel or own.travel or (-1.0, 1.0)
@@ -106,9 +98,9 @@ def draw_coulomb_maps(
     one.set_xlabel(f"position [{length}]")
     one.set_ylabel(f"friction [{force}]")
     one.margins(x=0.0)
-    legend_above(one)
-    title_above(one, f"{plant.name}: friction over the travel" if title is None else title)
-    return control_plot(axes)
+    drawing.legend_above(one)
+    drawing.title_above(one, f"{plant.name}: friction over the travel" if title is None else title)
+    return drawing.control_plot(axes)
 
 
 def draw_run(
@@ -119,7 +111,7 @@ def draw_run(
     The first 0.1 s do not count for the scales; the band is the plant at rest.
     """
     whole = what == "all"
-    axes = axes_of(ax, len(_SIGNALS) if whole else 2)
+    axes = drawing.axes_of(ax, len(_SIGNALS) if whole else 2)
     t, (length, force) = run.plant.t, run.axis.units
     units = {"length": f" [{length}]", "speed": f" [{length}/s]", "force": f" [{force}]", "": ""}
     shown = list(_SIGNALS.values()) if whole else [_SIGNALS[what]]
@@ -130,25 +122,25 @@ def draw_run(
         style = {} if kind else {"drawstyle": "steps-post"}
         one.plot(t, true, "k", linewidth=1.0, label="system", **style)
         one.plot(t, estimate, "C0--", linewidth=1.0, label="observer", **style)
-        settled_scale(one, t, true, estimate)
+        drawing.settled_scale(one, t, true, estimate)
         one.set_ylabel(name + units[kind])
         if name == "mode":
             one.set_yticks([-1, 0, 1], ["sliding -", "stuck", "sliding +"])
     if not whole:
         axes[1].plot(t, estimate - true, "C3", linewidth=0.8, **style)
-        settled_scale(axes[1], t, estimate - true)
+        drawing.settled_scale(axes[1], t, estimate - true)
         axes[1].set_ylabel(f"error{units[kind]}" if kind else "mode error")
         if not kind:
             axes[1].set_yticks([-2, -1, 0, 1, 2])
     for one in axes:
-        shade_stuck(one, t, run.plant.y[3])
-    over_time(axes)
-    legend_above(axes[0])
+        drawing.shade_stuck(one, t, run.plant.y[3])
+    drawing.over_time(axes)
+    drawing.legend_above(axes[0])
     words = f"{name} and its estimate" if not whole else "axis and its observer"
-    title_above(axes[0], f"{run.axis.name}: {words}" if title is None else title)
+    drawing.title_above(axes[0], f"{run.axis.name}: {words}" if title is None else title)
     if what == "position":
         _draw_start(axes[0], run)
-    return control_plot(axes)
+    return drawing.control_plot(axes)
 
 
 def _draw_start(ax: Any, run: ObservedLoop) -> None:

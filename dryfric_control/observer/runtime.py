@@ -13,16 +13,9 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control import drawing
 from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import observer as kernel
-from dryfric_control.drawing import (
-    MEASURED,
-    legend_above,
-    over_time,
-    panels,
-    settled_scale,
-    shade_stuck,
-)
 from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
@@ -132,11 +125,11 @@ class ObserverResponse(Response):
             title=title,
         )
 
-    @panels(3)
+    @drawing.panels(3)
     def plot(self, axes: Any) -> str:
         """Draw the estimates over time, scaled after 0.1 s, estimated rest as a light band."""
         length, force = self.units
-        axes[0].plot(self.t, self.u[1], ".", color=MEASURED, markersize=2, label="reading")
+        axes[0].plot(self.t, self.u[1], ".", color=drawing.MEASURED, markersize=2, label="reading")
         axes[1].plot(self.t, self.y[1], "C0--", linewidth=1.0)
         axes[0].plot(self.t, self.y[0], "C0--", linewidth=1.0, label="estimate")
         axes[2].plot(self.t, self.u[0], color="0.55", linewidth=1.0, label="drive u")
@@ -144,11 +137,11 @@ class ObserverResponse(Response):
         names = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
         shown = ((self.u[1], self.y[0]), (self.y[1],), (self.u[0], self.y[2]))
         for one, signals in zip(axes, shown, strict=True):
-            settled_scale(one, self.t, *signals)
-            shade_stuck(one, self.t, self.y[4])
-        over_time(axes, names)
-        legend_above(axes[0])
-        legend_above(axes[2])
+            drawing.settled_scale(one, self.t, *signals)
+            drawing.shade_stuck(one, self.t, self.y[4])
+        drawing.over_time(axes, names)
+        drawing.legend_above(axes[0])
+        drawing.legend_above(axes[2])
         return str(self.title)
 
 

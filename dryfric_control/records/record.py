@@ -918,16 +918,9 @@ class Record:
             Title.  Default: the name of the record.
         """
         # Here: reading a record needs neither python-control nor its figures.
-        from dryfric_control.drawing import (
-            axes_of,
-            control_plot,
-            legend_above,
-            over_time,
-            shade_stuck,
-            title_above,
-        )
+        from dryfric_control import drawing
 
-        axes = axes_of(ax, 2)
+        axes = drawing.axes_of(ax, 2)
         top, bottom = axes
         top.plot(self.t[self.good], self.x[self.good], ".", color="0.6", ms=3, label="measured")
         left_out = self.masked.indices
@@ -937,19 +930,19 @@ class Record:
             top.plot(self.t, self.reference, "C0--", lw=1, label="reference")
         moving = directions(self)
         for one, label in ((top, "at rest"), (bottom, None)):
-            shade_stuck(one, self.t, moving, label)
-        legend_above(top)
+            drawing.shade_stuck(one, self.t, moving, label)
+        drawing.legend_above(top)
         bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
         if self.bad["clipped"]:
             upper = self.u > 0.5 * (self.u.min() + self.u.max())
             for side, label in ((~upper, None), (upper, "clipped")):
                 limit = np.where(self._clipped & side, self.u, np.nan)
                 bottom.plot(self.t, limit, "C3", lw=2.5, label=label)
-            legend_above(bottom)
+            drawing.legend_above(bottom)
         named = zip(("position", "input"), self._known_units(), strict=True)
-        over_time(axes, [f"{name} [{unit}]" if unit else name for name, unit in named])
-        title_above(top, (self.name or "record") if title is None else title)
-        return control_plot(axes)
+        drawing.over_time(axes, [f"{name} [{unit}]" if unit else name for name, unit in named])
+        drawing.title_above(top, (self.name or "record") if title is None else title)
+        return drawing.control_plot(axes)
 
 
 def position_unit(units: Mapping[str, str]) -> dict[str, str]:

@@ -8,21 +8,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, target, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    SimulatorValues,
-    checked_loads,
-    described,
-    joints_of,
-    one_shape,
-    require_loads,
-    straight,
-)
+from dryfric_control.simulators.joint_values import SimulatorValues
 
-_ISAAC = Format(
-    straight,
-    one_shape,
+_ISAAC = joint_values.Format(
+    joint_values.straight,
+    joint_values.one_shape,
     lambda c, shape, breakaway: {
         # The engine does not let go of a joint at less than what brakes it once it slides.
         "friction": max(breakaway, float(c[0])),
@@ -76,11 +68,11 @@ def to_isaac(
     )
     <BLANKLINE>
     """
-    joints = joints_of(result, joint, ())
+    joints = joint_values.joints_of(result, joint, ())
     place = target("path", path)
-    loads = checked_loads(load, joints)
-    require_loads(loads, joints, "give load=...")
-    found = described(_ISAAC, joints, velocities, loads)
+    loads = joint_values.checked_loads(load, joints)
+    joint_values.require_loads(loads, joints, "give load=...")
+    found = joint_values.described(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []
     for name in names:

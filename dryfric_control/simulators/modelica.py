@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, read_model, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    SimulatorValues,
-    described,
-    joints_of,
-    require_units,
-)
+from dryfric_control.simulators.joint_values import SimulatorValues
 
 FloatArray = NDArray[np.float64]
 
@@ -45,7 +40,7 @@ def _table(c: FloatArray, knots: FloatArray, breakaway: float) -> dict[str, Any]
     return {"table": rows, "peak": 1.0}
 
 
-_MODELICA = Format(_hats, _knots, _table, breakaway=True)
+_MODELICA = joint_values.Format(_hats, _knots, _table, breakaway=True)
 
 
 def to_modelica(
@@ -96,15 +91,15 @@ def to_modelica(
             f"model {path.name} has no component BearingFriction or SupportFriction: the tables "
             "of Modelica.Mechanics are those of these"
         )
-    joints = joints_of(result, joint, list(there))
+    joints = joint_values.joints_of(result, joint, list(there))
     for name, one in joints.items():
-        require_units(f"component {name!r}", one, _UNITS[there[name][1].decode()])
+        joint_values.require_units(f"component {name!r}", one, _UNITS[there[name][1].decode()])
         if there[name][3] and _closing(bare, there[name].end()) == len(bare):
             raise ValueError(
                 f"model {path.name}: the bracket of component {name!r} is not closed: is the file "
                 "whole?"
             )
-    found = described(_MODELICA, joints, velocities)
+    found = joint_values.described(_MODELICA, joints, velocities)
     for name in sorted(joints, key=lambda one: -there[one].start()):
         values = found.values[name]
         rows = "; ".join(f"{number(v)}, {number(f)}" for v, f in values["table"])

@@ -12,25 +12,15 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, read_model, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    Joint,
-    SimulatorValues,
-    checked_loads,
-    described,
-    joints_of,
-    one_shape,
-    require_loads,
-    require_units,
-    straight,
-)
+from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.simulators.xml_text import Element, applied, attributes_set, elements
 from dryfric_control.store.files import existing_file
 
-_MJCF = Format(
-    straight,
-    one_shape,
+_MJCF = joint_values.Format(
+    joint_values.straight,
+    joint_values.one_shape,
     lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
     armature="armature",
 )
@@ -120,13 +110,13 @@ def _in_file(
 ) -> SimulatorValues:
     path, raw, place = read_model(model, out)
     there = _named(path, elements(path, raw, "MJCF", "mujoco"))
-    joints = joints_of(result, joint, list(there))
+    joints = joint_values.joints_of(result, joint, list(there))
     for name, one in joints.items():
         _check(name, one, there[name].attributes.get("type"))
-    loads = checked_loads(load, joints)
+    loads = joint_values.checked_loads(load, joints)
     if any(name not in loads for name in joints):
         loads = _computed(path, joints) | loads
-    found = described(_MJCF, joints, velocities, loads)
+    found = joint_values.described(_MJCF, joints, velocities, loads)
     edits = []
     for name, values in found.values.items():
         texts = {n: number(v) for n, v in values.items()} | (_STIFF if stiff else {})
@@ -148,19 +138,23 @@ def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
     raise ValueError(f"model {path.name} has no joint with a name in a body: {mend}")
 
 
-def _check(name: str, joint: Joint, kind: str | None) -> None:
+def _check(name: str, joint: joint_values.Joint, kind: str | None) -> None:
     """Refuse a joint of several axes or another unit; a class may set the kind (None)."""
     if kind is not None and kind not in _UNITS:
         raise ValueError(f"joint {name!r} is a {kind} joint: friction is of one axis each")
-    require_units(f"joint {name!r}", joint, *([_UNITS[kind]] if kind else _UNITS.values()))
+    joint_values.require_units(
+        f"joint {name!r}", joint, *([_UNITS[kind]] if kind else _UNITS.values())
+    )
 
 
-def _computed(path: Path, joints: Mapping[str, Joint]) -> dict[str, float]:
+def _computed(path: Path, joints: Mapping[str, joint_values.Joint]) -> dict[str, float]:
     """Inertia of the bodies about joints, by MuJoCo."""
     try:
         return inertias(_compiled(path), joints)
     except ImportError:
-        require_loads({}, joints, "give load=..., or install mujoco, which computes it")
+        joint_values.require_loads(
+            {}, joints, "give load=..., or install mujoco, which computes it"
+        )
         raise
     except ValueError as problem:
         raise ValueError(
@@ -232,13 +226,13 @@ def _in_model(
         )
     made = model if compiled else model.copy().compile()
     kinds = {made.joint(i).name: int(made.joint(i).type[0]) for i in range(made.njnt)}
-    joints = joints_of(result, joint, [name for name in kinds if name])
+    joints = joint_values.joints_of(result, joint, [name for name in kinds if name])
     for name, one in joints.items():
         _check(name, one, _KINDS[kinds[name]])
-    loads = checked_loads(load, joints)
+    loads = joint_values.checked_loads(load, joints)
     if any(name not in loads for name in joints):
         loads = inertias(made, joints) | loads
-    found = described(_MJCF, joints, velocities, loads)
+    found = joint_values.described(_MJCF, joints, velocities, loads)
     soft = {n: [float(v) for v in text.split()] for n, text in _STIFF.items()}
     for name, values in found.values.items():
         if compiled:

@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, target, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    SimulatorValues,
-    described,
-    joints_of,
-    require_units,
-)
+from dryfric_control.simulators.joint_values import SimulatorValues
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +37,7 @@ def _curve(v: FloatArray, breakaway_velocity: float) -> FloatArray:
     return np.column_stack((peak, np.tanh(10.0 * v / breakaway_velocity), v))
 
 
-_SIMSCAPE = Format(
+_SIMSCAPE = joint_values.Format(
     _curve,
     _speeds,
     lambda c, shape, breakaway: {
@@ -94,11 +89,11 @@ def to_simscape(
     ...     print(script.read_text().splitlines()[0])
     set_param('arm/Elbow', 'brkwy_trq', '1.5', 'brkwy_trq_unit', 'N*m');
     """
-    joints = joints_of(result, joint, ())
+    joints = joint_values.joints_of(result, joint, ())
     place = target("path", path)
     for name, one in joints.items():
-        require_units(f"joint {name!r}", one, *_NAMES)
-    found = described(_SIMSCAPE, joints, velocities)
+        joint_values.require_units(f"joint {name!r}", one, *_NAMES)
+    found = joint_values.described(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():
         block, names = name.replace("'", "''"), _NAMES[joints[name].axis.units]

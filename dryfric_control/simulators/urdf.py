@@ -8,21 +8,14 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, read_model, written
-from dryfric_control.simulators.joint_values import (
-    Format,
-    SimulatorValues,
-    described,
-    joints_of,
-    one_shape,
-    require_units,
-    straight,
-)
+from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.simulators.xml_text import applied, attributes_set, child_added, elements
 
-_URDF = Format(
-    straight,
-    one_shape,
+_URDF = joint_values.Format(
+    joint_values.straight,
+    joint_values.one_shape,
     lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
 )
 _UNITS = {"revolute": ("rad", "N m"), "continuous": ("rad", "N m"), "prismatic": ("m", "N")}
@@ -76,10 +69,12 @@ def to_urdf(
     }  # fmt: skip
     if not there:
         raise ValueError(f"model {path.name} has no revolute, continuous or prismatic joint")
-    joints = joints_of(result, joint, list(there))
+    joints = joint_values.joints_of(result, joint, list(there))
     for name, one in joints.items():
-        require_units(f"joint {name!r}", one, _UNITS[tags[there[name]].attributes["type"]])
-    found = described(_URDF, joints, velocities)
+        joint_values.require_units(
+            f"joint {name!r}", one, _UNITS[tags[there[name]].attributes["type"]]
+        )
+    found = joint_values.described(_URDF, joints, velocities)
     edits = []
     for name, values in found.values.items():
         texts = {n: number(v) for n, v in values.items()}

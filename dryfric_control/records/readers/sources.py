@@ -11,19 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.array_file import read_json_lines, read_numpy
-from dryfric_control.records.readers.channels import (
-    EXACT,
-    EXTRAS,
-    MAX_ROWS,
-    Channels,
-    assign_columns,
-    left_out,
-    named,
-    scaled,
-    split_header,
-    to_si,
-)
+from dryfric_control.records.readers.channels import Channels
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.readers.mat_file import read_mat
 from dryfric_control.records.readers.mcap_log import read_mcap
@@ -40,7 +30,7 @@ def read_channels(
     columns: Mapping[str, str | int | None] | None = None,
     gain: float | Mapping[str, float] | Scaling = 1.0,
     units: Mapping[str, str] | None = None,
-    max_rows: int = MAX_ROWS,
+    max_rows: int = channels.MAX_ROWS,
     step: float | None = None,
     timed: bool | None = True,
     joint: str | int | None = None,
@@ -78,7 +68,7 @@ def read_channels(
         notes += (f"time from a step of {step:g} s",)
     values, counted = _from_first(values)
     found = replace(found, values=values, notes=notes + counted, timed=own_time)
-    return to_si(found, gain, units)
+    return channels.to_si(found, gain, units)
 
 
 def _of_file(
@@ -129,13 +119,13 @@ def _selected(
     headings = list(table)
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
-    chosen = assign_columns(known, columns, start.where, timed, joint)
-    for role in (*EXTRAS, "good"):  # kept where they are numbers, one for each sample
+    chosen = channels.assign_columns(known, columns, start.where, timed, joint)
+    for role in (*channels.EXTRAS, "good"):  # kept where they are numbers, one for each sample
         if role in chosen and role not in (columns or {}) and (role != "v" or "x" in chosen):
             if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
                 del chosen[role]
     values = {role: table[headings[k]] for role, k in chosen.items()}
-    units = {role: split_header(headings[k])[1] for role, k in chosen.items()}
+    units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
     for role, array in values.items():
         if np.size(array) > max_rows:
             raise ValueError(too_long(start.where, max_rows))
@@ -144,12 +134,12 @@ def _selected(
     notes = start.notes
     if _scales_by_gtau(table, headings, chosen, columns):
         factor = float(np.ravel(table["gtau"])[0])
-        values["u"] = scaled(values["u"], factor)
+        values["u"] = channels.scaled(values["u"], factor)
         usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
         units = {role: usual.get(role, unit) for role, unit in units.items()}
         notes += (f"u = gtau * vir with gtau = {factor:g} N/V",)
     elif listed:
-        notes += left_out(headings, chosen)
+        notes += channels.left_out(headings, chosen)
     return replace(start, values=values, units=units, notes=notes)
 
 
@@ -160,7 +150,7 @@ def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]
         array = np.asarray(values.get(role, ()))
         if array.dtype.kind not in "iu" or array.size == 0 or array.ndim != 1:
             continue
-        if max(abs(int(array.max())), abs(int(array.min()))) <= EXACT:
+        if max(abs(int(array.max())), abs(int(array.min()))) <= channels.EXACT:
             continue
         origin = int(array[0])
         for one in (role, "reference") if role == "x" else (role,):
@@ -189,8 +179,8 @@ def _with_files(table: dict[str, Any], max_rows: int) -> dict[str, Any]:
             continue
         path = existing_file(value)
         heading, parts = read_column(path, max_rows)
-        unit = split_header(heading)[1]
-        out[key if not unit or split_header(key)[1] else f"{key} [{unit}]"] = parts[-1]
+        unit = channels.split_header(heading)[1]
+        out[key if not unit or channels.split_header(key)[1] else f"{key} [{unit}]"] = parts[-1]
         if len(parts) == 2:
             if clock is not None and not np.array_equal(clock[1], parts[0]):
                 raise ValueError(
@@ -261,9 +251,9 @@ def frame_columns(frame: Any) -> dict[str, Any]:
         series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[label]
         table[str(label)] = _plain(series)
     index = getattr(frame, "index", None)
-    if index is not None and not named("t", [split_header(h)[0] for h in table]):
+    if index is not None and not channels.named("t", [channels.split_header(h)[0] for h in table]):
         label = str(index.name) if index.name is not None else "t"
-        timed = bool(named("t", [split_header(label)[0]]))
+        timed = bool(channels.named("t", [channels.split_header(label)[0]]))
         if label not in table and (index.dtype.kind in "mMf" or (timed and label.lower() != "t")):
             table[label if timed else "t"] = _plain(index)
     return table

@@ -23,46 +23,14 @@ import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control.checks import positive
-from dryfric_control.records.bad_readings import (
-    FILLED,
-    GIVEN,
-    NONE,
-    REASONS,
-    Masked,
-    absurd,
-    bridged,
-    evened,
-    filled,
-    find,
-    without,
-)
+from dryfric_control.records import bad_readings
+from dryfric_control.records import record_checks as checks
+from dryfric_control.records.bad_readings import NONE, Masked
 from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
-from dryfric_control.records.record_checks import (
-    MIN_SAMPLES,
-    NO_DRIVE,
-    Channels,
-    FloatArray,
-    check_motion,
-    checked_notes,
-    checked_raw,
-    checked_units,
-    clipped,
-    estimated_quantum,
-    grid_of,
-    increasing_steps,
-    plain_text,
-    resample,
-    sound_rows,
-    spread_of,
-    uniform_step,
-    unwrapped,
-    vector,
-    vectors,
-    warn_if_suspect,
-)
+from dryfric_control.records.record_checks import Channels, FloatArray
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
@@ -190,30 +158,32 @@ class Record:
         raw: Mapping[str, tuple[str, float]] | None = None,
         good: npt.ArrayLike | None = None,
     ) -> None:
-        labels = checked_units(units)
+        labels = checks.checked_units(units)
         if name is not None and not isinstance(name, str):
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
             quantum = positive("quantum", quantum, zero=True)
-        tv, uv, xv, rv, more, made = vectors(t, u, x, reference, channels)
-        notes, stored = checked_notes(notes) + made, checked_raw(raw)
+        tv, uv, xv, rv, more, made = checks.vectors(t, u, x, reference, channels)
+        notes, stored = checks.checked_notes(notes) + made, checks.checked_raw(raw)
         if x is None:
             quantum, labels = 0.0, labels | position_unit(labels)
-        dt = uniform_step(tv)
+        dt = checks.uniform_step(tv)
         usable = None if good is None else usable_readings(good, xv.size)
         factor = stored.get("x", ("", 1.0))[1]
         if unwrap is not None:
-            xv, rv = unwrapped(xv, rv, positive("unwrap", unwrap), grid_of(xv, factor))
+            xv, rv = checks.unwrapped(
+                xv, rv, positive("unwrap", unwrap), checks.grid_of(xv, factor)
+            )
             notes += (f"x unwrapped with period {unwrap:g}",)
         xv, masked, seen = repaired(xv, quantum, factor, usable)
-        check_motion(uv, xv, seen or None)
+        checks.check_motion(uv, xv, seen or None)
         if quantum is not None and quantum > np.ptp(xv):
             raise ValueError(
                 f"quantum = {quantum:g} is larger than the range of x, {np.ptp(xv):.6g}: give it "
                 "in the unit of x"
             )
-        warn_if_suspect(tv, dt, uv)
-        name = None if name is None else plain_text(name)
+        checks.warn_if_suspect(tv, dt, uv)
+        name = None if name is None else checks.plain_text(name)
         values = (tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
         self.__setstate__(dict(zip(_PARTS, values, strict=True)))
         if usable is None and masked.indices.size:
@@ -304,12 +274,12 @@ class Record:
         reaches while it is slow against the sampling; at least
         quantum / sqrt(12).
         """
-        return spread_of(self.x, self.quantum or 0.0)
+        return checks.spread_of(self.x, self.quantum or 0.0)
 
     @cached_property
     def good(self) -> npt.NDArray[np.bool_]:
         """Readings that may be used, shape (n,)."""
-        good = without(len(self), self.masked.indices)
+        good = bad_readings.without(len(self), self.masked.indices)
         good.setflags(write=False)
         return good
 
@@ -330,12 +300,12 @@ class Record:
         left out by the user; "clipped": the input rests at both its extremes.  Where
         it was clipped on its way to the record, the force is not known.
         """
-        counts = {reason: self.masked.reasons.count(reason) for reason in REASONS}
+        counts = {reason: self.masked.reasons.count(reason) for reason in bad_readings.REASONS}
         return counts | {"clipped": int(self._clipped.sum())}
 
     @cached_property
     def _clipped(self) -> npt.NDArray[np.bool_]:
-        return clipped(self.u, self.x)
+        return checks.clipped(self.u, self.x)
 
     @cached_property
     def resolution(self) -> Resolution:
@@ -345,7 +315,7 @@ class Record:
     @cached_property
     def input_quantum(self) -> float:
         """Steps in which the input was recorded [unit of u]; 0 for none."""
-        return estimated_quantum(self.u) or 0.0
+        return checks.estimated_quantum(self.u) or 0.0
 
     @cached_property
     def smoothing_window(self) -> int:
@@ -410,7 +380,7 @@ class Record:
 
     def _one_each(self, name: str, values: npt.ArrayLike) -> FloatArray:
         """Finite numbers, one for each sample."""
-        array = vector(name, values)
+        array = checks.vector(name, values)
         if array.size != len(self):
             raise ValueError(
                 f"{name} has {array.size} samples but the record has {len(self)}; give one each"
@@ -471,7 +441,7 @@ class Record:
         elif isinstance(parts, (float, np.floating)):
             fractions = np.array([parts, 1 - parts], dtype=float)
         else:
-            fractions = vector("fractions", parts)
+            fractions = checks.vector("fractions", parts)
         if not np.all(fractions > 0) or abs(fractions.sum() - 1) > 1e-9:
             raise ValueError(
                 f"split fractions must be positive with sum 1, got {fractions.tolist()}"
@@ -556,7 +526,7 @@ class Record:
         note = f"u is {factor:g} (reference - x)"
         if gain is None:
             note = "u is reference - x: forces are known only in ratio to the gain of the servo"
-        others = tuple(one for one in self.notes if one != NO_DRIVE)
+        others = tuple(one for one in self.notes if one != checks.NO_DRIVE)
         return self._with(note, u=u, units=units, notes=others)
 
     def resampled(self, dt: float) -> Record:
@@ -569,10 +539,10 @@ class Record:
         """
         dt = positive("dt", dt)
         own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
-        t, u, x, r, more, _ = resample(own, dt, "zero", "monotone")
+        t, u, x, r, more, _ = checks.resample(own, dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
-        lost = filled(self.t[self.good], t, dt)
-        masked = Masked(lost, (FILLED,) * lost.size, x[lost])
+        lost = bad_readings.filled(self.t[self.good], t, dt)
+        masked = Masked(lost, (bad_readings.FILLED,) * lost.size, x[lost])
         return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=more, masked=masked)
 
     @classmethod
@@ -621,15 +591,15 @@ class Record:
         >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
-        found = vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
+        found = checks.vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
         good = options.pop("good", None)
         good = None if good is None else usable_readings(good, found.x.size)
-        found, good, lacking = sound_rows(found, good)
+        found, good, lacking = checks.sound_rows(found, good)
         tv, uv, xv, rv, more, made = found
         if x is None:
-            labels = checked_units(options.get("units"))
+            labels = checks.checked_units(options.get("units"))
             options |= {"units": labels | position_unit(labels), "quantum": 0.0}
-        steps = increasing_steps(tv)
+        steps = checks.increasing_steps(tv)
         median = float(np.median(steps))
         step = float(f"{median:.3g}") if dt is None else positive("dt", dt)
         limit = 5 * median if max_gap is None else positive("max_gap", max_gap)
@@ -641,14 +611,16 @@ class Record:
                 f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
                 f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
-        factor = checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
+        factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
         if (period := options.pop("unwrap", None)) is not None:
-            xv, rv = unwrapped(xv, rv, positive("unwrap", period), grid_of(xv, factor))
-        notes = [*checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
+            xv, rv = checks.unwrapped(
+                xv, rv, positive("unwrap", period), checks.grid_of(xv, factor)
+            )
+        notes = [*checks.checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
         xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
         options["quantum"] = seen
-        check_motion(uv, xv, seen or None)
-        even = evened(tv, xv, spread_of(xv, seen))
+        checks.check_motion(uv, xv, seen or None)
+        even = bad_readings.evened(tv, xv, checks.spread_of(xv, seen))
         if even is not None:
             late = float(np.ptp(tv - even))
             notes.append(f"stamps off by up to {late:.3g} s put back on a uniform clock")
@@ -656,12 +628,12 @@ class Record:
         notes.append(
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
-        new = resample(Channels(tv, uv, xv, rv, more), step, hold, interpolation)
-        lost = filled(tv[without(tv.size, masked.indices)], new.t, step)
-        options |= {"notes": notes, "good": without(new.t.size, lost)}
+        new = checks.resample(Channels(tv, uv, xv, rv, more), step, hold, interpolation)
+        lost = bad_readings.filled(tv[bad_readings.without(tv.size, masked.indices)], new.t, step)
+        options |= {"notes": notes, "good": bad_readings.without(new.t.size, lost)}
         record = cls(new.t, new.u, new.x, new.reference, channels=new.more, **options)
         # Readings that were bad leave a gap as those that were lost do.
-        record = record._with(masked=Masked(lost, (FILLED,) * lost.size, new.x[lost]))
+        record = record._with(masked=Masked(lost, (bad_readings.FILLED,) * lost.size, new.x[lost]))
         if lost.size or even is not None or lacking:
             parts = [f"{lost.size} filled and masked"] if lost.size else []
             parts += [notes[-2]] if even is not None else []
@@ -694,23 +666,23 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
-        tv, uv, xv, rv, more, _ = vectors(t, u, x, reference, channels)
-        steps = increasing_steps(tv)
+        tv, uv, xv, rv, more, _ = checks.vectors(t, u, x, reference, channels)
+        steps = checks.increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
-        check_motion(uv, xv)
-        labels, step = checked_units(units), float(np.median(steps))
-        quantum = estimated_quantum(xv, 1.0)
+        checks.check_motion(uv, xv)
+        labels, step = checks.checked_units(units), float(np.median(steps))
+        quantum = checks.estimated_quantum(xv, 1.0)
         parts: tuple[Any, ...] = (tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
         whole = _made(dict(zip(_PARTS, parts, strict=True)))
-        stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
+        stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= checks.MIN_SAMPLES]
         if not stretches:
             raise ValueError(
                 f"the longest stretch without a gap has {max(np.diff(edges))} samples, at least "
-                f"{MIN_SAMPLES} are needed; use Record.from_irregular"
+                f"{checks.MIN_SAMPLES} are needed; use Record.from_irregular"
             )
         if lost := tv.size - sum(b - a for a, b in stretches):
-            warn(f"{lost} samples in stretches of fewer than {MIN_SAMPLES} were left out")
-        return tuple(whole[a:b]._with(dt=uniform_step(tv[a:b])) for a, b in stretches)
+            warn(f"{lost} samples in stretches of fewer than {checks.MIN_SAMPLES} were left out")
+        return tuple(whole[a:b]._with(dt=checks.uniform_step(tv[a:b])) for a, b in stretches)
 
     # ----------------------------------------------------------- derivatives
 
@@ -959,9 +931,10 @@ def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
             f"good must be {size} values True or False, one for each reading, got shape "
             f"{array.shape} of {array.dtype}"
         )
-    if np.count_nonzero(array) < MIN_SAMPLES:
+    if np.count_nonzero(array) < checks.MIN_SAMPLES:
         raise ValueError(
-            f"good leaves {np.count_nonzero(array)} readings, at least {MIN_SAMPLES} are needed"
+            f"good leaves {np.count_nonzero(array)} readings, at least {checks.MIN_SAMPLES} are "
+            "needed"
         )
     return array
 
@@ -975,20 +948,21 @@ def repaired(
     """
 
     def grid(sound: npt.NDArray[np.bool_]) -> float:
-        return quantum if quantum is not None else estimated_quantum(x[sound], factor) or 0.0
+        return quantum if quantum is not None else checks.estimated_quantum(x[sound], factor) or 0.0
 
-    step = grid(without(x.size, np.array(absurd(x), np.int64)) if good is None else good)
+    faults = np.array(bad_readings.absurd(x) if good is None else (), np.int64)
+    step = grid(bad_readings.without(x.size, faults) if good is None else good)
     if good is None:
-        found = find(x, spread_of(x, step), step)
+        found = bad_readings.find(x, checks.spread_of(x, step), step)
         index = np.fromiter(found, np.int64, len(found))
         reasons = tuple(found.values())
     else:
         index = np.flatnonzero(~good)
-        reasons = (GIVEN,) * index.size
+        reasons = (bad_readings.GIVEN,) * index.size
     if not index.size:
         return x, NONE, step
-    sound = without(x.size, index)
-    return bridged(x, sound), Masked(index, reasons, x[index]), grid(sound)
+    sound = bad_readings.without(x.size, index)
+    return bad_readings.bridged(x, sound), Masked(index, reasons, x[index]), grid(sound)
 
 
 def told(counts: Mapping[str, int]) -> str:

@@ -50,14 +50,11 @@ def clutch_actuator() -> FrictionAxis:
 
     Notes
     -----
-    It represents the device of the paper's section 3, which gives no values;
-    these are ours.  An encoder of 4000 increments a turn and an inertia
-    of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is two and a
-    half turns.  Two springs through a bevel leave a torque level between 0.14
-    and 0.22 N m that varies along the travel and differs between the
-    directions.  Breakaway lies 30 % above it.  Stribeck velocity and stick velocity
-    are equal, as the paper advises to start with: 150 increments a second,
-    0.15 per sample.
+    An encoder of 4000 increments a turn and an inertia of 1.9e-4 kg m^2 make 3e-7 N m s^2 per
+    increment; the travel is two and a half turns.  Two springs through a bevel leave a torque
+    level between 0.14 and 0.22 N m that varies along the travel and differs between the
+    directions.  Breakaway lies 30 % above it.  Stribeck velocity and stick velocity are equal,
+    as the paper advises to start with: 150 increments a second, 0.15 per sample.
 
     Examples
     --------
@@ -117,9 +114,7 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
     dt : float, optional
         Sampling time [s].
     **options
-        For `design_pi_observer`.  The defaults are used: specifications that
-        follow from the encoder increment and the Coulomb level, and the exact
-        discretisation.
+        For `design_pi_observer`.
 
     Examples
     --------
@@ -146,16 +141,10 @@ def crawl_and_steps(
 
     Returns
     -------
-    time : ndarray, shape (n,)
-        Time [s].
-    reference : ndarray, shape (n,)
-        Position before the low-pass [increments].
-
-    Notes
-    -----
-    For 4 s it crawls up, back and up again at 225 to 300 increments a
-    second, slow enough for stick-slip; after that it jumps between 7000 and 3000 increments
-    with a period of 2 s.  Periods are the paper's, amplitudes ours.
+    time, reference : ndarray, shape (n,)
+        Time [s], and position before the low-pass [increments]: for 4 s it crawls up, back and
+        up again at 225 to 300 increments a second, slow enough for stick-slip; after that it
+        jumps between 7000 and 3000 increments with a period of 2 s.
 
     Examples
     --------
@@ -173,17 +162,12 @@ def crawl_and_steps(
 
 
 def clutch_controller(dt: float = 1e-3) -> PositionController:
-    """Position controller of the clutch actuator.
+    """Position controller that is slow enough to stick and slip.
 
     Parameters
     ----------
     dt : float, optional
         Sampling time [s].
-
-    Returns
-    -------
-    PositionController
-        With a bandwidth of 20 rad/s, low enough to stick and slip.
 
     Examples
     --------
@@ -246,7 +230,7 @@ def clutch_monte_carlo(
         The observer.  Default: `clutch_observer`.
     runs : int, optional
     duration : float, optional
-        Length of each run [s].
+        Length [s].
     **options
         For `monte_carlo`: estimators, seed, store, jobs, progress.
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -222,15 +222,13 @@ def _candidates(axis: FrictionAxis) -> list[tuple[Any, ...]]:
 
 def _with(levels: CoulombMap, side: str, i: int, value: float) -> CoulombMap:
     """Coulomb levels with one coefficient changed."""
-    both = {"plus": list(levels.plus), "minus": list(levels.minus)}
-    both[side][i] = value
-    return CoulombMap(tuple(both["plus"]), tuple(both["minus"]))
+    one = getattr(levels, side)
+    return replace(levels, **{side: (*one[:i], value, *one[i + 1 :])})
 
 
 def _altered(axis: FrictionAxis, effect: Effect, name: str, value: float) -> list[Effect]:
     """Effects of an axis with one parameter of one of them changed."""
-    values = {f.name: getattr(effect, f.name) for f in fields(effect)} | {name: value}
-    return [type(effect)(**values) if e is effect else e for e in axis.effects]
+    return [replace(e, **{name: value}) if e is effect else e for e in axis.effects]
 
 
 @dataclass(frozen=True)

@@ -436,7 +436,7 @@ class FrictionAxis:
         index : int
             0 stuck, +1 or -1 sliding.
         dt : float, optional
-            Sampling time [s]; 0 gives the continuous-time system.
+            Sampling time [s]; 0 for continuous time.
         method : {"euler", "zoh"}, optional
             The paper's Euler approximation (4), or the exact discretisation.
         input : {"drive", "force"}, optional
@@ -738,11 +738,8 @@ class AxisStepper:
 
     Parameters
     ----------
-    axis : FrictionAxis
-    dt : float
-        Sampling time [s].
-    x0, v0 : float, optional
-        Position [m] and velocity [m/s] at the start.
+    axis, dt, x0, v0
+        As for `FrictionAxis.stepper`.
 
     Examples
     --------

@@ -321,24 +321,15 @@ def position_controller(
 
     Parameters
     ----------
-    axis : FrictionAxis
-        The axis; the design uses its sampled sliding mode.
-    bandwidth : float
-        Closed-loop bandwidth [rad/s]; very low for identification.
-    dt : float
-        Sampling time [s].
-    limit : float, optional
-        Largest force [N].  Default: five times the largest breakaway friction force.
+    axis, bandwidth, dt, limit
+        As for `PositionController.from_bandwidth`, which has the gains; the bandwidth is very low
+        for identification.
     name : str, optional
 
     Returns
     -------
     control.NonlinearIOSystem
         Inputs xref, y; output u.
-
-    See Also
-    --------
-    PositionController : the same as data, with the gains.
 
     Examples
     --------

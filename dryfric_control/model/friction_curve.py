@@ -21,6 +21,14 @@ _POINTS, _PLACES = 241, 49
 _STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
 
 
+def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> FloatArray:
+    """Force on the mass of a rigid axis at states, `way` the direction of each, shape (n,)."""
+    arrays = axis.arrays(1.0)
+    found = np.empty(np.size(v))
+    accelerations(arrays.numbers, arrays.integers, t, x, v, u, way.astype(np.int64), found)
+    return np.asarray(axis.mass * found)
+
+
 def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray:
     """Friction force of a sliding axis at velocities and positions.
 
@@ -37,13 +45,10 @@ def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray
     velocity, place = (
         np.array(a, dtype=float) for a in np.broadcast_arrays(np.asarray(v), np.asarray(x))
     )
-    found, rest = np.empty(velocity.size), np.zeros(velocity.size)
-    way = np.where(np.signbit(velocity), -1, 1).astype(np.int64).ravel()  # -0.0 is backwards
-    arrays = alone.arrays(1.0)
-    accelerations(
-        arrays.numbers, arrays.integers, rest, place.ravel(), velocity.ravel(), rest, way, found
-    )
-    return np.asarray(-axis.mass * found.reshape(velocity.shape) + 0.0)
+    rest = np.zeros(velocity.size)
+    way = np.where(np.signbit(velocity), -1, 1).ravel()  # -0.0 is backwards
+    found = net_force(alone, rest, place.ravel(), velocity.ravel(), rest, way)
+    return np.asarray(0.0 - found.reshape(velocity.shape))
 
 
 def usual_speed(axis: Axis) -> float:

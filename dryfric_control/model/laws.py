@@ -167,14 +167,8 @@ class Law(ABC):
         ----------
         axis : FrictionAxis
             Everything but its switching rule and its stuck-mode decay rate is used.
-        u : ndarray, shape (n,)
-            Input at t_k = k dt [N].
-        dt : float
-            Sample time [s].
-        x0, v0 : float
-            State at the first sample [m], [m/s]; bristles start unloaded.
-        hold : "zero" or "first"
-            Input between samples: held, or linear to the next one.
+        u, dt, x0, v0, hold
+            As for `FrictionAxis.simulate`; bristles start unloaded.
 
         Returns
         -------

@@ -146,15 +146,8 @@ def simulate_observed_loop(
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
         Start of the plant [m], [m/s].
-    xhat0, vhat0, what0 : float, optional
-        Start of the observer; its position starts at the first reading unless
-        given.
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the observer's mode, see `pi_observer`.
-
-    See Also
-    --------
-    observed_loop : the same put together by `control.interconnect`.
+    xhat0, vhat0, what0, switching
+        As for `observe`.
 
     Examples
     --------

@@ -170,10 +170,8 @@ def observe(
         First estimate of the position [m].  Default: the first reading.
     vhat0, what0 : float, optional
         First velocity [m/s] and integral term [N].
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the mode, see `pi_observer`.
-    encoder_quantum : float, optional
-        Increment of the position sensor [m], see `pi_observer`.
+    switching, encoder_quantum
+        As for `pi_observer`.
 
     Returns
     -------
@@ -254,11 +252,7 @@ def pi_observer(
     -------
     control.NonlinearIOSystem
         Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  The first three
-        states are xhat, vhat, what; the others start at zero.
-
-    See Also
-    --------
-    observe, ObserverStepper : the same over a whole record, and sample by sample.
+        states are xhat, vhat, what; the others start at zero.  `observe` is far faster.
 
     Notes
     -----
@@ -365,13 +359,8 @@ class ObserverStepper(Stepper):
     Parameters
     ----------
     design : ObserverDesign
-    xhat0, vhat0, what0 : float, optional
-        First estimates of position [m], velocity [m/s] and integral term [N].  The position
-        starts at the first reading unless given, as that of `observe` does.
-    switching : {"reading", "paper", "filippov"}, optional
-        Rule of the mode, see `pi_observer`.
-    encoder_quantum : float, optional
-        Increment of the position sensor [m], see `pi_observer`.
+    xhat0, vhat0, what0, switching, encoder_quantum
+        As for `observe`.
 
     Examples
     --------

@@ -13,7 +13,6 @@ import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import positive, samples, short
-from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.diagnosis import Diagnosis
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
@@ -21,7 +20,7 @@ from dryfric_control.identification import Fit, replay
 from dryfric_control.model.axis import FrictionAxis, without_states
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.model.friction_curve import usual_speed
+from dryfric_control.model.friction_curve import net_force, usual_speed
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, length_text, percent, plain_data, stated
 from dryfric_control.units import powers
@@ -395,13 +394,7 @@ class _States(NamedTuple):
 
 def _resistance(axis: FrictionAxis, states: _States) -> FloatArray:
     """Force against the motion of a rigid axis, less the drive, shape (n,)."""
-    arrays = without_states(axis).arrays(1.0)
-    found = np.empty(states.v.size)
-    accelerations(
-        arrays.numbers, arrays.integers, states.t, states.x, states.v, states.u,
-        np.sign(states.v).astype(np.int64), found,
-    )  # fmt: skip
-    return np.asarray(states.u - axis.mass * found)
+    return np.asarray(states.u - net_force(without_states(axis), *states, np.sign(states.v)))
 
 
 def _dissipates(effect: Any) -> bool:

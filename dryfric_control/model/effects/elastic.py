@@ -44,13 +44,11 @@ class Presliding(Effect):
     -----
     .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
 
-    Prandtl's element: F = k z with z' = v and k = Fc/distance, up to the
-    friction level, at which it slides; when the motion reverses, the contact
-    unloads elastically from its present state.  Fc is one constant level, the mean
+    Prandtl's element: elastic up to the friction level, at which it slides; when the motion
+    reverses, the contact unloads from its present state.  Fc is one constant level, the mean
     of both directions in the middle of the travel.  Mode 0 is the elastic
-    phase: the axis moves in it, ``m v' = w - f v - k z``, and stick velocity and
-    stuck-mode decay rate are not used.  Without a Coulomb level there is no
-    contact.  A simulation starts with the contact unstrained.
+    phase: the axis moves in it, ``m v' = w - f v - F``, and stick velocity and
+    stuck-mode decay rate are not used.  A simulation starts with the contact unstrained.
 
     Examples
     --------
@@ -222,9 +220,8 @@ class Compliance(Effect):
     -----
     .. math:: F_t = \text{stiffness} \cdot (x - x_l) + \text{damping} \cdot (v - v_l)
 
-    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
-    load_fraction m, carries all friction and all force effects; the force
-    between them is stiffness (x - xl) + damping (v - vl).  Position and velocity
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load, load_fraction m, at
+    x_l, carries all friction and all force effects.  Position and velocity
     are the motor's, friction and mode the load's.  A simulation starts with
     the transmission unstrained.  The integration steps are a fraction of its
     natural period while it oscillates: a very stiff one costs time.

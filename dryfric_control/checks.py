@@ -7,7 +7,9 @@ import warnings
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dryfric_control.arrays import Floats
 
 
 def finite(name: str, value: object, *, unit: str = "") -> float:
@@ -90,7 +92,7 @@ def short(value: object) -> str:
     return text if 0 < len(text) <= 60 else f"a value of type {type(value).__name__}"
 
 
-def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def places(name: str, values: ArrayLike) -> Floats:
     """Convert numbers to an array of floats of any shape."""
     try:
         array = np.asarray(values)
@@ -107,7 +109,7 @@ def places(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(array, dtype=float)
 
 
-def samples(name: str, values: ArrayLike, shape: str = "n") -> NDArray[np.float64]:
+def samples(name: str, values: ArrayLike, shape: str = "n") -> Floats:
     """Convert to a one-dimensional array of finite floats; a copy."""
     array = np.array(places(name, values))
     if array.ndim != 1 or array.size == 0:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from dryfric_control.arrays import Floats
 
 #: Time over which accelerations are taken [s]: quantisation is small over it.
 _SPAN = 0.05
@@ -36,7 +35,7 @@ def check_bandwidth_and_dt(bandwidth: float, dt: float) -> None:
 
 
 def check_drive_and_reading(
-    axis: Any, dt: float, u: Vector, y: Vector, names: tuple[str, str] = ("u", "y")
+    axis: Any, dt: float, u: Floats, y: Floats, names: tuple[str, str] = ("u", "y")
 ) -> None:
     """Refuse drive and reading if the equation of motion fits them far better exchanged.
 
@@ -53,7 +52,7 @@ def check_drive_and_reading(
         )
 
 
-def _misfit(axis: Any, dt: float, u: Vector, y: Vector) -> float:
+def _misfit(axis: Any, dt: float, u: Floats, y: Floats) -> float:
     """Force that the equation of motion lacks while moving, as a part of all its terms."""
     axis = axis.effective()
     n = max(1, min(u.size // 10, round(_SPAN / dt)))

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
@@ -127,9 +127,7 @@ def clutch_observer(dt: float = 1e-3, **options: Any) -> ObserverDesign:
     return design_pi_observer(axis, dt, **(settings | options))
 
 
-def crawl_and_steps(
-    dt: float = 1e-3, duration: float = 12.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def crawl_and_steps(dt: float = 1e-3, duration: float = 12.0) -> tuple[Floats, Floats]:
     """Reference of the paper's closed loop: crawls, then steps.
 
     Parameters

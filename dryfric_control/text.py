@@ -179,9 +179,10 @@ def stated(words: str, default: Any = dataclasses.MISSING, **options: Any) -> An
 
 def documented(cls: type[Any], section: str = "Attributes") -> type[Any]:
     """Put what the fields of a dataclass say of themselves into its docstring."""
-    rows = [
-        f"{one.name} : {one.type}\n    {one.metadata['doc']}" for one in dataclasses.fields(cls)
-    ]
+    rows = []
+    for one in dataclasses.fields(cls):
+        kind = re.sub(r"\b(Floats|Ints|Bools)\b", "ndarray", str(one.type))
+        rows.append(f"{one.name} : {kind}\n    {one.metadata['doc']}")
     list_in_docstring(cls, section, rows)
     return cls
 

@@ -9,14 +9,16 @@ Differences that a record resolves are far larger than `NEAR`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dryfric_control.arrays import Bools
 
 #: Difference, relative to a range or a number, up to which it is round-off: some
 #: hundred times the error of long sums, and finer than a 32-bit encoder.
 NEAR = 1e-10
 
 
-def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> NDArray[np.bool_]:
+def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
     """Whether a > b + 1e-10 abs(b) + least: numbers exceed a limit by more than round-off."""
     return np.asarray(np.asarray(a) > np.asarray(b) + NEAR * np.abs(b) + least)
 

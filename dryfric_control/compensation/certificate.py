@@ -9,17 +9,15 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import lfilter, oaconvolve
 
+from dryfric_control.arrays import Floats
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.text import Result, documented, length_text, stated
-
-Array = NDArray[np.float64]
 
 #: State of the linear loop that is the drive of the sample before.
 DRIVE = 10
@@ -148,7 +146,7 @@ class TrackingCertificate(Result):
             yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
 
 
-def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Array, Array]:
+def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Floats, Floats]:
     """Linear loop of the tracking error: what acts on it beside friction.
 
     One sample as the compiled law runs it, read off column by column; the axis is sampled exactly.
@@ -164,7 +162,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     bounded = c[kernel.HOLDS] != 0.0
     own = 3 if loop.drive_lag > 0.0 else 2
 
-    def step(state: Array, force: float, noise: float) -> Array:
+    def step(state: Floats, force: float, noise: float) -> Floats:
         after = np.zeros(state.size)
         y = state[0] + noise
         after[4] = c[kernel.KEEP] * state[4] + (1.0 - c[kernel.KEEP]) * (y - state[5]) / dt
@@ -202,7 +200,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
 
 
-def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
+def _held(mass: float, viscous: float, lag: float, time: float) -> Floats:
     """Position, velocity and drive behind its lag after a time, from these, drive and force."""
     rates = np.zeros((5, 5))
     rates[0, 1], rates[1, 1], rates[1, 4] = 1.0, -viscous / mass, 1.0 / mass
@@ -213,7 +211,7 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Array:
     return np.asarray(expm(rates * time)[:3])
 
 
-def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Array]:
+def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Floats]:
     """Spectral radius of the linear loop of one axis, and responses until they have faded.
 
     Shape (n, 3, 2): position, velocity and drive 1 to n samples after a force of 1 N began to act
@@ -236,12 +234,12 @@ def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tup
     return radius, blocks.reshape(-1, 3, 2)
 
 
-def spectral_radius(A: Array) -> float:
+def spectral_radius(A: Floats) -> float:
     """Largest magnitude of the eigenvalues."""
     return float(np.abs(np.linalg.eigvals(A)).max())
 
 
-def loop_gains(radius: float, responses: Array) -> LoopGains:
+def loop_gains(radius: float, responses: Floats) -> LoopGains:
     """Gains of a linear loop by its responses; all infinite if it is unstable."""
     if not responses.size:
         return LoopGains(radius, *(math.inf,) * 6)
@@ -275,7 +273,7 @@ def delay_margin(loop: Loop) -> float:
     return below
 
 
-def stick_slip_gain(force: Array) -> float:
+def stick_slip_gain(force: Floats) -> float:
     """Largest error of an axis that slips and sticks, for 1 N left while it slips [m/N].
 
     Notes
@@ -423,21 +421,21 @@ def certify_tracking(
     )  # fmt: skip
 
 
-def _courses(axis: FrictionAxis, reference: MotionProfile) -> Array:
+def _courses(axis: FrictionAxis, reference: MotionProfile) -> Floats:
     """Inertia and viscous friction that are fed forward, shape (2, n) [N]."""
     return np.array([axis.mass * reference.acceleration, axis.viscous * reference.velocity])
 
 
 def _missing(
     loop: Loop, reference: MotionProfile, mass: float, viscous: float, delay: float
-) -> Array:
+) -> Floats:
     """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
     dt, n = loop.dt, reference.position.size
     at = np.arange(n)
     fed = _courses(loop.axis, reference).sum(axis=0)
     lead = int(loop.numbers[kernel.LEAD])
 
-    def given(back: int) -> Array:
+    def given(back: int) -> Floats:
         """Feedforward of so many samples before, nothing before the first."""
         return np.where(at >= back, fed[np.clip(at - back + lead, 0, n - 1)], 0.0)
 
@@ -511,7 +509,7 @@ def _laws(
     places = np.linspace(low, high, _PLACES)
     near = 1e-6 * (high - low)
 
-    def read(t: float, x: float, v: float = 0.0) -> Array:
+    def read(t: float, x: float, v: float = 0.0) -> Floats:
         return np.array(kernel.read_laws(arrays.numbers, arrays.integers, t, x, v))
 
     table = np.array([[read(t, x) for x in places] for t in _TIMES])

@@ -11,8 +11,8 @@ from typing import Any
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import (
@@ -553,7 +553,7 @@ class Promise:
 
     design: Compensation
     #: Those of its law, which may change with the package.
-    numbers: NDArray[np.float64]
+    numbers: Floats
     tube: float
 
 

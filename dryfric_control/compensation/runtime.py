@@ -7,8 +7,8 @@ from typing import Any
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
@@ -16,8 +16,6 @@ from dryfric_control.model.block import Block
 from dryfric_control.model.loops import LoopRun
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.text import documented, stated
-
-Array = NDArray[np.float64]
 
 _STATES = (
     "samples", "integral", "speed", "error", "ahead", "direction", "contact", "still",
@@ -51,7 +49,7 @@ class CompensatedController:
     lead: int = stated("Samples by which block and stepper need the reference ahead.")
     law: kernel.Law = stated("Arrays of the compiled law.")
 
-    def memory(self, motion: MotionProfile | None = None) -> Array:
+    def memory(self, motion: MotionProfile | None = None) -> Floats:
         """Memory before the first sample, shape (nstates,).
 
         Parameters
@@ -70,7 +68,7 @@ class CompensatedController:
             line[:, 0], line[:, 1] = motion.position[first], motion.velocity[first]
         return memory
 
-    def run(self, loop: LoopRun) -> tuple[Array, int]:
+    def run(self, loop: LoopRun) -> tuple[Floats, int]:
         """Run the loop: located switches, and how many had no room.
 
         Parameters
@@ -104,12 +102,12 @@ class CompensatedController:
         """
         law = self.law
 
-        def update(t: float, x: Any, u: Any) -> Array:
+        def update(t: float, x: Any, u: Any) -> Floats:
             memory = np.array(x, dtype=float)
             kernel.step(law, memory, u[0], u[1], u[2], u[3])
             return memory
 
-        def output(t: float, x: Any, u: Any) -> Array:
+        def output(t: float, x: Any, u: Any) -> Floats:
             memory = np.array(x, dtype=float)
             drive = kernel.step(law, memory, u[0], u[1], u[2], u[3])
             return np.array([drive, memory[kernel.FORCE]])

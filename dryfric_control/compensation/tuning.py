@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.design import ObserverDesign
@@ -115,7 +115,7 @@ def observer_lag(observer: ObserverDesign) -> float:
     return min(_QUICKER / max(late, 1.0), 1.0)
 
 
-def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> NDArray[np.float64]:
+def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> Floats:
     """Gains of an extended state observer with three equal poles, by the current reading."""
     rate, m = axis.viscous / axis.mass, axis.mass
     A = np.array(

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import finite, instance, places, positive, samples
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
@@ -38,7 +39,6 @@ MOST_SAMPLES = 1e6
 #: Most samples of delay that become states of a linear system.
 MOST_STATES = 1000
 
-Matrix = NDArray[np.float64]
 #: Most that an elastic part may swing in one sample [rad]: samples show up to pi, and each
 #: radian costs steps.
 MOST_SWING = 100.0
@@ -47,8 +47,8 @@ MOST_SWING = 100.0
 class Arrays(NamedTuple):
     """An axis as the arrays that the compiled kernel reads."""
 
-    numbers: NDArray[np.float64]
-    integers: NDArray[np.int64]
+    numbers: Floats
+    integers: Ints
     memory: int  # length of the memory that a run needs
 
 
@@ -251,7 +251,7 @@ class FrictionAxis:
         """
         return _arrays(self, dt)
 
-    def breakaway(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
+    def breakaway(self, x: ArrayLike, direction: int) -> Floats:
         """Breakaway friction force (1 + sigma) Fc of the base model.
 
         Parameters
@@ -402,7 +402,7 @@ class FrictionAxis:
             effects=tuple(e for e in axis.effects if e not in before)
         ).arrays(1.0)
 
-        def update(t: float, x: Any, u: Any) -> Matrix:
+        def update(t: float, x: Any, u: Any) -> Floats:
             drive = x[2] if inner.lag > 0.0 else u[0]
             rate, _ = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
             if inner.lag <= 0.0:
@@ -412,7 +412,7 @@ class FrictionAxis:
                 drive = effect.law(t, x[0], x[1], drive, 0.0, 0.0, 0.0, effect.values)
             return np.array([x[1], rate, (drive - x[2]) / inner.lag])
 
-        def output(t: float, x: Any, u: Any) -> Matrix:
+        def output(t: float, x: Any, u: Any) -> Floats:
             drive = x[2] if inner.lag > 0.0 else u[0]
             _, friction = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
             return np.array([_read(numbers, integers, t, x[0]), x[1], friction])
@@ -662,19 +662,19 @@ def _read(numbers: Any, integers: Any, t: float, x: float) -> float:
 
 def mode_matrices(
     rate: float, inverse_mass: float, dt: float, discretization: str
-) -> tuple[Matrix, Matrix]:
+) -> tuple[Floats, Floats]:
     """State matrix and force column of ``v' = -rate v + force / mass``, "euler" or "zoh"."""
     if discretization == "euler":
         return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
-    z = rate * dt
-    # phi1 = (1 - e^-z) / z and phi2 = (1 - phi1) / z, by series where they cancel
-    phi1 = -math.expm1(-z) / z if z > 1e-8 else 1.0 - z / 2.0
-    phi2 = (1.0 - phi1) / z if z > 1e-4 else 0.5 - z / 6.0 + z * z / 24.0
-    A = np.array([[1.0, dt * phi1], [0.0, math.exp(-z)]])
-    return A, np.array([dt * dt * phi2, dt * phi1]) * inverse_mass
+    z, fall = rate * dt, -np.expm1(-rate * dt)
+    # ways of a velocity of 1, and of an acceleration of 1, by series where they cancel
+    moved = fall / rate if z > 1e-8 else dt * (1.0 - 0.5 * z)
+    drift = (dt - moved) / rate if z > 1e-4 else dt**2 * (0.5 - z / 6.0 + z * z / 24.0)
+    A = np.array([[1.0, moved], [0.0, 1.0 - fall]])
+    return A, np.array([inverse_mass * drift, inverse_mass * moved])
 
 
-def _held(a: Matrix, b: Matrix, h: float, method: str) -> tuple[Matrix, Matrix]:
+def _held(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of a time h over which the input is held."""
     n, rate = len(a), -float(a[1, 1])
     if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:
@@ -686,8 +686,8 @@ def _held(a: Matrix, b: Matrix, h: float, method: str) -> tuple[Matrix, Matrix]:
 
 
 def _delayed(
-    a: Matrix, b: Matrix, c: Matrix, delay: float, dt: float, method: str
-) -> tuple[Matrix, Matrix, Matrix]:
+    a: Floats, b: Floats, c: Floats, delay: float, dt: float, method: str
+) -> tuple[Floats, Floats, Floats]:
     """Matrices of one sample whose input is that of a while ago; earlier inputs are states."""
     if dt == 0.0:
         raise ValueError(
@@ -869,7 +869,7 @@ def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
     }
 
 
-def check_finite(outputs: NDArray[np.float64]) -> None:
+def check_finite(outputs: Floats) -> None:
     """Refuse to return a motion that has left the range of numbers."""
     # What is not finite once stays so: the last sample tells.
     if not np.isfinite(outputs[:3, -1]).all():
@@ -933,7 +933,7 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
     return " ".join(terms)
 
 
-def _sampled_switches(mode: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def _sampled_switches(mode: Floats, dt: float) -> Floats:
     places = np.flatnonzero(np.diff(mode)) + 1
     return np.column_stack([places * dt, mode[places - 1], mode[places]])
 

@@ -16,8 +16,8 @@ from typing import Any
 import control as ct
 import numpy as np
 import scipy.signal
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.loop import encode
@@ -25,8 +25,6 @@ from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
 from dryfric_control.model.block import Block
 from dryfric_control.model.loops import PositionController
 from dryfric_control.order import check_bandwidth_and_dt, check_quantum_and_dt
-
-Vector = NDArray[np.float64]
 
 
 def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.NonlinearIOSystem:
@@ -69,17 +67,17 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     arrays = axis.arrays(dt)
     size = arrays.memory if any(effect.remembers for effect in axis.effects) else 3
 
-    def full(x: Any) -> Vector:
+    def full(x: Any) -> Floats:
         memory = np.zeros(arrays.memory)
         memory[:size] = x
         return memory
 
-    def update(t: float, x: Any, u: Any) -> Vector:
+    def update(t: float, x: Any, u: Any) -> Floats:
         memory = full(x)
         axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, u[0], u[0])
         return memory[:size]
 
-    def output(t: float, x: Any, u: Any) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Floats:
         memory = full(x)
         read = axis_step.reading_now(arrays.numbers, arrays.integers, memory, t)
         v, friction, mode = axis_step.outputs_now(
@@ -127,15 +125,15 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     _memoryless(axis, "supervisor")
     arrays = axis.arrays(dt)
 
-    def memory(state: Any, u: Any) -> Vector:
+    def memory(state: Any, u: Any) -> Floats:
         return np.array([u[1], u[2], state[0], 0.0, 0.0])
 
-    def update(t: float, x: Any, u: Any) -> Vector:
+    def update(t: float, x: Any, u: Any) -> Floats:
         after = memory(x, u)
         axis_step.step(arrays.numbers, arrays.integers, after, t, dt, u[0], u[0])
         return after[2:3]
 
-    def output(t: float, x: Any, u: Any) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Floats:
         _, _, mode = axis_step.outputs_now(
             arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0]
         )
@@ -148,7 +146,7 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
     """One sample that begins in one mode; zeros while another is active."""
     arrays = axis.arrays(dt)
 
-    def output(t: float, x: Any, u: Any) -> Vector:
+    def output(t: float, x: Any, u: Any) -> Floats:
         force, position, speed, active = u
         if round(active) != index:
             return np.zeros(4)

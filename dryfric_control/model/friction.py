@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, places, positive
 from dryfric_control.text import stated, with_parameters
 
@@ -93,7 +94,7 @@ class CoulombMap:
         """Mean of the levels of both directions at x = 0, the value of ``"coulomb"``."""
         return 0.5 * (self.plus[0] + self.minus[0])
 
-    def __call__(self, x: ArrayLike, direction: int) -> NDArray[np.float64]:
+    def __call__(self, x: ArrayLike, direction: int) -> Floats:
         """Level at positions `x` for motion in `direction` (+1 or -1)."""
         if isinstance(direction, bool) or direction not in (1, -1):
             raise ValueError(f"direction must be +1 or -1, got {direction!r}")
@@ -196,7 +197,7 @@ class Stribeck:
         object.__setattr__(self, "excess", excess)
         object.__setattr__(self, "speed", positive("stribeck.speed", self.speed, unit="m/s"))
 
-    def factor(self, speed: ArrayLike, stick_speed: float = 0.0) -> NDArray[np.float64]:
+    def factor(self, speed: ArrayLike, stick_speed: float = 0.0) -> Floats:
         """Friction over its Coulomb level, by the law of the class.
 
         Parameters

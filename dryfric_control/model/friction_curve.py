@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.text import typeset
 
-FloatArray = NDArray[np.float64]
 #: A `FrictionAxis`, which is built upon this module.
 Axis = Any
 
@@ -21,7 +21,7 @@ _POINTS, _PLACES = 241, 49
 _STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
 
 
-def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> FloatArray:
+def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> Floats:
     """Force on the mass of a rigid axis at states, `way` the direction of each, shape (n,)."""
     arrays = axis.arrays(1.0)
     found = np.empty(np.size(v))
@@ -29,7 +29,7 @@ def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> FloatArra
     return np.asarray(axis.mass * found)
 
 
-def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> FloatArray:
+def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> Floats:
     """Friction force of a sliding axis at velocities and positions.
 
     With every effect that depends on the velocity; no load, at time zero, no time at rest.

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled import axis_step
 from dryfric_control.model.axis import FrictionAxis
@@ -26,7 +26,6 @@ from dryfric_control.text import stated, with_parameters
 
 __all__ = ["Dahl", "Karnopp", "Law", "LuGre", "Sign", "Tanh"]
 
-Floats = NDArray[np.float64]
 #: Rounding of a straight input, relative to its largest value.
 _STRAIGHT = 4 * np.finfo(float).eps
 #: A piece shorter than this fraction of a sample is merged with the next one: in a shorter

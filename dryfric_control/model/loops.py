@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, Protocol
 
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples
 from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.compiled.loop import (
@@ -41,12 +42,12 @@ class LoopRun(NamedTuple):
     """One run of a closed loop: plant, motion and what is filled."""
 
     axis: Arrays
-    state: NDArray[np.float64]  # memory of the plant, position and velocity first
+    state: Floats  # memory of the plant, position and velocity first
     motion: MotionProfile
-    disturbance: NDArray[np.float64]  # shape (n,) [N]
+    disturbance: Floats  # shape (n,) [N]
     quantum: float  # [m]
     room: int  # numbers that one sample may write into the list of switches
-    out: NDArray[np.float64]  # shape (6, n): x, v, F, mode, u, y
+    out: Floats  # shape (6, n): x, v, F, mode, u, y
 
 
 class LoopController(Protocol):
@@ -54,7 +55,7 @@ class LoopController(Protocol):
 
     @property
     def dt(self) -> float: ...
-    def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
+    def run(self, loop: LoopRun) -> tuple[Floats, int]:
         """Run the loop: located switches, and how many had no room."""
 
 
@@ -169,12 +170,12 @@ class PositionController:
         )
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """Numbers that the compiled law reads, shape (7,)."""
         keep = math.exp(-self.dt / self.filter_time) if self.filter_time > 0.0 else 0.0
         return np.array([self.kp, self.ki, self.kd, self.limit, keep, self.span, self.dt])
 
-    def memory(self, reading: float = 0.0, speed: float = 0.0) -> NDArray[np.float64]:
+    def memory(self, reading: float = 0.0, speed: float = 0.0) -> Floats:
         """Memory of a controller that has seen a steady motion.
 
         Parameters
@@ -190,7 +191,7 @@ class PositionController:
         memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
         return memory
 
-    def run(self, loop: LoopRun) -> tuple[NDArray[np.float64], int]:
+    def run(self, loop: LoopRun) -> tuple[Floats, int]:
         """Run the loop: located switches, and how many had no room.
 
         Parameters
@@ -213,12 +214,12 @@ class PositionController:
         """
         gains = self.gains
 
-        def update(t: float, x: Any, u: Any) -> NDArray[np.float64]:
+        def update(t: float, x: Any, u: Any) -> Floats:
             memory = np.array(x, dtype=float)
             control_update(gains, memory, u[0], u[1])
             return memory
 
-        def output(t: float, x: Any, u: Any) -> NDArray[np.float64]:
+        def output(t: float, x: Any, u: Any) -> Floats:
             return np.array([control_force(gains, np.array(x, dtype=float), u[0], u[1])[1]])
 
         states = ["integral", "speed", *(f"y{i + 1}" for i in range(LONGEST_SPAN))]
@@ -327,8 +328,8 @@ def check_controller(controller: object) -> None:
 def _warn_if_divergent(
     axis: FrictionAxis,
     motion: MotionProfile,
-    disturbance: NDArray[np.float64],
-    out: NDArray[np.float64],
+    disturbance: Floats,
+    out: Floats,
 ) -> None:
     """Warn of a loop whose error is far beyond its reference and does not come to rest."""
     r, lasts = motion.position, motion.duration

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, positive, samples
 from dryfric_control.drawing import over_time, panels
 from dryfric_control.text import documented, stated
-
-Array = NDArray[np.float64]
 
 
 @documented
@@ -30,13 +29,13 @@ class MotionProfile:
     """
 
     dt: float = stated("Sampling time [s].")
-    position: Array = stated("Position [m], shape (n,).")
-    velocity: Array = stated("Velocity [m/s].")
-    acceleration: Array = stated("Acceleration [m/s^2].")
+    position: Floats = stated("Position [m], shape (n,).")
+    velocity: Floats = stated("Velocity [m/s].")
+    acceleration: Floats = stated("Acceleration [m/s^2].")
     unit: str = stated("Unit of the position, that text and figures show: m or rad.", "m")
 
     @property
-    def time(self) -> Array:
+    def time(self) -> Floats:
         """Time of the samples [s], shape (n,)."""
         return np.asarray(np.arange(self.position.size) * self.dt, dtype=float)
 
@@ -46,7 +45,7 @@ class MotionProfile:
         return (self.position.size - 1) * self.dt
 
     @property
-    def rows(self) -> Array:
+    def rows(self) -> Floats:
         """Position, velocity and acceleration, shape (3, n)."""
         return np.vstack([self.position, self.velocity, self.acceleration])
 
@@ -165,14 +164,14 @@ def motion_profile(
     return MotionProfile(dt, position, speed, rate, unit)
 
 
-def _rest(place: float, duration: float, dt: float) -> Array:
+def _rest(place: float, duration: float, dt: float) -> Floats:
     """Rows of an axis at rest, without the sample at the end."""
     rows = np.zeros((3, math.ceil(duration / dt - 1e-9)))
     rows[0] = place
     return rows
 
 
-def _move(start: float, end: float, dt: float, v: float, a: float, j: float, unit: str) -> Array:
+def _move(start: float, end: float, dt: float, v: float, a: float, j: float, unit: str) -> Floats:
     """Rows of one move from rest to rest, without the sample at the end."""
     way = abs(end - start)
     jerks, lengths = move_phases(way, v, a, j)
@@ -207,7 +206,7 @@ def _move(start: float, end: float, dt: float, v: float, a: float, j: float, uni
     return rows
 
 
-def move_phases(way: float, v: float, a: float, j: float) -> tuple[Array, Array]:
+def move_phases(way: float, v: float, a: float, j: float) -> tuple[Floats, Floats]:
     """Jerks and lengths of the seven phases of a move from rest to rest."""
     ramp = a / j if v * j >= a * a else math.sqrt(v / j)
     rise = ramp + v / a if v * j >= a * a else 2.0 * ramp

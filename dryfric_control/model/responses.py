@@ -10,6 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.text import documented, prefixed, stated, typeset
 
@@ -35,12 +36,12 @@ class Events:
     (1, 0)
     """
 
-    time: NDArray[np.float64] = stated("Time of each switch [s], located inside the sample.")
-    before: NDArray[np.int64] = stated("Mode before: 0 stuck, +1 and -1 sliding.")
-    after: NDArray[np.int64] = stated("Mode after.")
+    time: Floats = stated("Time of each switch [s], located inside the sample.")
+    before: Ints = stated("Mode before: 0 stuck, +1 and -1 sliding.")
+    after: Ints = stated("Mode after.")
 
     @classmethod
-    def from_rows(cls, rows: NDArray[np.float64]) -> Events:
+    def from_rows(cls, rows: Floats) -> Events:
         """Switches from rows of a table.
 
         Parameters
@@ -57,7 +58,7 @@ class Events:
         for t, before, after in zip(self.time, self.before, self.after, strict=True):
             yield float(t), int(before), int(after)
 
-    def times(self, before: int, after: int) -> NDArray[np.float64]:
+    def times(self, before: int, after: int) -> Floats:
         """Times of one kind of switch [s].
 
         Parameters
@@ -84,9 +85,9 @@ class Response(ct.TimeResponseData):
     def __init__(
         self,
         time: NDArray[Any],
-        outputs: NDArray[np.float64],
-        states: NDArray[np.float64],
-        inputs: NDArray[np.float64],
+        outputs: Floats,
+        states: Floats,
+        inputs: Floats,
         units: tuple[str, str],
         **labels: Any,
     ) -> None:
@@ -105,7 +106,7 @@ class Response(ct.TimeResponseData):
         )
 
     @property
-    def mode(self) -> NDArray[np.int64]:
+    def mode(self) -> Ints:
         """Mode at every sample: 0 stuck, +1 and -1 sliding, shape (n,)."""
         return self.y[self.output_labels.index("mode")].astype(np.int64)
 
@@ -147,8 +148,8 @@ class SimulationResponse(Response):
     def __init__(
         self,
         time: NDArray[Any],
-        outputs: NDArray[np.float64],
-        inputs: NDArray[np.float64],
+        outputs: Floats,
+        inputs: Floats,
         events: Events,
         units: tuple[str, str] = ("m", "N"),
         **labels: Any,

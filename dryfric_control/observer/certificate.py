@@ -14,15 +14,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import hardest_switching, runs_of, worst_switching
 from dryfric_control.text import Result, documented, stated
 from dryfric_control.ties import ranked
-
-Array = NDArray[np.float64]
 
 #: Smallest margin that counts as negative: 3x3 factors with condition numbers
 #: up to 1e4 leave rounding errors of about 1e-12.
@@ -123,7 +121,7 @@ def _run_lengths(word: tuple[int, ...]) -> str:
     return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in runs_of(word))
 
 
-def _factors(matrices: Array, graph: ModeGraph, what: str) -> Array:
+def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
     symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2.0
     result = np.empty_like(symmetric)
     for k, P in enumerate(symmetric):
@@ -139,7 +137,7 @@ def _factors(matrices: Array, graph: ModeGraph, what: str) -> Array:
 
 
 def proved_gain(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, lyapunov: Array
+    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, lyapunov: Floats
 ) -> float:
     """Smallest gamma that given Lyapunov matrices prove."""
     factors = _factors(lyapunov, graph, "gain")
@@ -163,11 +161,11 @@ def proved_gain(
 def evaluate_blocks(
     models: Mapping[int, ErrorModel],
     graph: ModeGraph,
-    gains: Array,
+    gains: Floats,
     gamma: float,
     decay: float,
-    lyapunov: Array,
-    lyapunov_decay: Array,
+    lyapunov: Floats,
+    lyapunov_decay: Floats,
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains.
 
@@ -215,11 +213,11 @@ def certify(
     models: Mapping[int, ErrorModel],
     graph: ModeGraph,
     classes: Mapping[int, int],
-    gains: Array,
+    gains: Floats,
     gamma: float,
     decay: float,
-    lyapunov: Array,
-    lyapunov_decay: Array,
+    lyapunov: Floats,
+    lyapunov_decay: Floats,
     unit: float,
 ) -> Certificate:
     """Certificate of a design, or an error that says what fails."""

@@ -8,8 +8,9 @@ from typing import Any
 
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, one_of, samples
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.blocks import axis_block, encoder, reference_filter
@@ -25,14 +26,12 @@ from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
 from dryfric_control.text import Result
 
-Array = NDArray[np.float64]
-
 _PLANT = ("x", "v", "F", "mode", "u", "y")
 
 
 def filter_reference(
     reference: ArrayLike, bandwidth: float, dt: float, start: float = 0.0
-) -> Array:
+) -> Floats:
     """Reference behind the Butterworth low-pass of `reference_filter`.
 
     It steps the very block that `observed_loop` contains: through an encoder a
@@ -55,7 +54,7 @@ class ObservedLoop(Result):
 
     axis: FrictionAxis
     design: ObserverDesign
-    reference: Array  # behind the low-pass [m]
+    reference: Floats  # behind the low-pass [m]
     plant: SimulationResponse  # outputs x, v, F, mode, u, y
     estimate: runtime.ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
     start: float  # observer at the start [m]
@@ -66,7 +65,7 @@ class ObservedLoop(Result):
         return score_estimate(self.axis, self.design.dt, self.plant.y, self.estimate.y)
 
     @property
-    def delays(self) -> tuple[Array, Array]:
+    def delays(self) -> tuple[Floats, Floats]:
         """Time of each switch of the plant and the observer's delay [s]."""
         return switch_delays(self.plant.y[3], self.estimate.y[4], self.design.dt)
 

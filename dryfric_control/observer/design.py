@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import control
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import one_of, positive, sampling_time, whole
 from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
@@ -30,8 +30,6 @@ from dryfric_control.observer.synthesis import Scales, certified_solution, scale
 from dryfric_control.observer.weights import default_weights, own_axis
 from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, documented, stated
-
-Array = NDArray[np.float64]
 
 METHODS = ("paper", "slack", "path", "dwell")
 #: Memory in samples where the user names none.
@@ -72,12 +70,12 @@ class ObserverDesign(Result):
     performance: tuple[float, float, float] = stated("Weights (q_x, q_v, q_w) of the error in z.")
     integral_modes: tuple[int, ...] = stated("Modes in which the integral term acts.")
     graph: ModeGraph = stated("Memory states and the steps between them.")
-    node_gains: Array = stated("Gains L_x [1], L_v [1/s], G [N/m] by memory state, shape (n, 3).")
+    node_gains: Floats = stated("Gains L_x [1], L_v [1/s], G [N/m] by memory state, shape (n, 3).")
     gamma: float = stated("Certified gain from the stacked disturbances to z, SI units.")
-    state_scale: Array = stated("Unit of each error in the scaled problem [m, m/s, N].")
+    state_scale: Floats = stated("Unit of each error in the scaled problem [m, m/s, N].")
     output_scale: float = stated("Factor of z in the scaled problem.")
-    lyapunov: Array = stated("Lyapunov matrices that prove the gain, scaled, shape (n, 3, 3).")
-    lyapunov_decay: Array = stated("Lyapunov matrices that prove the decay.")
+    lyapunov: Floats = stated("Lyapunov matrices that prove the gain, scaled, shape (n, 3, 3).")
+    lyapunov_decay: Floats = stated("Lyapunov matrices that prove the decay.")
     certificate: Certificate = stated("The recomputed check.")
 
     @property
@@ -91,7 +89,7 @@ class ObserverDesign(Result):
         return mode_classes(self.uncertainty)
 
     @property
-    def gains(self) -> dict[int, Array]:
+    def gains(self) -> dict[int, Floats]:
         """Gains (L_x, L_v, G) of each mode once it has lasted.
 
         With "paper" and "slack" these are all the gains there are.
@@ -100,12 +98,12 @@ class ObserverDesign(Result):
         return {mode: self.node_gains[resting[key]].copy() for mode, key in self.classes.items()}
 
     @property
-    def window_gains(self) -> dict[str, Array]:
+    def window_gains(self) -> dict[str, Floats]:
         """Gains of every memory state, by what it remembers."""
         pairs = zip(self.graph.names, self.node_gains, strict=True)
         return {name: gain.copy() for name, gain in pairs}
 
-    def transition_table(self) -> NDArray[np.int64]:
+    def transition_table(self) -> Ints:
         """Next memory state for each state and next mode.
 
         Shape (nnodes, 3), column ``mode + 1``.  A step that `pairs` excludes leads to the state
@@ -122,7 +120,7 @@ class ObserverDesign(Result):
             ]
         )
 
-    def resting_nodes(self) -> NDArray[np.int64]:
+    def resting_nodes(self) -> Ints:
         """Memory state of each mode once it has lasted.
 
         Shape (3,), place ``mode + 1``.
@@ -130,7 +128,7 @@ class ObserverDesign(Result):
         resting = self.graph.resting()
         return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
 
-    def mode_matrices(self, mode: int) -> tuple[Array, Array, Array]:
+    def mode_matrices(self, mode: int) -> tuple[Floats, Floats, Floats]:
         """Matrices A_i, B_i and E_i of a mode.
 
         Parameters

@@ -27,12 +27,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import one_of, positive
 from dryfric_control.model.axis import mode_matrices
-
-Array = NDArray[np.float64]
 
 STICK, SLIDE = 0, 1
 DISCRETIZATIONS = ("euler", "zoh")
@@ -45,11 +43,11 @@ C = np.array([1.0, 0.0, 0.0])
 class ErrorModel:
     """Matrices of the open error dynamics in one mode."""
 
-    A: Array  # [A_i E_i; 0 1], shape (3, 3)
-    W: Array  # disturbances into the error, shape (3, nd)
-    D: Array  # disturbances into the measurement, shape (nd,)
-    Z: Array  # performance output, shape (nz, 3)
-    C: Array = field(default_factory=lambda: C)  # error into the measurement, shape (3,)
+    A: Floats  # [A_i E_i; 0 1], shape (3, 3)
+    W: Floats  # disturbances into the error, shape (3, nd)
+    D: Floats  # disturbances into the measurement, shape (nd,)
+    Z: Floats  # performance output, shape (nz, 3)
+    C: Floats = field(default_factory=lambda: C)  # error into the measurement, shape (3,)
     current: bool = False  # current form: C and D of the reading to come
 
     def corrected(self) -> ErrorModel:
@@ -65,7 +63,7 @@ class ErrorModel:
         """Amplitude of the reading noise."""
         return float(np.linalg.norm(self.D - self.W[0] if self.current else self.D))
 
-    def scaled(self, state: Array, output: float) -> ErrorModel:
+    def scaled(self, state: Floats, output: float) -> ErrorModel:
         """The same dynamics in units of `state` and z times `output`."""
         return ErrorModel(
             A=self.A * state[None, :] / state[:, None],
@@ -76,12 +74,12 @@ class ErrorModel:
             current=self.current,
         )
 
-    def closed(self, gain: Array) -> tuple[Array, Array]:
+    def closed(self, gain: Floats) -> tuple[Floats, Floats]:
         """Closed matrices F = A - L C and G = W - L D for a gain (3,)."""
         return self.A - np.outer(gain, self.C), self.W - np.outer(gain, self.D)
 
 
-def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Array, Array]:
+def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Floats, Floats]:
     """State matrix of a mode and the column in which forces act.
 
     The column is that of the sliding mode also while stuck: there friction cancels the drive, and
@@ -152,7 +150,7 @@ def error_models(
     return models
 
 
-def check_detectable(models: Mapping[int, ErrorModel], state: Array, decay: float) -> None:
+def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: float) -> None:
     """Refuse a mode whose error no gain can make decay fast enough.
 
     Popov-Belevitch-Hautus: every eigenvalue of A with ``|lambda| >= decay`` must

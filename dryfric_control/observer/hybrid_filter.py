@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import increment, positive, sampling_time
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
@@ -24,8 +25,6 @@ from dryfric_control.observer.error_model import axis_matrices
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper, drive_and_reading
 from dryfric_control.observer.weights import coulomb_level, own_axis
 from dryfric_control.order import check_quantum_and_dt
-
-Array = NDArray[np.float64]
 
 #: What has no argument; tuned with the defaults of `hybrid_filter` on plants that
 #: are not in the benchmark (`benchmarks/arena.py`), for one sample of 1 ms.
@@ -44,15 +43,15 @@ _STICK_SPEEDS = 11.0
 class Tables(NamedTuple):
     """A filter as the arrays that the compiled sample reads."""
 
-    numbers: Array
-    axis_numbers: Array
-    axis_integers: NDArray[np.int64]
+    numbers: Floats
+    axis_numbers: Floats
+    axis_integers: Ints
 
 
 class HybridResponse(ObserverResponse):
     """Estimates of a hybrid filter: `vhat_sd` [m/s] and `log_likelihood` of each reading too."""
 
-    def __init__(self, time: Array, rows: Array, *given: Any) -> None:
+    def __init__(self, time: Floats, rows: Floats, *given: Any) -> None:
         super().__init__(time, np.ascontiguousarray(rows[:, :5].T), *given)
         self.vhat_sd, self.log_likelihood = rows[:, 5].copy(), rows[:, 6].copy()
 
@@ -114,7 +113,7 @@ class HybridFilter:
         """
         tables, size = self.tables, self.memory_size
 
-        def sample(t: float, x: Any, u: Any) -> tuple[Array, Array]:
+        def sample(t: float, x: Any, u: Any) -> tuple[Floats, Floats]:
             memory, out = np.array(x, dtype=float), np.empty(kernel.OUTPUTS)
             kernel.step(*tables, memory, t, u[0], u[1], out)
             return memory, out

@@ -15,7 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dryfric_control.arrays import Floats
+
 SOLVERS = ("clarabel", "scs")
 
 
@@ -25,13 +26,13 @@ class MatrixProgram:
 
     size: int  # number of variables
     margin: float
-    _blocks: list[tuple[NDArray[np.intp], Array, Array]] = field(default_factory=list)
+    _blocks: list[tuple[NDArray[np.intp], Floats, Floats]] = field(default_factory=list)
 
-    def below_zero(self, index: NDArray[np.intp], columns: Array, constant: Array) -> None:
+    def below_zero(self, index: NDArray[np.intp], columns: Floats, constant: Floats) -> None:
         """Demand ``constant + sum_k x[index[k]] columns[k] <= 0``."""
         self._blocks.append((index, columns, constant))
 
-    def minimise(self, objective: int | None, solver: str) -> tuple[Array, str]:
+    def minimise(self, objective: int | None, solver: str) -> tuple[Floats, str]:
         """Solve for the smallest value of variable `objective`."""
         import cvxpy as cp
 

@@ -9,9 +9,10 @@ from dataclasses import astuple, dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dryfric_control._version import __version__
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples, whole
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
@@ -25,8 +26,6 @@ from dryfric_control.observer.runtime import observe
 from dryfric_control.observer.score import EstimateScore, score_estimate
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.text import Result
-
-Array = NDArray[np.float64]
 
 FIGURES = tuple(field.name for field in fields(EstimateScore))
 
@@ -70,7 +69,7 @@ class Mismatch:
 class Estimator(Protocol):
     """Anything that estimates from a record of drive and reading."""
 
-    def estimate(self, u: Array, y: Array, xhat0: float = 0.0) -> Array:
+    def estimate(self, u: Floats, y: Floats, xhat0: float = 0.0) -> Floats:
         """Rows xhat, vhat, Fhat, what, mode, shape (5, n)."""
         ...
 
@@ -83,7 +82,7 @@ class SwitchedEstimator:
     switching: str = "reading"
     encoder_quantum: float | None = None
 
-    def estimate(self, u: Array, y: Array, xhat0: float = 0.0) -> Array:
+    def estimate(self, u: Floats, y: Floats, xhat0: float = 0.0) -> Floats:
         """Rows xhat, vhat, Fhat, what, mode of a run started at `xhat0`."""
         run = observe(
             self.design,
@@ -101,7 +100,7 @@ class MonteCarlo(Result):
     """Scores of several estimators over random mismatches."""
 
     mismatches: tuple[Mismatch, ...]
-    scores: dict[str, Array]  # shape (n, 5), columns as in `EstimateScore`
+    scores: dict[str, Floats]  # shape (n, 5), columns as in `EstimateScore`
     unit: str = "m"  # of position
     limit: float = np.inf  # position error from which on an estimate counts as diverged
 
@@ -113,7 +112,7 @@ class MonteCarlo(Result):
             for name, table in self.scores.items()
         }
 
-    def quantiles(self, levels: Sequence[float] = (0.5, 0.9, 0.95, 1.0)) -> dict[str, Array]:
+    def quantiles(self, levels: Sequence[float] = (0.5, 0.9, 0.95, 1.0)) -> dict[str, Floats]:
         """Quantiles of each figure's magnitude, shape (nlevels, 5), by estimator."""
         return {
             name: np.quantile(np.abs(table), levels, axis=0) for name, table in self.scores.items()
@@ -178,7 +177,7 @@ def _scores(
     axis: FrictionAxis,
     stribeck_speed: float | None,
     controller: LoopController,
-    reference: MotionProfile | Array,
+    reference: MotionProfile | Floats,
     quantum: float,
     estimators: Mapping[str, Estimator],
     xhat0: float,

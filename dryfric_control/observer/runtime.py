@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dryfric_control import drawing
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import observer as kernel
 from dryfric_control.model.block import Block
@@ -21,8 +22,6 @@ from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.order import check_drive_and_reading
 from dryfric_control.units import check_units
-
-Array = NDArray[np.float64]
 
 SWITCHING = {"reading": kernel.READING, "paper": kernel.PAPER, "filippov": kernel.FILIPPOV}
 OUTPUTS = ("xhat", "vhat", "Fhat", "what", "mode")
@@ -37,12 +36,12 @@ _LEARNING = 8.0
 class Tables(NamedTuple):
     """A design as the arrays that the compiled observer reads."""
 
-    numbers: Array
-    matrices: Array  # shape (3, 6), one row a mode
-    gains: Array  # shape (nnodes, 3)
-    transitions: NDArray[np.int64]  # shape (nnodes + 1, 3)
-    axis_numbers: Array
-    axis_integers: NDArray[np.int64]
+    numbers: Floats
+    matrices: Floats  # shape (3, 6), one row a mode
+    gains: Floats  # shape (nnodes, 3)
+    transitions: Ints  # shape (nnodes + 1, 3)
+    axis_numbers: Floats
+    axis_integers: Ints
 
 
 class Estimate(NamedTuple):
@@ -97,7 +96,7 @@ def tables(
 
 def first_memory(
     design: ObserverDesign, xhat0: float = 0.0, vhat0: float = 0.0, what0: float = 0.0
-) -> Array:
+) -> Floats:
     """Memory of an observer before its first sample, shape (nstates,)."""
     history = int(design.axis.arrays(design.dt).integers[kernel.axis_step.N_HISTORY])
     memory = np.zeros(kernel.LINE + history)
@@ -111,7 +110,13 @@ class ObserverResponse(Response):
     """A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what, mode, and states."""
 
     def __init__(
-        self, time: Array, outputs: Array, u: Array, y: Array, units: tuple[str, str], title: str
+        self,
+        time: Floats,
+        outputs: Floats,
+        u: Floats,
+        y: Floats,
+        units: tuple[str, str],
+        title: str,
     ) -> None:
         super().__init__(
             time,
@@ -204,7 +209,7 @@ def observe(
     return ObserverResponse(time, rows, drive, reading, design.axis.units, title)
 
 
-def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Array, Array, Array]:
+def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Floats, Floats]:
     """Time, drive and reading, of arrays or a record, for an estimator with an axis and a step."""
     start = 0.0
     if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
@@ -306,13 +311,13 @@ def pi_observer(
     arrays = tables(design, switching, encoder_quantum)
     length = first_memory(design).size
 
-    def update(t: float, x: Any, u: Any) -> Array:
+    def update(t: float, x: Any, u: Any) -> Floats:
         memory = np.array(x, dtype=float)
         out = np.empty(kernel.OUTPUTS)
         kernel.step(*arrays, memory, t, u[0], u[1], out)
         return memory
 
-    def output(t: float, x: Any, u: Any) -> Array:
+    def output(t: float, x: Any, u: Any) -> Floats:
         memory = np.array(x, dtype=float)
         friction = kernel.decide(*arrays, memory, t, u[0], u[1])
         return np.array([memory[0], memory[1], friction, memory[2], memory[kernel.MODE]])
@@ -329,7 +334,7 @@ class Stepper:
     """
 
     def __init__(
-        self, sample: Callable[..., None], tables: Any, memory: Array, outputs: int, dt: float
+        self, sample: Callable[..., None], tables: Any, memory: Floats, outputs: int, dt: float
     ) -> None:
         self._sample, self._tables, self._memory, self._dt = sample, tables, memory, dt
         self._out = np.zeros(outputs)

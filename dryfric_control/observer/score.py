@@ -6,12 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.ties import samples
-
-Array = NDArray[np.float64]
 
 #: Time the observer has to forget its start before position, and before speed
 #: and friction, are judged [s].
@@ -57,7 +55,7 @@ class EstimateScore:
         )
 
 
-def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array) -> EstimateScore:
+def score_estimate(axis: FrictionAxis, dt: float, plant: Floats, estimate: Floats) -> EstimateScore:
     """Score rows xhat, vhat, Fhat, what, mode by rows x, v, F, mode; nan for what they lack."""
     x, v, friction, mode = plant[:4]
     axis = axis.effective()
@@ -79,12 +77,12 @@ def score_estimate(axis: FrictionAxis, dt: float, plant: Array, estimate: Array)
     )
 
 
-def switch_delays(mode: Array, estimated: Array, dt: float) -> tuple[Array, Array]:
+def switch_delays(mode: Floats, estimated: Floats, dt: float) -> tuple[Floats, Floats]:
     """Time of every switch, and delay of the estimate [s]: negative if before, nan if it misses."""
     places = np.flatnonzero(np.diff(mode)) + 1
     ends = np.append(places, mode.size)[1:]
     starts = np.concatenate([[0], places[:-1]]).astype(int)[: places.size]
-    delay: Array = np.full(places.size, np.nan)
+    delay: Floats = np.full(places.size, np.nan)
     for i, (start, place, end) in enumerate(zip(starts, places, ends, strict=True)):
         right = estimated[start:end] == mode[place]
         after = np.flatnonzero(right[place - start :])

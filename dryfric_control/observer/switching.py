@@ -15,13 +15,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.ties import ranked
-
-Array = NDArray[np.float64]
 
 #: Relative width at which a bisection on gamma stops.
 WIDTH = 2e-5
@@ -132,18 +130,16 @@ class _Game:
     """One of the two recursions with its arrays; `keys` names the places."""
 
     keys: list[Any]
-    F: Array
-    N: Array
-    Z: Array
-    noise: Array
+    F: Floats
+    N: Floats
+    Z: Floats
+    noise: Floats
     best: int
 
-    def exceeds(self, place: NDArray[np.int64], gamma: float, longest: int) -> bool:
+    def exceeds(self, place: Ints, gamma: float, longest: int) -> bool:
         return bool(_exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest))
 
-    def gain(
-        self, place: NDArray[np.int64], low: float, high: float, width: float, longest: int
-    ) -> float:
+    def gain(self, place: Ints, low: float, high: float, width: float, longest: int) -> float:
         return float(
             _gain_along(
                 place, self.F, self.N, self.Z, self.noise, self.best, low, high, width, longest
@@ -273,7 +269,7 @@ def _search(
 
 
 def worst_switching(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Array, high: float
+    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, high: float
 ) -> tuple[float, tuple[int, ...]]:
     """Gain of given gains on the worst sequence found, a lower bound, and the sequence."""
     steps = {edge: place for place, edge in enumerate(graph.edges)}

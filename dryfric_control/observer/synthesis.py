@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.observer.certificate import (
     CertificateError,
     check_blocks,
@@ -42,8 +43,6 @@ from dryfric_control.observer.inequalities import MatrixProgram
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import best_gain
 from dryfric_control.observer.weights import Weights
-
-Array = NDArray[np.float64]
 
 #: Strictness asked of the solver, raised until the certificate holds; the first-order
 #: solver starts from the third, its own accuracy being no better.
@@ -64,18 +63,18 @@ class InfeasibleError(ValueError):
 class Scales:
     """Units of position, speed and friction error, shape (3,), and factor of z."""
 
-    state: Array
+    state: Floats
     output: float
 
     def apply(self, models: Mapping[int, ErrorModel]) -> dict[int, ErrorModel]:
         """Scaled error dynamics of each class."""
         return {key: model.scaled(self.state, self.output) for key, model in models.items()}
 
-    def physical_gains(self, gains: Array) -> Array:
+    def physical_gains(self, gains: Floats) -> Floats:
         """Gains in physical units from scaled ones, shape (n, 3)."""
         return gains * self.state / self.state[0]
 
-    def scaled_gains(self, gains: Array) -> Array:
+    def scaled_gains(self, gains: Floats) -> Floats:
         """Scaled gains from those in physical units, shape (n, 3)."""
         return gains * self.state[0] / self.state
 
@@ -104,15 +103,15 @@ class Candidate:
     """What the solver proposes; the certificate decides."""
 
     gamma: float
-    gains: Array  # shape (nnodes, 3), in the units of the models given
-    lyapunov: Array  # shape (nnodes, 3, 3)
-    lyapunov_decay: Array  # of the decay condition
+    gains: Floats  # shape (nnodes, 3), in the units of the models given
+    lyapunov: Floats  # shape (nnodes, 3, 3)
+    lyapunov_decay: Floats  # of the decay condition
     status: str  # the solver's word
 
 
 def _block(
-    model: ErrorModel, slack: Array, symmetric: bool, factor: float, performance: bool
-) -> tuple[Array, Array]:
+    model: ErrorModel, slack: Floats, symmetric: bool, factor: float, performance: bool
+) -> tuple[Floats, Floats]:
     """Coefficients of one inequality for P_i, the slack, V, P_j (and gamma^2).
 
     With slack matrix S' = K Y, K = `slack` fixed and Y unknown, and V' = K v:
@@ -167,9 +166,9 @@ def solve_lmi(
     if around is not None:
         # the decay condition fixes its matrices up to a factor only
         level = float(np.trace(around.lyapunov.sum(0)) / np.trace(around.lyapunov_decay.sum(0)))
-    cache: dict[tuple[int, bool], tuple[Array, Array]] = {}
+    cache: dict[tuple[int, bool], tuple[Floats, Floats]] = {}
 
-    def block(i: int, j: int, performance: bool) -> tuple[Array, Array]:
+    def block(i: int, j: int, performance: bool) -> tuple[Floats, Floats]:
         model = models[graph.labels[i]]
         factor = 1.0 if performance else decay**2
         if around is not None:
@@ -207,7 +206,7 @@ def solve_lmi(
         raise InfeasibleError(f"no design exists, says the solver ({status})")
     table = x[:-1].reshape(nodes, size)
 
-    def symmetric(start: int) -> Array:
+    def symmetric(start: int) -> Floats:
         return np.einsum("nk,kij->nij", table[:, start : start + 6], _SYMMETRIC)
 
     P, Q = symmetric(offsets["P"]), symmetric(offsets["Q"])

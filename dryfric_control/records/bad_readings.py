@@ -11,14 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.records.resolution import ROUNDING
 from dryfric_control.text import table
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 #: Reasons for which a reading is masked: away from where its neighbours put it; the one
 #: before written down again; none at all, interpolated; left out by the user.
@@ -58,9 +55,9 @@ class Masked(NamedTuple):
     filled  51           52         2
     """
 
-    indices: NDArray[np.int64]  # samples, increasing
+    indices: Ints  # samples, increasing
     reasons: tuple[str, ...]  # "jump", "repeated", "filled" or "given", one each
-    readings: FloatArray  # as recorded [unit of x]
+    readings: Floats  # as recorded [unit of x]
 
     def within(self, part: slice) -> Masked:
         """Those of a slice with a positive step, counted from its start."""
@@ -114,7 +111,7 @@ class Masks(tuple[Masked, ...]):
 NONE = Masked(np.empty(0, np.int64), (), np.empty(0))
 
 
-def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
+def find(x: Floats, noise: float, quantum: float) -> dict[int, str]:
     """Bad readings of uniformly sampled positions with noise and quantum: sample to reason.
 
     A reading jumps if the lines through the two readings on either side and the cubic through all
@@ -139,7 +136,7 @@ def find(x: FloatArray, noise: float, quantum: float) -> dict[int, str]:
     return dict(sorted(found.items()))
 
 
-def absurd(x: FloatArray) -> list[int]:
+def absurd(x: Floats) -> list[int]:
     """Short runs of readings far beyond all others: a code for a fault, or bits that were lost."""
     away = np.abs(x - np.median(x))
     most = np.sort(away)[int((1.0 - _MOST) * x.size) :]
@@ -151,14 +148,14 @@ def absurd(x: FloatArray) -> list[int]:
     return [k for a, b in edges.reshape(-1, 2).tolist() if b - a <= _LONGEST for k in range(a, b)]
 
 
-def without(size: int, indices: dict[int, str] | NDArray[np.int64]) -> BoolArray:
+def without(size: int, indices: dict[int, str] | Ints) -> Bools:
     """True but at some samples, shape (size,)."""
     good = np.ones(size, bool)
     good[np.fromiter(indices, np.int64, len(indices))] = False
     return good
 
 
-def bridged(x: FloatArray, good: BoolArray) -> FloatArray:
+def bridged(x: Floats, good: Bools) -> Floats:
     """Positions with a smooth, monotone path over those that are not good."""
     index = np.arange(x.size)
     path = x.copy()
@@ -167,7 +164,7 @@ def bridged(x: FloatArray, good: BoolArray) -> FloatArray:
     return path
 
 
-def _jumps(at: NDArray[np.int64], x: FloatArray, noise: float, quantum: float) -> list[int]:
+def _jumps(at: Ints, x: Floats, noise: float, quantum: float) -> list[int]:
     """Samples of single jumps; of neighbours the one that jumps further.
 
     `at`: samples that are not known to be bad, shape (n,); `x`: their readings.
@@ -196,7 +193,7 @@ def _jumps(at: NDArray[np.int64], x: FloatArray, noise: float, quantum: float) -
     return [int(k) for k in at[found]]
 
 
-def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
+def _repeats(x: Floats, noise: float, quantum: float) -> list[int]:
     """Samples at which a moving axis has the reading of the sample before."""
     steps = np.diff(x)
     least = max(_STEP * noise, _QUANTA * quantum)
@@ -219,7 +216,7 @@ def _repeats(x: FloatArray, noise: float, quantum: float) -> list[int]:
     return found
 
 
-def held_for(x: FloatArray, quantum: float = 0.0) -> tuple[int, int]:
+def held_for(x: Floats, quantum: float = 0.0) -> tuple[int, int]:
     """Samples for which a slower source holds each reading, 1 if none, and the first new one."""
     steps = np.diff(x)
     changes = np.flatnonzero(steps) + 1
@@ -235,7 +232,7 @@ def held_for(x: FloatArray, quantum: float = 0.0) -> tuple[int, int]:
     return count, int(np.bincount(changes % count).argmax())
 
 
-def evened(t: FloatArray, x: FloatArray, noise: float) -> FloatArray | None:
+def evened(t: Floats, x: Floats, noise: float) -> Floats | None:
     """Stamps on a uniform clock, if the readings were taken on one; None if not.
 
     A logger may stamp late what was sampled on time.  The readings show it: about
@@ -269,7 +266,7 @@ def roundest(number: float, tolerance: float) -> float:
     return next((one for one in rounded if abs(one - number) <= tolerance), number)
 
 
-def filled(t: FloatArray, grid: FloatArray, step: float) -> NDArray[np.int64]:
+def filled(t: Floats, grid: Floats, step: float) -> Ints:
     """Points of a grid that have no stamp near."""
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     away = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))

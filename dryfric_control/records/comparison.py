@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from dryfric_control.arrays import Floats
 
 _LONGEST = 0.1  # s, delay that is looked for
 
@@ -21,7 +20,7 @@ class Comparison(NamedTuple):
     rms: float  # of what is left [unit of the channel]
 
 
-def compared(expected: FloatArray, measured: FloatArray, dt: float) -> Comparison:
+def compared(expected: Floats, measured: Floats, dt: float) -> Comparison:
     """Gain, offset and delay that bring a channel closest to what is expected."""
     longest = min(round(_LONGEST / dt), expected.size // 4)
     inside = slice(longest, expected.size - longest)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.ties import NEAR, samples
 
 #: A `Record`, which is built upon this module.
@@ -28,7 +29,7 @@ def least_motion(record: Record) -> float:
     return float(max(steps, noise, NEAR * record.range))
 
 
-def usual_speeds(v: NDArray[np.float64]) -> tuple[float, float]:
+def usual_speeds(v: Floats) -> tuple[float, float]:
     """Smallest and largest absolute velocity in 90 % of some motion."""
     slow, fast = np.quantile(np.abs(v), (0.05, 0.95)) if v.size else (0.0, 0.0)
     return float(slow), float(fast)
@@ -59,19 +60,19 @@ def directions(record: Record) -> NDArray[np.int8]:
         h = min(longest, max(h + 1, round(1.4 * h)))
 
 
-def rest_times(record: Record) -> NDArray[np.float64]:
+def rest_times(record: Record) -> Floats:
     """Time for which the axis has been motionless at every sample [s], 0 while sliding."""
     last = latest(directions(record) != 0, 0)
     return np.asarray((np.arange(len(record)) - last) * record.dt)
 
 
-def latest(there: NDArray[np.bool_], none: int) -> NDArray[np.int64]:
+def latest(there: Bools, none: int) -> Ints:
     """Index of the last sample so far at which something is there, `none` before the first."""
     index = np.where(there, np.arange(there.size), none)
     return np.asarray(np.maximum.accumulate(index), dtype=np.int64)
 
 
-def reversals(record: Record) -> NDArray[np.bool_]:
+def reversals(record: Record) -> Bools:
     """Samples at which motion sets in the other way than before."""
     moving = directions(record).astype(int)
     way = moving[latest(moving != 0, 0)]

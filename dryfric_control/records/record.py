@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.checks import positive
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
@@ -30,7 +31,7 @@ from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
-from dryfric_control.records.record_checks import Channels, FloatArray
+from dryfric_control.records.record_checks import Channels
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
@@ -50,9 +51,9 @@ _WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
 class Derivatives(NamedTuple):
     """Smoothed position, velocity and acceleration, each shape (n,)."""
 
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
+    x: Floats
+    v: Floats
+    a: Floats
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -129,16 +130,16 @@ class Record:
     (1200, 1.2)
     """
 
-    t: FloatArray
-    u: FloatArray
-    x: FloatArray
-    reference: FloatArray | None
+    t: Floats
+    u: Floats
+    x: Floats
+    reference: Floats | None
     dt: float
     units: Mapping[str, str]
     name: str | None
     notes: tuple[str, ...]
     quantum: float | None
-    channels: Mapping[str, FloatArray]
+    channels: Mapping[str, Floats]
     raw: Mapping[str, tuple[str, float]]
     masked: Masked
 
@@ -204,7 +205,7 @@ class Record:
         for name in ("units", "channels", "raw"):
             self.__dict__[name] = MappingProxyType(dict(parts[name]))
 
-    def _arrays(self) -> dict[str, FloatArray]:
+    def _arrays(self) -> dict[str, Floats]:
         """Time, input, position and whatever else there is, by name."""
         own = {"t": self.t, "u": self.u, "x": self.x}
         if self.reference is not None:
@@ -277,14 +278,14 @@ class Record:
         return checks.spread_of(self.x, self.quantum or 0.0)
 
     @cached_property
-    def good(self) -> npt.NDArray[np.bool_]:
+    def good(self) -> Bools:
         """Readings that may be used, shape (n,)."""
         good = bad_readings.without(len(self), self.masked.indices)
         good.setflags(write=False)
         return good
 
     @cached_property
-    def measured(self) -> FloatArray:
+    def measured(self) -> Floats:
         """Positions as they were recorded, those not used included, shape (n,)."""
         x = self.x.copy()
         x[self.masked.indices] = self.masked.readings
@@ -304,7 +305,7 @@ class Record:
         return counts | {"clipped": int(self._clipped.sum())}
 
     @cached_property
-    def _clipped(self) -> npt.NDArray[np.bool_]:
+    def _clipped(self) -> Bools:
         return checks.clipped(self.u, self.x)
 
     @cached_property
@@ -378,7 +379,7 @@ class Record:
         new: dict[str, Any] = {name: self._one_each(name, one) for name, one in given.items()}
         return self._with(**new)
 
-    def _one_each(self, name: str, values: npt.ArrayLike) -> FloatArray:
+    def _one_each(self, name: str, values: npt.ArrayLike) -> Floats:
         """Finite numbers, one for each sample."""
         array = checks.vector(name, values)
         if array.size != len(self):
@@ -923,7 +924,7 @@ def position_unit(units: Mapping[str, str]) -> dict[str, str]:
     return {"x": unit} if unit else {}
 
 
-def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
+def usable_readings(good: Any, size: int) -> Bools:
     """The user's own mask, checked."""
     array = np.asarray(good)
     if array.shape != (size,) or array.dtype != np.bool_:
@@ -940,14 +941,14 @@ def usable_readings(good: Any, size: int) -> npt.NDArray[np.bool_]:
 
 
 def repaired(
-    x: FloatArray, quantum: float | None, factor: float, good: npt.NDArray[np.bool_] | None
-) -> tuple[FloatArray, Masked, float]:
+    x: Floats, quantum: float | None, factor: float, good: Bools | None
+) -> tuple[Floats, Masked, float]:
     """Positions bridged over what is bad, found or given, and their quantum, 0 for none.
 
     Without one, it is estimated from what is not bad.
     """
 
-    def grid(sound: npt.NDArray[np.bool_]) -> float:
+    def grid(sound: Bools) -> float:
         return quantum if quantum is not None else checks.estimated_quantum(x[sound], factor) or 0.0
 
     faults = np.array(bad_readings.absurd(x) if good is None else (), np.int64)

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.checks import finite
 from dryfric_control.records.bad_readings import roundest
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
@@ -22,10 +22,6 @@ from dryfric_control.records.record_warning import warn
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 MIN_SAMPLES = 10
 JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
@@ -87,7 +83,7 @@ def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
     return labels
 
 
-def vector(name: str, value: Any, gaps: bool = False) -> FloatArray:
+def vector(name: str, value: Any, gaps: bool = False) -> Floats:
     """A fresh finite float64 vector, or an error that names the argument.
 
     With `gaps`, what is not finite or masked is nan.
@@ -148,11 +144,11 @@ def vector(name: str, value: Any, gaps: bool = False) -> FloatArray:
 class Channels(NamedTuple):
     """The channels of a record as vectors of one length, and what was made up of them."""
 
-    t: FloatArray
-    u: FloatArray
-    x: FloatArray
-    reference: FloatArray | None
-    more: dict[str, FloatArray]
+    t: Floats
+    u: Floats
+    x: Floats
+    reference: Floats | None
+    more: dict[str, Floats]
     notes: tuple[str, ...] = ()
 
 
@@ -167,7 +163,7 @@ def vectors(
             raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
     tv = vector("t", t, gaps)
 
-    def checked(name: str, values: Any) -> FloatArray:
+    def checked(name: str, values: Any) -> Floats:
         array = vector(name, values, gaps)
         if array.size != tv.size:
             raise ValueError(
@@ -196,7 +192,7 @@ def vectors(
 _LACKING, _DOUBLED = 0.2, 0.05
 
 
-def sound_rows(found: Channels, good: BoolArray | None) -> tuple[Channels, BoolArray | None, str]:
+def sound_rows(found: Channels, good: Bools | None) -> tuple[Channels, Bools | None, str]:
     """Channels and mask without rows that lack a number or repeat a stamp, and what was wrong."""
     t, u, x, reference, more, notes = found
     whole = np.isfinite(t) & np.isfinite(u) & np.isfinite(x)
@@ -212,7 +208,7 @@ def sound_rows(found: Channels, good: BoolArray | None) -> tuple[Channels, BoolA
         repeats = 0  # no accident: refused with what it may be
     keep = np.flatnonzero(whole & ~doubled if repeats else whole)
 
-    def part(values: FloatArray) -> FloatArray:
+    def part(values: Floats) -> Floats:
         values = values[keep]
         there = np.isfinite(values)
         return values if there.all() else np.interp(t[keep], t[keep][there], values[there])
@@ -225,7 +221,7 @@ def sound_rows(found: Channels, good: BoolArray | None) -> tuple[Channels, BoolA
     return sound, None if good is None else good[keep], " and ".join(words)
 
 
-def increasing_steps(t: FloatArray) -> FloatArray:
+def increasing_steps(t: Floats) -> Floats:
     """The steps of a time that increases."""
     steps = np.diff(t)
     back = steps < 0
@@ -246,7 +242,7 @@ def increasing_steps(t: FloatArray) -> FloatArray:
     return steps
 
 
-def uniform_step(t: FloatArray) -> float:
+def uniform_step(t: Floats) -> float:
     """Step of a uniform time; errors for gaps and jitter."""
     steps = increasing_steps(t)
     median = float(np.median(steps))
@@ -287,7 +283,7 @@ def uniform_step(t: FloatArray) -> float:
     return roundest(dt, (off + 4 * resolution) / (t.size - 1))
 
 
-def check_motion(u: FloatArray, x: FloatArray, grid: float | None = None) -> None:
+def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     """Errors for what never moves and for an encoder that wraps, on a grid if it has one."""
     # a few units in the last place are rounding, not motion
     if _constant(x):
@@ -333,7 +329,7 @@ def check_motion(u: FloatArray, x: FloatArray, grid: float | None = None) -> Non
         )
 
 
-def _constant(values: FloatArray) -> bool:
+def _constant(values: Floats) -> bool:
     return bool(np.ptp(values) <= 8 * np.spacing(np.abs(values).max()))
 
 
@@ -342,7 +338,7 @@ def _constant(values: FloatArray) -> bool:
 _RESET, _LARGEST, _AT_ZERO = 20.0, 3.0, 2.0
 
 
-def _set_to_zero(x: FloatArray, steps: FloatArray) -> int | None:
+def _set_to_zero(x: Floats, steps: Floats) -> int | None:
     """Last sample before a counter was set to zero in mid-record, None if it was not."""
     if steps.size < 2 * MIN_SAMPLES:
         return None
@@ -361,7 +357,7 @@ _COUNTS = [*(2.0**k for k in range(8, 33)),
 _TURNS = [2 * math.pi, math.pi, 360.0, 180.0, 1.0, *_COUNTS]
 
 
-def _period(x: FloatArray, wraps: IntArray, grid: float | None) -> float:
+def _period(x: Floats, wraps: Ints, grid: float | None) -> float:
     """Period of an encoder whose readings, `grid` apart, wrap after some samples."""
     steps = np.diff(x)
     inner = wraps[(wraps > 0) & (wraps < steps.size - 1)]
@@ -387,8 +383,8 @@ _OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
 
 
 def unwrapped(
-    x: FloatArray, reference: FloatArray | None, period: float, grid: float | None = None
-) -> tuple[FloatArray, FloatArray | None]:
+    x: Floats, reference: Floats | None, period: float, grid: float | None = None
+) -> tuple[Floats, Floats | None]:
     """Position and reference without the jumps of a periodic encoder."""
     steps = np.abs(np.diff(x))
     if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
@@ -429,7 +425,7 @@ _CLOCKS = (
 )
 
 
-def warn_if_suspect(t: FloatArray, dt: float, u: FloatArray) -> None:
+def warn_if_suspect(t: Floats, dt: float, u: Floats) -> None:
     """Warnings for a time not in seconds and for a clipped input."""
     if dt >= 0.1:
         epoch = next((clock for clock in _CLOCKS if t[0] >= clock[4]), None)
@@ -447,7 +443,7 @@ def warn_if_suspect(t: FloatArray, dt: float, u: FloatArray) -> None:
         )
 
 
-def samples_at_limit(u: FloatArray, level: float) -> int:
+def samples_at_limit(u: Floats, level: float) -> int:
     """Samples at a level that u reaches at speed and stays at, where it moves much of the time.
 
     A smooth crest slows down before it rests; a square wave comes in one step.
@@ -474,7 +470,7 @@ _NOISY, _MEDIAN, _BAND = 0.015, 0.54, 4.0
 _STAY, _STAYS, _RUN_IN, _EVEN, _CHANGE = 16, 3, 15.0, (0.7, 1.5), 0.05
 
 
-def clipped(u: FloatArray, x: FloatArray) -> BoolArray:
+def clipped(u: Floats, x: Floats) -> Bools:
     """Samples at which the input rests at both its limits, exactly or but for its noise.
 
     Noise hides a limit: there the input must run into its extremes, stay and change the velocity
@@ -503,7 +499,7 @@ def clipped(u: FloatArray, x: FloatArray) -> BoolArray:
     return mask
 
 
-def _runs_in(u: FloatArray, x: FloatArray, starts: IntArray, ends: IntArray, spread: float) -> bool:
+def _runs_in(u: Floats, x: Floats, starts: Ints, ends: Ints, spread: float) -> bool:
     """Whether an input runs into its upper limit, and the axis accelerates there."""
     long = ends - starts
     before = np.stack([u[starts - 1 - k * (long // 8)] for k in range(3)])
@@ -521,7 +517,7 @@ def _runs_in(u: FloatArray, x: FloatArray, starts: IntArray, ends: IntArray, spr
 # ----------------------------------------------------- estimates, resampling
 
 
-def spread_of(x: FloatArray, quantum: float) -> float:
+def spread_of(x: Floats, quantum: float) -> float:
     """Standard deviation of the fast noise of positions, at least that of a quantum."""
     floor = quantum / QUANTA
     if x.size < MIN_SAMPLES:
@@ -536,7 +532,7 @@ def spread_of(x: FloatArray, quantum: float) -> float:
 _ALIKE, _EXACT = 0.9, 0.01
 
 
-def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
+def estimated_quantum(x: Floats, factor: float = 1.0) -> float | None:
     """Largest grid of the positions, else that of the decimals before `factor`; None if none."""
     resolution = float(np.spacing(np.abs(x).max()))
     steps = np.abs(np.diff(x))
@@ -569,7 +565,7 @@ def estimated_quantum(x: FloatArray, factor: float = 1.0) -> float | None:
     return decimal_grid(x, factor)
 
 
-def grid_of(x: FloatArray, factor: float) -> float | None:
+def grid_of(x: Floats, factor: float) -> float | None:
     """Distance between two readings: one raw number if all are whole ones, else as estimated."""
     whole = x / factor
     if factor != 1.0 and np.all(np.abs(whole - np.rint(whole)) < 1e-3):
@@ -577,7 +573,7 @@ def grid_of(x: FloatArray, factor: float) -> float | None:
     return estimated_quantum(x, factor)
 
 
-def decimal_grid(x: FloatArray, factor: float = 1.0) -> float | None:
+def decimal_grid(x: Floats, factor: float = 1.0) -> float | None:
     """Largest power of ten, times a factor, of which all positions are multiples."""
     read = x / factor
     resolution = float(np.spacing(np.abs(read).max()))
@@ -591,7 +587,7 @@ def decimal_grid(x: FloatArray, factor: float = 1.0) -> float | None:
     return None
 
 
-def _with_lost(t: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
     """Stamps and inputs with the samples in between that were lost.
 
     The drive has changed there as elsewhere: a value held over several steps would be an
@@ -623,7 +619,7 @@ def resample(found: Channels, dt: float, hold: str, interpolation: str) -> Chann
     grid = t[0] + dt * np.arange(int(count) + 1)
     inside = np.minimum(grid, t[-1])
 
-    def smooth(values: FloatArray) -> FloatArray:
+    def smooth(values: Floats) -> Floats:
         if interpolation == "linear":
             return np.asarray(np.interp(inside, t, values))
         curve = PchipInterpolator if interpolation == "monotone" else CubicSpline

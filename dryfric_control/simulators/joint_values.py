@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import positive, samples, short
 from dryfric_control.diagnosis import Diagnosis
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
@@ -24,8 +25,6 @@ from dryfric_control.model.friction_curve import net_force, usual_speed
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, length_text, percent, plain_data, stated
 from dryfric_control.units import powers
-
-FloatArray = NDArray[np.float64]
 
 # Sliding samples that are sufficient, and velocities and places that stand in for a record.
 _SAMPLES, _VELOCITIES, _PLACES = 5000, 101, 9
@@ -58,19 +57,19 @@ class Format(NamedTuple):
     states the breakaway friction force on its own; name of the inertia beyond that of the bodies.
     """
 
-    columns: Callable[[FloatArray, Any], FloatArray]
-    shapes: Callable[[FloatArray], Iterable[Any]]
-    values: Callable[[FloatArray, Any, float], dict[str, Any]]
+    columns: Callable[[Floats, Any], Floats]
+    shapes: Callable[[Floats], Iterable[Any]]
+    values: Callable[[Floats, Any, float], dict[str, Any]]
     breakaway: bool = False
     armature: str = ""
 
 
-def one_shape(speed: FloatArray) -> tuple[None]:
+def one_shape(speed: Floats) -> tuple[None]:
     """Shapes of a format that has one."""
     return (None,)
 
 
-def straight(v: FloatArray, shape: Any = None) -> FloatArray:
+def straight(v: Floats, shape: Any = None) -> Floats:
     """Columns of a Coulomb level and a viscous coefficient."""
     return np.column_stack((np.sign(v), v))
 
@@ -175,7 +174,7 @@ class Joint(NamedTuple):
     records: tuple[Record, ...]
     #: Names of fitted parameters and the covariance of their estimates.
     names: tuple[str, ...]
-    covariance: FloatArray
+    covariance: Floats
     shift: float
     #: What may be otherwise.
     doubts: tuple[str, ...] = ()
@@ -363,13 +362,13 @@ _STRAIGHT = Format(straight, one_shape, lambda c, shape, breakaway: {})
 class _States(NamedTuple):
     """States in which friction is compared."""
 
-    t: FloatArray
-    x: FloatArray
-    v: FloatArray
-    u: FloatArray
+    t: Floats
+    x: Floats
+    v: Floats
+    u: Floats
 
     @classmethod
-    def of(cls, joint: Joint, axis: FrictionAxis, velocities: FloatArray | None) -> _States:
+    def of(cls, joint: Joint, axis: FrictionAxis, velocities: Floats | None) -> _States:
         """Sliding samples of the records; without one, velocities at places of the travel."""
         if velocities is None and joint.records:
             parts = []
@@ -392,7 +391,7 @@ class _States(NamedTuple):
         return cls(np.zeros_like(v), x, v, np.zeros_like(v))
 
 
-def _resistance(axis: FrictionAxis, states: _States) -> FloatArray:
+def _resistance(axis: FrictionAxis, states: _States) -> Floats:
     """Force against the motion of a rigid axis, less the drive, shape (n,)."""
     return np.asarray(states.u - net_force(without_states(axis), *states, np.sign(states.v)))
 
@@ -406,7 +405,7 @@ def _dissipates(effect: Any) -> bool:
     )
 
 
-def _friction(axis: FrictionAxis, states: _States) -> FloatArray:
+def _friction(axis: FrictionAxis, states: _States) -> Floats:
     """Friction force with the load that acts, shape (n,)."""
     rest = tuple(e for e in axis.effects if not _dissipates(e))
     without = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None, effects=rest)
@@ -418,7 +417,7 @@ def _breakaway(axis: FrictionAxis, states: _States) -> float:
     return float(np.mean([np.mean(axis.breakaway(states.x, s)) for s in (1, -1)]))
 
 
-def _best(form: Format, axis: FrictionAxis, states: _States) -> tuple[FloatArray, Any]:
+def _best(form: Format, axis: FrictionAxis, states: _States) -> tuple[Floats, Any]:
     """Coefficients of a format, none negative, and its shape, by least squares."""
     friction = _friction(axis, states)
     # Scaled columns: a viscous coefficient may be a million times the level.
@@ -469,7 +468,7 @@ def _errors(
     }
 
 
-def _features(axis: FrictionAxis, places: FloatArray) -> Iterator[tuple[str, Any, FrictionAxis]]:
+def _features(axis: FrictionAxis, places: Floats) -> Iterator[tuple[str, Any, FrictionAxis]]:
     """What an axis has beyond a level and a viscous coefficient, and the axis without it."""
     if axis.stribeck is not None and axis.stribeck.excess > 0.0:
         speed = f"{axis.stribeck.speed:.3g} {axis.unit('m/s')}"
@@ -524,5 +523,5 @@ def _lost(
     return off, found
 
 
-def _rms(values: FloatArray) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

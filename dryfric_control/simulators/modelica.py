@@ -7,13 +7,12 @@ import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
-
-FloatArray = NDArray[np.float64]
 
 # Velocities of the table.
 _KNOTS = 17
@@ -24,18 +23,18 @@ _UNITS = {"BearingFriction": ("rad", "N m"), "SupportFriction": ("m", "N")}
 _SKIPPED = re.compile(rb'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.S)
 
 
-def _knots(speed: FloatArray) -> tuple[FloatArray]:
+def _knots(speed: Floats) -> tuple[Floats]:
     """Velocities of the table: closest where the record has most samples."""
     return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS))),)
 
 
-def _hats(v: FloatArray, knots: FloatArray) -> FloatArray:
+def _hats(v: Floats, knots: Floats) -> Floats:
     """Columns of a table over the speed, the same both ways."""
     columns = [np.interp(np.abs(v), knots, row) for row in np.eye(knots.size)]
     return np.sign(v)[:, None] * np.column_stack(columns)
 
 
-def _table(c: FloatArray, knots: FloatArray, breakaway: float) -> dict[str, Any]:
+def _table(c: Floats, knots: Floats, breakaway: float) -> dict[str, Any]:
     rows = [[0.0, breakaway], *([float(a), float(b)] for a, b in zip(knots, c, strict=True))]
     return {"table": rows, "peak": 1.0}
 

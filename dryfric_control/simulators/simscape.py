@@ -7,13 +7,12 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, target, written
 from dryfric_control.simulators.joint_values import SimulatorValues
-
-FloatArray = NDArray[np.float64]
 
 # Breakaway velocities that are tried.
 _TRIED = 60
@@ -25,12 +24,12 @@ _NAMES = {
 }  # fmt: skip
 
 
-def _speeds(speed: FloatArray) -> FloatArray:
+def _speeds(speed: Floats) -> Floats:
     top = float(np.max(speed))
     return np.geomspace(1e-3 * top, top, _TRIED)
 
 
-def _curve(v: FloatArray, breakaway_velocity: float) -> FloatArray:
+def _curve(v: Floats, breakaway_velocity: float) -> Floats:
     """Columns of the excess of the breakaway force, the Coulomb level and the viscous part."""
     near = v / (math.sqrt(2.0) * breakaway_velocity)
     peak = math.sqrt(2.0 * math.e) * near * np.exp(-np.minimum(near**2, 700.0))

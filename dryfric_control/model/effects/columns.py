@@ -9,12 +9,11 @@ from dataclasses import MISSING, fields
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.units import powers
 
-FloatArray = NDArray[np.float64]
 #: A class of `Effect`, which is built upon this module.
 EffectClass = type[Any]
 
@@ -28,14 +27,14 @@ class View(Protocol):
     """The states of a model in its records, one after the other, and typical sizes."""
 
     axis: Any
-    t: FloatArray
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
-    u: FloatArray
-    direction: FloatArray  # +1 or -1; 0 at rest
-    level: FloatArray  # Coulomb level [N]
-    carried: FloatArray  # load of the transmission: drive less force effects [N]
+    t: Floats
+    x: Floats
+    v: Floats
+    a: Floats
+    u: Floats
+    direction: Floats  # +1 or -1; 0 at rest
+    level: Floats  # Coulomb level [N]
+    carried: Floats  # load of the transmission: drive less force effects [N]
     size: float  # typical Coulomb level [N]
     middle: float  # of the travel [m]
     span: float  # of the travel [m]
@@ -57,14 +56,14 @@ class Column(NamedTuple):
 
     #: Parameters of the effect for coefficients.
     values: Callable[[Sequence[float]], dict[str, float]]
-    force: Sequence[FloatArray] = ()  # for a coefficient of 1 [N]
-    reading: Sequence[FloatArray] = ()  # addition to the readings for a coefficient of 1 [m]
+    force: Sequence[Floats] = ()  # for a coefficient of 1 [N]
+    reading: Sequence[Floats] = ()  # addition to the readings for a coefficient of 1 [m]
     positive: bool = False  # the first coefficient must be
     most: float = math.inf  # largest size of the first coefficient
     shapes: float = 1.0  # searched for this one, if more than columns
 
 
-def amount(name: str, force: FloatArray, positive: bool = False, **others: float) -> Column:
+def amount(name: str, force: Floats, positive: bool = False, **others: float) -> Column:
     """Column of an effect that is proportional to one parameter; `others` are fixed."""
     return Column(lambda c: {name: float(c[0]), **others}, (force,), positive=positive)
 
@@ -131,7 +130,7 @@ def _parts(item: Any, view: View) -> list[float]:
     return [float(np.clip(value, low, high)) for value in values]
 
 
-def added(effect: EffectClass, values: dict[str, float], view: View) -> FloatArray:
+def added(effect: EffectClass, values: dict[str, float], view: View) -> Floats:
     """What an effect adds to the force on the axis or to its readings; zeros if it cannot."""
     bounds = {item.name: item.metadata["bounds"] for item in fields(effect)}
     none = np.zeros(view.x.size)
@@ -147,7 +146,7 @@ def added(effect: EffectClass, values: dict[str, float], view: View) -> FloatArr
     return difference(axis, view)
 
 
-def difference(axis: Any, view: View) -> FloatArray:
+def difference(axis: Any, view: View) -> Floats:
     """Force that another axis has beyond that of the model while it slides."""
     model = []
     sign = np.sign(view.direction).astype(np.int64)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import Column, View, amount, simulated
 from dryfric_control.model.effects.effect import (
     BaseAxis,
@@ -213,7 +213,7 @@ class DeadZone(Effect):
             return u + p[0]
         return 0.0
 
-    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+    def beyond_noise(self, u: Floats, noise: float) -> bool:
         # What is shrunk by less than its noise is nearer to the drive that there was.
         return self.width > _PEAKS * noise
 
@@ -259,7 +259,7 @@ class Saturation(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
 
-    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+    def beyond_noise(self, u: Floats, noise: float) -> bool:
         # Peaks of a noisy input are cut as if by a limit; what nearly every sample exceeds
         # is none, it takes the drive away.
         cut = np.abs(u)[np.abs(u) > self.limit] - self.limit

@@ -16,10 +16,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
-import numpy as np
 from numba import cfunc
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
@@ -415,7 +414,7 @@ class Effect:
         """
         return True
 
-    def beyond_noise(self, u: NDArray[np.float64], noise: float) -> bool:
+    def beyond_noise(self, u: Floats, noise: float) -> bool:
         """Whether it changes inputs by more than their noise.
 
         Parameters

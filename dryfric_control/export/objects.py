@@ -36,9 +36,7 @@ from dryfric_control.observer import design as designs
 from dryfric_control.observer.design import ObserverDesign, load_design
 from dryfric_control.observer.hybrid_filter import HybridFilter
 from dryfric_control.observer.runtime import first_memory, tables
-from dryfric_control.store.axis_file import read_axis
-from dryfric_control.store.files import existing_file
-from dryfric_control.store.saved import kind_of
+from dryfric_control.store.saved import load_any
 from dryfric_control.text import rotary_words
 
 Array = NDArray[Any]
@@ -199,15 +197,11 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
 
 def read_exportable(path: str | os.PathLike[str]) -> Any:
     """Read a saved axis, observer design or compensation, whichever the file holds."""
-    source = existing_file(path)
-    if source.suffix == ".toml":
-        return read_axis(source)
-    loaders = {compensations.KIND: load_compensation, designs.KIND: load_design}
-    if load := loaders.get(kind_of(source)):
-        return load(source)
-    raise ValueError(
-        f"{source} can not be exported: give an axis (TOML), or what `save` wrote of an observer "
-        "design or a compensation (JSON)"
+    return load_any(
+        path,
+        {compensations.KIND: load_compensation, designs.KIND: load_design},
+        "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
+        "a compensation (JSON)",
     )
 
 

@@ -63,12 +63,7 @@ def usual_speed(axis: Axis) -> float:
 
 
 def draw_curve(
-    axis: Axis,
-    ax: Any,
-    speed: float,
-    span: tuple[float, float],
-    label: str,
-    **style: Any,
+    axis: Axis, ax: Any, speed: float, span: tuple[float, float], label: str, **style: Any
 ) -> None:
     """Draw friction over velocity in mid-travel, a band over positions, breakaway at zero."""
     places = np.linspace(*span, _PLACES)

@@ -326,10 +326,7 @@ def check_controller(controller: object) -> None:
 
 
 def _warn_if_divergent(
-    axis: FrictionAxis,
-    motion: MotionProfile,
-    disturbance: Floats,
-    out: Floats,
+    axis: FrictionAxis, motion: MotionProfile, disturbance: Floats, out: Floats
 ) -> None:
     """Warn of a loop whose error is far beyond its reference and does not come to rest."""
     r, lasts = motion.position, motion.duration

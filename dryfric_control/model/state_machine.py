@@ -171,10 +171,7 @@ def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
     # Coming to rest: down from the sliding box, then in to the one at rest.
     _arrow(ax, (across(0.93), 0.60), (across(0.66), 0.22), "angle,angleA=-90,angleB=0,rad=8")
     speed = f"{axis.stick_speed:.4g} {axis.units[0]}/s"
-    rows = [
-        rf"$|v| \leq \Sigma$ = {speed}",
-        rf"and  $-F_{{c-}} \leq {force} \leq F_{{c+}}$",
-    ]
+    rows = [rf"$|v| \leq \Sigma$ = {speed}", rf"and  $-F_{{c-}} \leq {force} \leq F_{{c+}}$"]
     if axis.stribeck and axis.switching == "filippov":
         top = float(axis.stribeck.factor(0.0, axis.stick_speed))
         hold = rf"{force} \leq F_+(0)" if s > 0 else rf"{force} \geq -F_-(0)"

@@ -58,9 +58,7 @@ class ObserverWarning(UserWarning):
 
 
 def own_axis(
-    axis: FrictionAxis,
-    coulomb: CoulombMap | float | None = None,
-    stick_speed: float | None = None,
+    axis: FrictionAxis, coulomb: CoulombMap | float | None = None, stick_speed: float | None = None
 ) -> FrictionAxis:
     """Axis that the observer believes in."""
     instance("axis", axis, FrictionAxis)

@@ -10,9 +10,8 @@ from typing import Any
 from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
 from dryfric_control.identification import load_fit
 from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.store.axis_file import read_axis
 from dryfric_control.store.files import existing_file, replacing
-from dryfric_control.store.saved import kind_of
+from dryfric_control.store.saved import load_any
 
 
 def read_model(model: Any, out: Any) -> tuple[Path, bytes, Path]:
@@ -42,12 +41,9 @@ def number(value: float) -> str:
 
 def read_result(path: str | os.PathLike[str]) -> Any:
     """A fit, a diagnosis or an axis, whichever a file holds."""
-    source = existing_file(path)
-    if source.suffix == ".toml":
-        return read_axis(source)
-    if load := {"fit": load_fit, "diagnosis": load_diagnosis}.get(kind_of(source)):
-        return load(source)
-    raise ValueError(
-        f"{source} is no result: give an axis (TOML), or what `save` wrote of a fit or a "
-        "diagnosis (JSON; saved.json of the command diagnose)"
+    return load_any(
+        path,
+        {"fit": load_fit, "diagnosis": load_diagnosis},
+        "is no result: give an axis (TOML), or what `save` wrote of a fit or a diagnosis (JSON; "
+        "saved.json of the command diagnose)",
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
+from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict, read_axis
 from dryfric_control.store.files import existing_file, replacing
 
 #: Version of the files that are written.
@@ -107,6 +107,18 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         return str(form).removeprefix("dryfric-control ")
     except (ValueError, TypeError, KeyError, RecursionError):
         return ""
+
+
+def load_any(
+    path: str | os.PathLike[str], loaders: Mapping[str, Callable[[Any], Any]], mend: str
+) -> Any:
+    """An axis (TOML), or what the loader of the kind of a saved file reads."""
+    source = existing_file(path)
+    if source.suffix == ".toml":
+        return read_axis(source)
+    if load := loaders.get(kind_of(source)):
+        return load(source)
+    raise ValueError(f"{source} {mend}")
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

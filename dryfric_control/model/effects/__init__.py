@@ -13,12 +13,7 @@ from dryfric_control.model.effects.drive import (
     InputGain,
     Saturation,
 )
-from dryfric_control.model.effects.effect import (
-    Effect,
-    Inner,
-    parameter,
-    register_effect,
-)
+from dryfric_control.model.effects.effect import Effect, Inner, parameter, register_effect
 from dryfric_control.model.effects.elastic import (
     Backlash,
     Compliance,

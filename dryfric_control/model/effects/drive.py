@@ -11,13 +11,7 @@ from scipy.signal import lfilter
 
 from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import Column, View, amount, simulated
-from dryfric_control.model.effects.effect import (
-    BaseAxis,
-    Effect,
-    Inner,
-    parameter,
-    register_effect,
-)
+from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 
 # Times the noise of the drive that a limit must cut off, and a dead zone must hide
 # (`benchmarks/diagnosis.py`).

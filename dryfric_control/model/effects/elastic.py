@@ -10,13 +10,7 @@ import numpy as np
 from scipy import signal
 
 from dryfric_control.model.effects.columns import Column, View, simulated
-from dryfric_control.model.effects.effect import (
-    BaseAxis,
-    Effect,
-    Inner,
-    parameter,
-    register_effect,
-)
+from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 
 # Damping ratio of a spring between motor and load.
 _RATIO = 0.05

@@ -34,7 +34,8 @@ class View(Protocol):
     u: Floats
     direction: Floats  # +1 or -1; 0 at rest
     level: Floats  # Coulomb level [N]
-    carried: Floats  # load of the transmission: drive less force effects [N]
+    drive: Floats  # after its gain and limits [N]
+    carried: Floats  # load of the transmission: that less the force effects [N]
     size: float  # typical Coulomb level [N]
     middle: float  # of the travel [m]
     span: float  # of the travel [m]

@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import itertools
 import json
 import math
 import re
@@ -44,16 +45,18 @@ U = 20.0 * np.sin(6.0 * T) + 12.0 * np.sin(17.0 * T + 1.0)
 AXIS = dfc.FrictionAxis(
     mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.3, 0.01), travel=(-0.3, 0.3)
 )
+RUN = AXIS.simulate([0.0, 1.0], DT)
 X = 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=DT).y[0])
 RECORD = dfc.Record(T, U, X, X)
 CONTROLLER = dfc.PositionController(kp=400.0, ki=0.0, kd=40.0, dt=DT)
+SLOWER = dataclasses.replace(CONTROLLER, dt=2e-3)
 HUGE = 10**400  # a whole number that no float holds
 
 
-def nan_at(array: Any, place: int = 7, value: float = NAN) -> Any:
+def nan_at(array: Any, place: int = 7) -> Any:
     """The array with one bad value."""
     spoiled = np.array(array, dtype=float)
-    spoiled[place] = value
+    spoiled[place] = NAN
     return spoiled
 
 
@@ -71,22 +74,18 @@ def fitted() -> dfc.Fit:
 
 @functools.cache
 def experiment() -> Experiment:
-    nothing = np.empty(0)
-    return Experiment(
-        "change_of_bench",
-        "a change of the bench",
-        "turn it",
-        nothing,
-        nothing,
-        None,
-        (),
-        {},
-        {},
-        "coulomb",
-        {},
-        {},
-        ("m", "N"),
-    )
+    rest = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
+    return Experiment("change_of_bench", "a change of the bench", "turn it", *rest)
+
+
+def method(make: Callable[[], Any], name: str) -> Callable[..., Any]:
+    """A method of what is made when it is called."""
+    return lambda **given: getattr(make(), name)(**given)
+
+
+def designed(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, given a design."""
+    return lambda **given: function(**({"design": design()} | given))
 
 
 class Magnet(fx.Effect):
@@ -104,38 +103,9 @@ def magnet(**changes: Any) -> Any:
     return fx.register_effect(type("Magnet", (Magnet,), changes))
 
 
-def content(name: str, text: Any) -> Callable[..., Any]:
-    """A call that reads a file with this text."""
-    readers = {
-        ".toml": dfc.read_axis,
-        ".json": dfc.load_design,
-        ".log": dfc.read_bam,
-        "emps.csv": dfc.datasets.emps,
-    }
-    reader = readers.get(name) or readers.get(
-        name[name.rindex(".") :] if name != "run.json" else "", dfc.read_record
-    )
-
-    def read(folder: Any, **options: Any) -> Any:
-        path = folder / name
-        if isinstance(text, dict):
-            savemat(path, text)
-        else:
-            path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return reader(path, **options)
-
-    read.needs_folder = True  # type: ignore[attr-defined]
-    return read
-
-
-def columns(*arrays: Any, heading: str = "t,u,x") -> str:
-    rows = zip(*(np.asarray(a).tolist() for a in arrays), strict=True)
-    return "\n".join([heading, *(",".join(map(str, row)) for row in rows)]) + "\n"
-
-
 # A sound call of every name: what the rows below spoil in one argument.
-SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
-    "FrictionAxis": (dfc.FrictionAxis, dict(mass=2.0, viscous=15.0, coulomb=8.0)),
+LOOP = dict(controller=CONTROLLER, reference=[0.0, 0.1])
+MADE: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "FrictionAxis.replace": (AXIS.replace, {}),
     "FrictionAxis.arrays": (AXIS.arrays, dict(dt=DT)),
     "FrictionAxis.breakaway": (AXIS.breakaway, dict(x=[0.0], direction=1)),
@@ -145,39 +115,24 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "FrictionAxis.mode_ss": (AXIS.mode_ss, dict(index=1, dt=DT)),
     "AxisStepper": (AxisStepper, dict(axis=AXIS, dt=DT)),
     "AxisStepper.step": (AxisStepper(AXIS, DT).step, dict(u=0.0)),
-    "CoulombMap": (dfc.CoulombMap, dict(plus=8.0)),
     "CoulombMap.__call__": (dfc.CoulombMap(8.0), dict(x=[0.0], direction=1)),
     "CoulombMap.scaled": (dfc.CoulombMap(8.0).scaled, dict(plus=1.0)),
-    "Stribeck": (dfc.Stribeck, dict(excess=0.3, speed=0.01)),
     "Sign": (dfc.laws.Sign, {}),
     "Tanh": (dfc.laws.Tanh, dict(speed=1e-3)),
     "Karnopp": (dfc.laws.Karnopp, dict(band=1e-3)),
     "Dahl": (dfc.laws.Dahl, dict(stiffness=1e5)),
     "LuGre": (dfc.laws.LuGre, dict(stiffness=1e5, damping=100.0)),
     "Law": (dfc.laws.Sign().run, dict(axis=AXIS, u=[0.0, 1.0], dt=DT)),
-    "PositionController": (dfc.PositionController, dict(kp=400.0, ki=0.0, kd=40.0, dt=DT)),
     "PositionController.from_bandwidth": (
         dfc.PositionController.from_bandwidth,
         dict(axis=AXIS, bandwidth=20.0, dt=DT),
     ),
     "PositionController.memory": (CONTROLLER.memory, {}),
-    "simulate_loop": (
-        dfc.simulate_loop,
-        dict(axis=AXIS, controller=CONTROLLER, reference=[0.0, 0.1]),
-    ),
-    "axis_block": (dfc.axis_block, dict(axis=AXIS, dt=DT)),
-    "switched_axis": (dfc.switched_axis, dict(axis=AXIS, dt=DT)),
-    "supervisor": (dfc.supervisor, dict(axis=AXIS, dt=DT)),
-    "encoder": (dfc.encoder, dict(quantum=1e-6, dt=DT)),
-    "reference_filter": (dfc.reference_filter, dict(bandwidth=20.0, dt=DT)),
-    "position_controller": (dfc.position_controller, dict(axis=AXIS, bandwidth=20.0, dt=DT)),
-    "plot_state_machine": (dfc.plot_state_machine, dict(axis=AXIS)),
-    "SimulationResponse": (AXIS.simulate([0.0, 1.0], DT).plot, {}),
-    "Events": (AXIS.simulate([0.0, 1.0], DT).events.times, dict(before=0, after=1)),
+    "SimulationResponse": (RUN.plot, {}),
+    "Events": (RUN.events.times, dict(before=0, after=1)),
     "parameter": (fx.parameter, dict(unit="N", doc="force")),
     "Effect": (fx.Spring, dict(stiffness=10.0)),
     "register_effect": (magnet, {}),
-    "Record": (dfc.Record, dict(t=T, u=U, x=X)),
     "Record.from_irregular": (dfc.Record.from_irregular, dict(t=T, u=U, x=X)),
     "Record.split_at_gaps": (dfc.Record.split_at_gaps, dict(t=T, u=U, x=X)),
     "Record.from_frame": (dfc.Record.from_frame, dict(frame={})),
@@ -192,102 +147,90 @@ SOUND: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Record.plot": (RECORD.plot, {}),
     "Record.read": (RECORD.read, dict(positions=X, rng=np.random.default_rng(0))),
     "Record.compare": (dfc.Record(T, U, X, channels={"v": U}).compare, dict(name="v")),
-    "read_record": (dfc.read_record, dict(source={"t": T, "u": U, "x": X})),
-    "Scaling": (dfc.Scaling, {}),
     "Scaling.of": (dfc.Scaling.of, dict(gain=2.0)),
     "Scaling.from_dict": (dfc.Scaling.from_dict, dict(data={})),
     "Scaling.from_file": (dfc.Scaling.from_file, dict(path="axis.toml")),
-    "load_fit": (dfc.load_fit, dict(path="fit.json")),
-    "load_record": (dfc.load_record, dict(path="record.json")),
-    "load_diagnosis": (dfc.load_diagnosis, dict(path="diagnosis.json")),
-    "read_bam": (dfc.read_bam, dict(path="log.json")),
-    "read_axis": (dfc.read_axis, dict(path="axis.toml")),
-    "write_axis": (dfc.write_axis, dict(axis=AXIS, path="/nowhere/axis.toml")),
-    "load_design": (dfc.load_design, dict(path="observer.json")),
-    "design_pi_observer": (dfc.design_pi_observer, dict(axis=AXIS, dt=DT)),
-    "hybrid_filter": (dfc.hybrid_filter, dict(axis=AXIS)),
-    "design_compensation": (dfc.design_compensation, dict(axis=AXIS, dt=DT)),
-    "load_compensation": (dfc.load_compensation, dict(path="/nowhere/compensation.json")),
-    "export_c": (dfc.export_c, dict(obj=AXIS, folder="new")),
-    "export_fmu": (dfc.export_fmu, dict(obj=AXIS, path="axis.fmu")),
-    "to_mjcf": (dfc.to_mjcf, dict(result=AXIS, model="/nowhere/arm.xml")),
-    "to_urdf": (dfc.to_urdf, dict(result=AXIS, model="/nowhere/arm.urdf")),
-    "to_modelica": (dfc.to_modelica, dict(result=AXIS, model="/nowhere/Arm.mo")),
-    "to_isaac": (dfc.to_isaac, dict(result=AXIS, path="/nowhere/friction.py", load=0.0)),
-    "to_simscape": (dfc.to_simscape, dict(result=AXIS, path="/nowhere/friction.m")),
-    "motion_profile": (
-        dfc.motion_profile,
-        dict(points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0),
-    ),
-    "ObserverDesign.mode_matrices": (lambda **k: design().mode_matrices(**k), dict(mode=1)),
-    "ObserverDesign.error_dynamics": (lambda **k: design().error_dynamics(**k), dict(mode=1)),
-    "ObserverDesign.save": (lambda **k: design().save(**k), dict(path="/nowhere/observer.json")),
-    "pi_observer": (lambda **k: dfc.pi_observer(k.pop("design", design()), **k), {}),
-    "ObserverStepper": (lambda **k: dfc.ObserverStepper(k.pop("design", design()), **k), {}),
+    "ObserverDesign.mode_matrices": (method(design, "mode_matrices"), dict(mode=1)),
+    "ObserverDesign.error_dynamics": (method(design, "error_dynamics"), dict(mode=1)),
+    "ObserverDesign.save": (method(design, "save"), dict(path="/nowhere/observer.json")),
     "ObserverStepper.step": (
-        lambda **k: dfc.ObserverStepper(design()).step(**k),
+        lambda **given: dfc.ObserverStepper(design()).step(**given),
         dict(u=0.0, y=0.0),
     ),
-    "observe": (
-        lambda **k: dfc.observe(k.pop("design", design()), k.pop("u"), k.pop("y"), **k),
-        dict(u=[0.0, 1.0], y=[0.0, 0.0]),
-    ),
-    "observed_loop": (
-        lambda **k: dfc.observed_loop(**({"design": design()} | k)),
-        dict(axis=AXIS, controller=CONTROLLER),
-    ),
-    "simulate_observed_loop": (
-        lambda **k: dfc.simulate_observed_loop(**({"design": design()} | k)),
-        dict(axis=AXIS, controller=CONTROLLER, reference=[0.0, 0.1]),
-    ),
-    "monte_carlo": (
-        lambda **k: dfc.monte_carlo(**({"design": design()} | k)),
-        dict(
-            controller=CONTROLLER,
-            reference=[0.0, 0.1],
-            quantum=1e-6,
-            stribeck_speed=0.01,
-            runs=2,
-            progress=False,
-        ),
-    ),
-    "fit": (dfc.fit, dict(axis=AXIS, record=RECORD)),
-    "Fit.interval": (lambda **k: fitted().interval(**k), {}),
-    "Fit.bootstrap": (lambda **k: fitted().bootstrap(**k), {}),
-    "Fit.replay": (lambda **k: fitted().replay(**k), dict(record=RECORD)),
-    "Fit.plot": (lambda **k: fitted().plot(**k), {}),
-    "identify_coulomb": (dfc.identify_coulomb, dict(record=RECORD)),
-    "identify_stribeck": (dfc.identify_stribeck, dict(axis=AXIS, record=RECORD)),
-    "replay": (dfc.replay, dict(axis=AXIS, record=RECORD)),
-    "replay_loop": (dfc.replay_loop, dict(axis=AXIS, record=RECORD, controller=CONTROLLER)),
-    "slow_ramp_experiment": (dfc.slow_ramp_experiment, dict(axis=AXIS, duration=5.0)),
-    "diagnose": (dfc.diagnose, dict(axis=AXIS, record=RECORD)),
-    "diagnose_batch": (dfc.diagnose_batch, dict(axis=AXIS, records=[RECORD], progress=False)),
-    "diagnose_joints": (
-        dfc.diagnose_joints,
-        dict(joints={"elbow": (AXIS, RECORD)}, progress=False),
-    ),
-    "run_batch": (dfc.run_batch, dict(function=math.sqrt, cases={"a": 4.0}, progress=False)),
-    "next_experiment": (
-        dfc.next_experiment,
-        dict(axis=AXIS, rivals=[AXIS.replace(mass=2.5)], record=RECORD),
-    ),
-    "Experiment.to_csv": (lambda **k: experiment().to_csv(**k), dict(path="plan.csv")),
-    "Experiment.plot": (lambda **k: experiment().plot(**k), {}),
+    "Fit.interval": (method(fitted, "interval"), {}),
+    "Fit.bootstrap": (method(fitted, "bootstrap"), {}),
+    "Fit.replay": (method(fitted, "replay"), dict(record=RECORD)),
+    "Fit.plot": (method(fitted, "plot"), {}),
+    "Experiment.to_csv": (method(experiment, "to_csv"), dict(path="plan.csv")),
+    "Experiment.plot": (method(experiment, "plot"), {}),
     "datasets.emps": (dfc.datasets.emps, dict(path="DATA_EMPS.mat")),
     "presets.clutch_observer": (presets.clutch_observer, {}),
     "presets.clutch_controller": (presets.clutch_controller, {}),
     "presets.crawl_and_steps": (presets.crawl_and_steps, {}),
-    "presets.clutch_experiment": (
-        lambda **k: presets.clutch_experiment(**({"design": design()} | k)),
-        {},
-    ),
-    "presets.clutch_monte_carlo": (
-        lambda **k: presets.clutch_monte_carlo(**({"design": design()} | k)),
-        {},
-    ),
+    "presets.clutch_experiment": (designed(presets.clutch_experiment), {}),
+    "presets.clutch_monte_carlo": (designed(presets.clutch_monte_carlo), {}),
+    **{
+        name: (designed(getattr(dfc, name)), arguments)
+        for name, arguments in {
+            "pi_observer": {},
+            "ObserverStepper": {},
+            "observe": dict(u=[0.0, 1.0], y=[0.0, 0.0]),
+            "observed_loop": dict(axis=AXIS, controller=CONTROLLER),
+            "simulate_observed_loop": dict(axis=AXIS, **LOOP),
+            "monte_carlo": LOOP | dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
+        }.items()
+    },
 }
-SOUND |= {cls.__name__: (cls, {}) for cls in REGISTRY.values()}
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "FrictionAxis": dict(mass=2.0, viscous=15.0, coulomb=8.0),
+    "CoulombMap": dict(plus=8.0),
+    "Stribeck": dict(excess=0.3, speed=0.01),
+    "PositionController": dict(kp=400.0, ki=0.0, kd=40.0, dt=DT),
+    "simulate_loop": dict(axis=AXIS, **LOOP),
+    "axis_block": dict(axis=AXIS, dt=DT),
+    "switched_axis": dict(axis=AXIS, dt=DT),
+    "supervisor": dict(axis=AXIS, dt=DT),
+    "encoder": dict(quantum=1e-6, dt=DT),
+    "reference_filter": dict(bandwidth=20.0, dt=DT),
+    "position_controller": dict(axis=AXIS, bandwidth=20.0, dt=DT),
+    "plot_state_machine": dict(axis=AXIS),
+    "Record": dict(t=T, u=U, x=X),
+    "read_record": dict(source={"t": T, "u": U, "x": X}),
+    "Scaling": {},
+    "load_fit": dict(path="fit.json"),
+    "load_record": dict(path="record.json"),
+    "load_diagnosis": dict(path="diagnosis.json"),
+    "read_bam": dict(path="log.json"),
+    "read_axis": dict(path="axis.toml"),
+    "write_axis": dict(axis=AXIS, path="/nowhere/axis.toml"),
+    "load_design": dict(path="observer.json"),
+    "design_pi_observer": dict(axis=AXIS, dt=DT),
+    "hybrid_filter": dict(axis=AXIS),
+    "design_compensation": dict(axis=AXIS, dt=DT),
+    "load_compensation": dict(path="/nowhere/compensation.json"),
+    "export_c": dict(obj=AXIS, folder="new"),
+    "export_fmu": dict(obj=AXIS, path="axis.fmu"),
+    "to_mjcf": dict(result=AXIS, model="/nowhere/arm.xml"),
+    "to_urdf": dict(result=AXIS, model="/nowhere/arm.urdf"),
+    "to_modelica": dict(result=AXIS, model="/nowhere/Arm.mo"),
+    "to_isaac": dict(result=AXIS, path="/nowhere/friction.py", load=0.0),
+    "to_simscape": dict(result=AXIS, path="/nowhere/friction.m"),
+    "motion_profile": dict(
+        points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0, dwell=0.0
+    ),
+    "fit": dict(axis=AXIS, record=RECORD),
+    "identify_coulomb": dict(record=RECORD),
+    "identify_stribeck": dict(axis=AXIS, record=RECORD),
+    "replay": dict(axis=AXIS, record=RECORD),
+    "replay_loop": dict(axis=AXIS, record=RECORD, controller=CONTROLLER),
+    "slow_ramp_experiment": dict(axis=AXIS, duration=5.0),
+    "diagnose": dict(axis=AXIS, record=RECORD),
+    "diagnose_batch": dict(axis=AXIS, records=[RECORD], progress=False),
+    "diagnose_joints": dict(joints={"elbow": (AXIS, RECORD)}, progress=False),
+    "run_batch": dict(function=math.sqrt, cases={"a": 4.0}, progress=False),
+    "next_experiment": dict(axis=AXIS, rivals=[AXIS.replace(mass=2.5)], record=RECORD),
+}
+SOUND = MADE | {name: (getattr(dfc, name), given) for name, given in ARGUMENTS.items()}
 
 PUBLIC = {
     name: getattr(space, name)
@@ -298,18 +241,10 @@ PUBLIC = {
 
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
 # whose methods take no argument or are in the table under the name of the function.
-NOTHING_TO_SPOIL = {
-    "__version__",
-    "Cause",
-    "Certificate",
-    "CertificateError",
-    "Compensation",
-    "Diagnosis",
-    "MotionProfile",
-    "FitWarning",
-    "Inner",
-    "RecordWarning",
-}
+NOTHING_TO_SPOIL = set(
+    "__version__ Cause Certificate CertificateError Compensation Diagnosis MotionProfile FitWarning "
+    "Inner RecordWarning".split()
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -337,16 +272,50 @@ def _short(value: Any) -> str:
 CASES: list[Case] = []
 
 
+class Each(tuple[Any, ...]):
+    """Values of an argument that are refused alike."""
+
+    def __new__(cls, *values: Any) -> Each:
+        return super().__new__(cls, values)
+
+
 def rows(*table: tuple[Any, ...]) -> None:
-    """Rows: public name, spoiled argument, mend, and what to say in place of the argument."""
-    CASES.extend(Case(*row) for row in table)
+    """Rows: public names, spoiled argument, mend, and further, where it is not the usual one,
+    what to say in place of the argument, a call, and last the kind of the error.
+    """
+    for names, spoil, mend, *more in table:
+        kind = more.pop() if more and isinstance(more[-1], type) else ValueError
+        values = [v if isinstance(v, Each) else (v,) for v in spoil.values()]
+        for name, given in itertools.product(names.split(), itertools.product(*values)):
+            CASES.append(
+                Case(name, dict(zip(spoil, given, strict=True)), mend, *more, kind=kind)  # type: ignore[arg-type]
+            )
 
 
 def files(name: str, *table: tuple[Any, ...]) -> None:
     """Rows of a reader: file name, content, what the message names, mend, options."""
-    for file, text, says, mend, *options in table:
-        spoil = options[0] if options else {}
-        CASES.append(Case(name, spoil, mend, says, content(file, text)))
+    for file, content, says, mend, *options in table:
+        rows((name, options[0] if options else {}, mend, says, reading(name, file, content)))
+
+
+def reading(name: str, file: str, content: Any) -> Callable[..., Any]:
+    """A call that reads a file with this content."""
+
+    def read(folder: Any, **options: Any) -> Any:
+        path = folder / file
+        if isinstance(content, dict):
+            savemat(path, content)
+        else:
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return SOUND[name][0](path, **options)
+
+    read.needs_folder = True  # type: ignore[attr-defined]
+    return read
+
+
+def columns(*arrays: Any, heading: str = "t,u,x") -> str:
+    rows = zip(*(np.asarray(a).tolist() for a in arrays), strict=True)
+    return "\n".join([heading, *(",".join(map(str, row)) for row in rows)]) + "\n"
 
 
 NUMBER = "must be a (finite )?number|must be finite|not finite"
@@ -359,19 +328,18 @@ KINDS = {
 }
 
 
-def numbers(name: str, **kinds: str) -> None:
+def numbers(names: str, **kinds: str) -> None:
     """Rows of arguments that are numbers of one kind: finite, not negative, or positive."""
     for kind, arguments in kinds.items():
-        for argument in arguments.split():
-            rows(*((name, dict([(argument, bad)]), mend) for bad, mend in KINDS[kind]))
+        for argument, (bad, mend) in itertools.product(arguments.split(), KINDS[kind]):
+            rows((names, {argument: bad}, mend))
 
 
 # ------------------------------------------------------------------ numbers
 numbers("FrictionAxis", positive="mass stick_speed stick_rate", not_negative="viscous")
 numbers("FrictionAxis.replace", positive="mass")
 numbers("AxisStepper.step", finite="u")
-numbers("CoulombMap", finite="plus minus")
-numbers("CoulombMap.scaled", finite="plus minus")
+numbers("CoulombMap CoulombMap.scaled", finite="plus minus")
 numbers("Stribeck", not_negative="excess", positive="speed")
 numbers("Sign", positive="tolerance")
 numbers("Tanh", positive="speed tolerance")
@@ -385,7 +353,7 @@ numbers("Record", positive="unwrap")
 numbers("Record.from_irregular", positive="max_gap")
 numbers("Record.blocks", positive="seconds")
 numbers("read_record", finite="gain", positive="rate unwrap")
-numbers("Scaling.of", finite="gain")
+numbers("Scaling.of Record.commanded", finite="gain")
 numbers(
     "design_pi_observer",
     not_negative="uncertainty noise drift",
@@ -407,137 +375,99 @@ numbers("to_isaac", not_negative="load")
 numbers("motion_profile", finite="points jerk", positive="velocity acceleration")
 numbers("ObserverStepper.step", finite="u y")
 numbers("monte_carlo", positive="stribeck_speed")
-numbers("Record.commanded", finite="gain")
 numbers("fit", positive="block")
-for _name in ("fit", "replay", "Fit.replay", "diagnose", "diagnose_batch", "diagnose_joints"):
-    numbers(_name, positive="window")
+numbers("fit replay Fit.replay diagnose diagnose_batch diagnose_joints", positive="window")
 numbers("replay", finite="shift")
 
 # -------------------------------------------------------------------- axis
+LATE = AXIS.replace(effects=fx.InputDelay(5e-3))
 rows(
     ("FrictionAxis", dict(mass=[2.0]), NUMBER),
     ("FrictionAxis", dict(mass=5e-324), "unit"),
     ("FrictionAxis", dict(coulomb=-8.0), "magnitude"),
     ("FrictionAxis", dict(coulomb=NAN), "finite", "plus"),
-    ("FrictionAxis", dict(coulomb=None), "level"),
-    ("FrictionAxis", dict(coulomb=True), "level"),
+    ("FrictionAxis", dict(coulomb=Each(None, True, (1.0, 2.0, 3.0))), "level"),
     ("FrictionAxis", dict(coulomb=()), "pair"),
     ("FrictionAxis", dict(coulomb=(8.0, NAN)), "finite", "minus"),
     ("FrictionAxis", dict(coulomb=(1.0, -1.0)), "magnitude", "minus"),
-    ("FrictionAxis", dict(coulomb=(1.0, 2.0, 3.0)), "level"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, 2.0]), travel=None), "give travel"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
-    ("FrictionAxis", dict(effects=2 * (fx.InputDelay(0.1),)), "more than one delay"),
-    ("FrictionAxis", dict(effects=2 * (fx.Presliding(1e-5),)), "more than one contact"),
-    ("FrictionAxis", dict(stribeck=0.3), "dfc.Stribeck"),
-    ("FrictionAxis", dict(stribeck=(0.3, 0.01)), "dfc.Stribeck"),
+    ("FrictionAxis", dict(stribeck=Each(0.3, (0.3, 0.01))), "dfc.Stribeck"),
     ("FrictionAxis", dict(travel=(0.1, 0.1)), "low to high"),
     ("FrictionAxis", dict(travel=(0.0, 0.1, 0.2)), r"\(low, high\)"),
     ("FrictionAxis", dict(switching="Filippov"), '"filippov" or "paper"'),
-    ("FrictionAxis", dict(switching=None), '"filippov"'),
-    ("FrictionAxis", dict(switching=["paper"]), '"filippov"'),
+    ("FrictionAxis", dict(switching=Each(None, ["paper"])), '"filippov"'),
     ("FrictionAxis", dict(effects=3), "sequence of effects"),
-    ("FrictionAxis", dict(effects="spring"), "dfc.effects.Spring"),
-    ("FrictionAxis", dict(effects=(fx.Spring,)), "dfc.effects.Spring"),
-    (
-        "FrictionAxis",
-        dict(effects=(fx.Backlash(1e-3, 0.5), fx.Compliance(1e4, 1.0, 0.5))),
-        "keep one",
-    ),
+    ("FrictionAxis", dict(effects=Each("spring", (fx.Spring,))), "dfc.effects.Spring"),
+    ("FrictionAxis", dict(effects=2 * (fx.InputDelay(0.1),)), "more than one delay"),
+    ("FrictionAxis", dict(effects=2 * (fx.Presliding(1e-5),)), "more than one contact"),
+    ("FrictionAxis", dict(effects=(fx.Backlash(1e-3, 0.5), fx.Compliance(1e4, 1.0, 0.5))), "one"),
     ("FrictionAxis", dict(effects=(fx.ActuatorLag(0.1), fx.ActuatorLag(0.2))), "add them up"),
     ("FrictionAxis", dict(name=3), "text"),
-    ("FrictionAxis", dict(units="m"), "position and force"),
-    ("FrictionAxis", dict(units=("m", 3)), "position and force"),
-    ("FrictionAxis", dict(units=3), "position and force"),
+    ("FrictionAxis", dict(units=Each("m", ("m", 3), 3)), "position and force"),
     ("FrictionAxis", dict(units=("deg", "Nm")), "converted as they are read", "not in 'deg'"),
     ("FrictionAxis", dict(units=("m", "kN")), "converted as they are read", "not in 'kN'"),
     ("FrictionAxis", dict(units=("N m", "rad")), "position first", "position cannot be in 'N m'"),
     ("FrictionAxis", dict(units=("rad", "N")), '"N m"'),
-    ("FrictionAxis.replace", dict(weight=1.0), "unexpected keyword", None, None, TypeError),
+    ("FrictionAxis.replace", dict(weight=1.0), "unexpected keyword", None, TypeError),
     ("FrictionAxis.arrays", dict(dt=0.0), POSITIVE),
-    ("FrictionAxis.mode_ss", dict(dt=-1.0), NOT_NEGATIVE),
     ("FrictionAxis.breakaway", dict(direction=0), r"\+1 or -1"),
     ("FrictionAxis.breakaway", dict(x=["a"]), "array of numbers"),
     ("FrictionAxis.simulate", dict(u=None), r"array of numbers|shape \(n,\)"),
-    ("FrictionAxis.simulate", dict(u=[1.0, [2.0]]), "array of numbers"),
-    ("FrictionAxis.simulate", dict(u=[0.0, HUGE]), "array of numbers"),
+    ("FrictionAxis.simulate", dict(u=Each([1.0, [2.0]], [0.0, HUGE], {"a": 1.0})), "array of num"),
     ("FrictionAxis.simulate", dict(u=U + 1j), "real part"),
-    ("FrictionAxis.simulate", dict(u={"a": 1.0}), "array of numbers"),
     ("FrictionAxis.simulate", dict(u=np.ma.masked_less([1.0, -1.0], 0.0)), "fill or remove"),
     ("FrictionAxis.simulate", dict(u=np.array(["1", "2"])), "numbers"),
     ("FrictionAxis.simulate", dict(x0=[0.0, 1.0]), NUMBER),
-    ("FrictionAxis.simulate", dict(law="lugre"), "dfc.laws.LuGre"),
-    ("FrictionAxis.simulate", dict(law=dfc.laws.Sign), r"dfc.laws.LuGre\("),
-)
-_FAST = AXIS.replace(viscous=1e12)  # N s/um taken for N s/m, say
-_SHARP = AXIS.replace(stribeck=dfc.Stribeck(0.3, 1e-13))
-_STIFF = functools.partial(AXIS.replace(viscous=5000.0).mode_ss, 1, DT, "euler")
-for _name, _says, _call in (
-    ("FrictionAxis.simulate", "viscous", lambda: _FAST.simulate([0.0], DT)),
-    ("FrictionAxis.simulate", "stribeck.speed", lambda: _SHARP.simulate([0.0], DT)),
-    ("FrictionAxis.stepper", "viscous", lambda: _FAST.stepper(DT)),
-    ("axis_block", "viscous", lambda: dfc.axis_block(_FAST, DT)),
-    ("simulate_loop", "viscous", lambda: dfc.simulate_loop(_FAST, CONTROLLER, [0.0])),
-):
-    CASES.append(Case(_name, {}, "check the units", _says, _call))
-rows(
-    ("FrictionAxis.mode", dict(index=2), "stuck", "mode"),
-    ("FrictionAxis.mode", dict(index="+1"), "stuck", "mode"),
-    ("FrictionAxis.mode", dict(index=[1]), "stuck", "mode"),
-    ("FrictionAxis.mode", dict(index=True), "stuck", "mode"),
+    ("FrictionAxis.simulate", dict(law=Each("lugre", dfc.laws.Sign)), r"dfc.laws.LuGre"),
+    ("FrictionAxis.mode", dict(index=Each(2, "+1", [1], True)), "stuck", "mode"),
     ("FrictionAxis.mode_ss", dict(index=None), "stuck", "mode"),
+    ("FrictionAxis.mode_ss", dict(dt=-1.0), NOT_NEGATIVE),
     ("FrictionAxis.mode_ss", dict(method="tustin"), '"euler" or "zoh"'),
     ("FrictionAxis.mode_ss", dict(input="u"), '"drive" or "force"'),
     ("FrictionAxis.mode_ss", dict(index=0, dt=0.01), 'lower dt|method="zoh"', "stick_rate"),
-    ("FrictionAxis.mode_ss", dict(at=0.1), "position, velocity"),
+    ("FrictionAxis.mode_ss", dict(at=Each(0.1, (0.1, 0.2, 3.0, 4.0))), "position, veloc", "at"),
     ("FrictionAxis.mode_ss", dict(at=(NAN, 0.1)), NUMBER, "at"),
     ("FrictionAxis.mode_ss", dict(at=(0.0, -0.1)), "sign of the mode", "at"),
-    ("FrictionAxis.mode_ss", dict(at=(0.1, 0.2, 3.0, 4.0)), "position, velocity", "at"),
-    ("FrictionAxis.mode_ss", {}, "lower dt", "viscous / mass", _STIFF),
     ("AxisStepper.step", dict(u=[1.0, 2.0]), NUMBER),
     ("CoulombMap", dict(plus=[]), "constant level"),
-    ("CoulombMap", dict(plus="8"), "coefficients"),
+    ("CoulombMap", dict(plus=Each("8", None)), "coefficients"),
     ("CoulombMap", dict(plus=[8.0, NAN]), "finite", r"plus\[1\]"),
-    ("CoulombMap", dict(plus=None), "coefficients"),
     ("CoulombMap", dict(minus=[[7.0]]), "number", r"minus\[0\]"),
     ("CoulombMap", dict(plus={"c0": 8.0}), "number"),
-    ("CoulombMap.__call__", dict(direction=2), r"\+1 or -1"),
-    ("CoulombMap.__call__", dict(direction=None), r"\+1 or -1"),
+    ("CoulombMap.__call__", dict(direction=Each(2, None)), r"\+1 or -1"),
     ("CoulombMap.__call__", dict(x="here"), "array of numbers"),
     ("Stribeck", dict(excess=30.0), "for 30 % give 0.3"),
     ("Stribeck", dict(speed=1e-320), "unit"),
-)
-
-# -------------------------------------------------------------------- laws
-rows(
-    ("Law", dict(axis=AXIS.replace(effects=fx.InputDelay(5e-3))), "remove them", "input_delay"),
+    ("Law", dict(axis=LATE), "remove them", "input_delay"),
     ("Law", dict(axis=AXIS.replace(effects=fx.Presliding(1e-5))), "leave out", "presliding"),
+)
+_FAST = AXIS.replace(viscous=1e12)  # N s/um taken for N s/m, say
+_SHARP = AXIS.replace(stribeck=dfc.Stribeck(0.3, 1e-13))
+_WALL = AXIS.replace(effects=fx.EndStop(-0.1, 0.1, 1e15))
+_STIFF = functools.partial(AXIS.replace(viscous=5000.0).mode_ss, 1, DT, "euler")
+_UNITS = "check the units"
+rows(
+    ("FrictionAxis.mode_ss", {}, "lower dt", "viscous / mass", _STIFF),
+    ("FrictionAxis.simulate", {}, _UNITS, "viscous", lambda: _FAST.simulate([0.0], DT)),
+    ("FrictionAxis.simulate", {}, _UNITS, "stribeck.speed", lambda: _SHARP.simulate([0.0], DT)),
+    ("FrictionAxis.stepper", {}, _UNITS, "viscous", lambda: _FAST.stepper(DT)),
+    ("axis_block", {}, _UNITS, "viscous", lambda: dfc.axis_block(_FAST, DT)),
+    ("simulate_loop", {}, _UNITS, "viscous", lambda: dfc.simulate_loop(_FAST, CONTROLLER, [0.0])),
+    ("FrictionAxis.simulate", {}, "Use at most", "too stiff", lambda: _WALL.simulate([0.0], DT)),
 )
 
 # ---------------------------------------------------------- loops and blocks
 rows(
-    ("PositionController", dict(span=0), "1 to 8"),
-    ("PositionController", dict(span=9), "1 to 8"),
-    ("PositionController", dict(span=2.5), "1 to 8"),
-    ("PositionController", dict(span="2"), "1 to 8"),
-    ("PositionController", dict(span=True), "1 to 8"),
-    ("PositionController.from_bandwidth", dict(bandwidth=500.0), "below 0.2"),
+    ("PositionController", dict(span=Each(0, 9, 2.5, "2", True)), "1 to 8"),
+    ("PositionController.from_bandwidth position_controller", dict(bandwidth=500.0), "below 0.2"),
     ("simulate_loop", dict(reference=0.1), r"shape \(n,\)", "reference"),
     ("simulate_loop", dict(disturbance=[0.0]), "one for each"),
     ("simulate_loop", dict(disturbance=[0.0, NAN]), "fill"),
-)
-for _block in ("switched_axis", "supervisor"):
-    rows(
-        (_block, dict(axis=AXIS.replace(effects=fx.InputDelay(5e-3))), "axis_block", "input_delay")
-    )
-rows(
+    ("switched_axis supervisor", dict(axis=LATE), "axis_block", "input_delay"),
     ("reference_filter", dict(bandwidth=4000.0), "lower it"),
-    ("reference_filter", dict(order=0), "1 to 8"),
-    ("reference_filter", dict(order=2.5), "1 to 8"),
-    ("reference_filter", dict(order="two"), "1 to 8"),
-    ("reference_filter", dict(order=[2]), "1 to 8"),
-    ("position_controller", dict(bandwidth=500.0), "below 0.2"),
+    ("reference_filter", dict(order=Each(0, 2.5, "two", [2])), "1 to 8"),
     ("plot_state_machine", dict(ax=[1, 2]), "1 axes"),
     ("plot_state_machine", dict(ax="here"), "Axes"),
     ("SimulationResponse", dict(ax=[1.0]), "3 axes"),
@@ -548,9 +478,8 @@ rows(
 
 # ----------------------------------------------------------------- effects
 rows(
-    ("parameter", dict(bounds=(1.0, 0.0)), "low to high"),
+    ("parameter", dict(bounds=Each((1.0, 0.0), (NAN, 1.0))), "low to high"),
     ("parameter", dict(bounds=3.0), r"\(low, high\)"),
-    ("parameter", dict(bounds=(NAN, 1.0)), "low to high"),
     ("parameter", dict(bounds=(0.0, 1.0), default=2.0), "bounds", "default"),
     ("parameter", dict(unit=3), "text"),
     ("parameter", dict(doc=None), "text"),
@@ -560,17 +489,8 @@ rows(
     ("parameter", dict(logarithmic=None), "True or False"),
     ("Effect", dict(stiffness=None), NUMBER, "spring.stiffness"),
     ("Effect", dict(rest=[0.0, 1.0]), NUMBER),
-    ("Inertia", dict(factor=0.0), "must lie between 1e-09 and inf", "inertia.factor"),
-    ("StribeckPeak", dict(speed=0.0), "must lie between", "stribeck.speed"),
-    ("Cogging", dict(period=0.0), "must lie between", "cogging.period"),
-    ("Presliding", dict(distance=0.0), "must lie between", "presliding.distance"),
-    ("Backlash", dict(gap=0.0), "must lie between", "backlash.gap"),
-    ("Backlash", dict(load_fraction=0.0), "must lie between", "backlash.load_fraction"),
-    ("Backlash", dict(load_fraction=1.0), "must lie between", "backlash.load_fraction"),
-    ("Compliance", dict(stiffness=0.0), "must lie between", "compliance.stiffness"),
-    ("register_effect", dict(slug=""), "lower-case word"),
-    ("register_effect", dict(slug="a b"), "lower-case word"),
-    ("register_effect", dict(slug=3), "lower-case word"),
+    ("EndStop", dict(low=0.2, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
+    ("register_effect", dict(slug=Each("", "a b", 3)), "lower-case word"),
     ("register_effect", dict(action="torque"), "must be one of"),
     ("register_effect", dict(law=None), "static method law"),
     ("register_effect", dict(action="axis"), r"method alter\(axis\)", "Magnet"),
@@ -578,40 +498,19 @@ rows(
     ("register_effect", {}, "class", "Effect", lambda: fx.register_effect(3)),
     ("register_effect", {}, "dfc.effects.Effect", "dict", lambda: fx.register_effect(dict)),
 )
-for _slug, _cls in REGISTRY.items():
-    for _field in dataclasses.fields(_cls):
-        _low, _high = _field.metadata["bounds"]
-        _sound = {f.name: _cls.parameters()[f.name]["bounds"] for f in dataclasses.fields(_cls)}
-        # Growing: a lower place comes before an upper one.
-        _values = {
-            k: min(max(0.5 + 0.01 * i, low), high)
-            for i, (k, (low, high)) in enumerate(_sound.items())
-        }
-        SOUND[_cls.__name__] = (_cls, _values)
-        _says = f"{_slug}.{_field.name}"
-        rows(
-            (_cls.__name__, {_field.name: NAN}, NUMBER, _says),
-            (_cls.__name__, {_field.name: INF}, NUMBER, _says),
-            (_cls.__name__, {_field.name: "1.0 N"}, NUMBER, _says),
-        )
-        if math.isfinite(_low):
-            rows(
-                (
-                    _cls.__name__,
-                    {_field.name: math.nextafter(_low, -INF)},
-                    "must lie between",
-                    _says,
-                )
-            )
-        if math.isfinite(_high):
-            rows(
-                (
-                    _cls.__name__,
-                    {_field.name: math.nextafter(_high, INF)},
-                    "must lie between",
-                    _says,
-                )
-            )
+for _cls in REGISTRY.values():
+    _bounds = {name: about["bounds"] for name, about in _cls.parameters().items()}
+    # Growing: a lower place comes before an upper one.
+    _middle = {n: min(max(0.5 + 0.01 * i, low), high)
+               for i, (n, (low, high)) in enumerate(_bounds.items())}  # fmt: skip
+    SOUND[_cls.__name__] = (_cls, _middle)
+    for _name, _ends in _bounds.items():
+        _says = f"{_cls.slug}.{_name}"
+        rows((_cls.__name__, {_name: Each(NAN, INF, "1.0 N")}, NUMBER, _says))
+        for _end, _beyond in zip(_ends, (-INF, INF), strict=True):
+            if math.isfinite(_end):
+                _out = math.nextafter(_end, _beyond)
+                rows((_cls.__name__, {_name: _out}, "must lie between", _says))
 
 # ------------------------------------------------------------------ records
 WRAPPED = np.mod(40.0 * T, 2.0 * np.pi)
@@ -641,8 +540,7 @@ rows(
     ("Record", dict(raw={"x": "counts"}), "unit and a factor", "raw"),
     ("Record", dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
     ("Record", dict(name=3), "text"),
-    ("Record", dict(notes=3), "text"),
-    ("Record", dict(notes=[3]), "text"),
+    ("Record", dict(notes=Each(3, [3])), "text"),
     ("Record", dict(notes="filtered"), "sequence"),
     ("Record", dict(t=[0.0, HUGE, *T[2:]]), "convert it|physical"),
     ("Record.from_irregular", dict(t=T[::-1]), "sort the samples"),
@@ -653,20 +551,17 @@ rows(
     ("Record.from_irregular", dict(x=np.full(N, np.nan)), "remove"),
     ("Record.from_irregular", dict(x=np.where(T < 1.0, np.nan, X)), "too many", "rows"),
     ("Record.from_irregular", dict(good=[True]), "one for each reading", "good"),
-    ("Record.from_irregular", dict(colour="red"), "unexpected", None, None, TypeError),
+    ("Record.from_irregular", dict(colour="red"), "unexpected", None, TypeError),
     ("Record.split_at_gaps", dict(t=T[::-1]), "sort"),
     ("Record.split_at_gaps", dict(x=nan_at(X)), "remove"),
     ("Record.split_at_gaps", dict(units="m"), "mapping"),
     ("Record.split_at_gaps", dict(channels={"v": X[:5]}), "one length"),
-    ("Record.from_frame", dict(frame=[1, 2]), "data frame"),
+    ("Record.from_frame", dict(frame=Each([1, 2], X)), "data frame"),
     ("Record.window", dict(t0=1.0, t1=0.5), "record runs from", "window"),
     ("Record.window", dict(t0="start"), NUMBER),
-    ("Record.window", dict(t0=NAN), "record runs", "window"),
-    ("Record.window", dict(t0=90.0), "record runs from", "window"),
+    ("Record.window", dict(t0=Each(NAN, 90.0)), "record runs from", "window"),
     ("Record.split", dict(parts=0), "parts"),
-    ("Record.split", dict(parts=1.5), "positive with sum 1", "fractions"),
-    ("Record.split", dict(parts=[0.5, 0.6]), "sum 1", "fractions"),
-    ("Record.split", dict(parts=NAN), "positive", "fractions"),
+    ("Record.split", dict(parts=Each(1.5, [0.5, 0.6], NAN)), "positive with sum 1", "fractions"),
     ("Record.split", dict(parts=True), "fraction", "split"),
     ("Record.split", dict(parts="half"), "convert it", "fractions"),
     ("Record.split", dict(parts=5000), "2 or more"),
@@ -674,15 +569,13 @@ rows(
     ("Record.split", dict(parts=[]), "empty", "fractions"),
     ("Record.blocks", dict(seconds=1e-3), "fewer than 2", "0.001"),
     ("Record.decimated", dict(factor=0), "at least 1"),
-    ("Record.decimated", dict(factor=2.0), "whole number"),
-    ("Record.decimated", dict(factor=True), "whole number"),
+    ("Record.decimated", dict(factor=Each(2.0, True)), "whole number"),
     ("Record.decimated", dict(factor=N), "fewer than 2", "2000"),
     ("Record.resampled", dict(dt=5.0), "it takes"),
-    ("Record.derivatives", dict(window=4), "odd"),
+    ("Record.commanded", dict(gain=0.0), "more than zero|positive"),
+    ("Record.derivatives", dict(window=Each(4, 5.0, True)), "odd"),
     ("Record.derivatives", dict(window=3), "at least 5"),
     ("Record.derivatives", dict(window=9999), "at most"),
-    ("Record.derivatives", dict(window=5.0), "odd"),
-    ("Record.derivatives", dict(window=True), "odd"),
     ("Record.read", dict(positions=X[:5]), "give one each", "positions"),
     ("Record.read", dict(positions=nan_at(X)), "remove these samples", "positions"),
     ("Record.compare", dict(name="w"), "it has v", "'w'"),
@@ -690,10 +583,13 @@ rows(
     ("Record.to_csv", dict(path="run.xlsx"), "csv", "to_csv"),
     ("Record.plot", dict(ax=3), "one for each row"),
     ("Record", {}, "slice", "record", lambda: RECORD[3], TypeError),
-    ("Record", {}, "decimated", "step", lambda: RECORD[::2]),
+    ("Record", {}, r"use record.decimated\(2\)", "step", lambda: RECORD[::2]),
+    ("Record", {}, "holds 1, at least 2", "", lambda: RECORD[5:6]),
 )
 
 # ------------------------------------------------------------------ readers
+_MOTOR = "counts_per_turn gear_ratio lead torque_constant rated_torque force_constant rated_force "
+_MOTOR += "pinion_radius piston_area"
 rows(
     ("read_record", dict(source={}), "t, u and x", "no columns"),
     ("read_record", dict(source={"t": T, "u": U}), "columns=", "x"),
@@ -705,8 +601,11 @@ rows(
     ("read_record", dict(columns={"t": "u"}), "serves as both", "column"),
     ("read_record", dict(columns="t,u,x"), "map t, u, x"),
     ("read_record", dict(columns={"t": 1.5}), "name or an index"),
+    ("read_record", dict(columns={"referense": "x"}), "Did you mean 'reference'"),
+    ("read_record", dict(columns={"x": None}), "column of velocity", "x"),
     ("read_record", dict(units={"t": "fortnight"}), "use s, ms", "fortnight"),
     ("read_record", dict(units={"x": "s"}), "check the columns", "x"),
+    ("read_record", dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
     ("read_record", dict(units="ms"), "mapping"),
     ("read_record", dict(units={"q": "m"}), "t, u and x"),
     ("read_record", dict(max_rows=0), "positive"),
@@ -715,11 +614,8 @@ rows(
     ("read_record", dict(rate=1e3, dt=1e-3), "without a column of time", "rate and dt"),
     ("read_record", dict(max_gap=0.1), "give dt=", "max_gap"),
     ("read_record", dict(dt=1e-3, max_gap=-1.0), "more than zero", "max_gap"),
-    ("read_record", dict(columns={"referense": "x"}), "Did you mean 'reference'"),
-    ("read_record", dict(columns={"x": None}), "column of velocity", "x"),
     ("read_record", dict(gain={"w": 2.0}), "channels are", "'w'"),
     ("read_record", dict(gain={"v": 2.0}), "it has t, u, x", "'v'"),
-    ("read_record", dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
     ("read_record", dict(name=7), "text"),
     ("read_record", dict(joint="elbow"), "available", "joint 'elbow'"),
     ("Scaling", dict(gain=3), "number or a mapping"),
@@ -728,22 +624,11 @@ rows(
     ("Scaling", dict(gain={"y": 1.0}), "the channels are", "'y'"),
     ("Scaling", dict(gain={"reference": 2.0}), "takes the gain of x"),
     ("Scaling", dict(torque_constant=1.0, force_constant=1.0), "a motor has one"),
-    *(
-        ("Scaling", dict([(name, 0.0)]), "more than zero", name)
-        for name in (
-            "counts_per_turn gear_ratio lead torque_constant rated_torque force_constant "
-            "rated_force pinion_radius piston_area"
-        ).split()
-    ),
-    ("Scaling", dict(load_encoder="yes"), "True or False"),
     ("Scaling", dict(rated_torque=1.0, rated_force=1.0), "a motor has one"),
     ("Scaling", dict(lead=0.1, pinion_radius=0.02), "an axis has one"),
-    (
-        "Scaling.from_dict",
-        dict(data={"counts_per_trun": 1}),
-        "'counts_per_turn'",
-        "record.counts_per_trun",
-    ),
+    *(("Scaling", {name: 0.0}, "more than zero") for name in _MOTOR.split()),
+    ("Scaling", dict(load_encoder="yes"), "True or False"),
+    ("Scaling.from_dict", dict(data={"counts_per_trun": 1}), "'counts_per_turn'", "record.counts_"),
 )
 BACK = T.copy()
 BACK[900] = 0.0
@@ -763,6 +648,7 @@ files(
     ("run.csv.gz", "t", "run.csv.gz", "not compressed by gzip"),
     ("run.json", "{}", "run.json", "read_bam"),
     ("run.foo", "t", "run.foo", "save it as CSV"),
+    ("run", "t", "run", "are not read"),
     ("none.mat", "MATLAB 5.0", "none.mat", "no MAT-file"),
     ("v73.mat", b"MATLAB 7.3 MAT-file" + bytes(200), "v73.mat", "-v7"),
     ("hdf.mat", b"\x89HDF" + bytes(200), "hdf.mat", "-v7"),
@@ -776,16 +662,9 @@ files(
 
 def bam(**changes: Any) -> str:
     """Log of 30 samples, of which the last one is spoiled."""
+    sound = {"goal_position": 0.0, "input_volts": 7.5, "temp": 28.0, "torque_enable": True}
     entries = [
-        {
-            "timestamp": 4e-3 * k,
-            "position": math.sin(0.1 * k),
-            "goal_position": 0.0,
-            "load": 100 + k,
-            "input_volts": 7.5,
-            "temp": 28.0,
-            "torque_enable": True,
-        }
+        {"timestamp": 4e-3 * k, "position": math.sin(0.1 * k), "load": 100 + k} | sound
         for k in range(30)
     ]
     entries[-1] |= changes
@@ -809,11 +688,6 @@ files(
     ("deep.log", "[" * 100_000, "deep.log", "JSON"),
     ("step.log", bam(), "dt", "more than zero", dict(dt=0.0)),
 )
-CASES += [
-    Case("datasets.emps", dict(path="/nowhere/DATA_EMPS.mat"), "download", "no file",
-         kind=FileNotFoundError),
-    Case("datasets.emps", dict(path=3), "file name", "3"),
-]  # fmt: skip
 files("datasets.emps", ("emps.csv", columns(T, U, X), "not the EMPS record", "read_record"))
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 files(
@@ -843,7 +717,7 @@ files(
     ("lack.toml", TOML + '[[effects]]\neffect = "spring"', "stiffness", "add stiffness"),
     (
         "more.toml",
-        TOML + '[[effects]]\neffect = "spring"\nstiffness = 1\nmass = 2',
+        TOML + '[[effects]]\neffect = "bias_force"\nforce = 1\nmass = 2',
         "mass",
         "known",
     ),
@@ -854,84 +728,61 @@ files(
     ("rule.toml", TOML + 'switching = "none"', "switching", "filippov"),
     ("way.toml", TOML + "travel = [0.3, 0.0]", "travel", "low to high"),
 )
+_DESIGN = '{"format": "dryfric-control observer design", "version": %d}'
 files(
     "load_design",
     ("empty.json", "", "empty.json", "JSON"),
     ("torn.json", '{"format": ', "torn.json", "JSON"),
     ("list.json", "[1, 2]", "list.json", "no observer design"),
     ("other.json", '{"format": "a"}', "other.json", "format = 'a', not"),
-    (
-        "newer.json",
-        '{"format": "dryfric-control observer design", "version": 3}',
-        "version 3",
-        "newer package",
-    ),
-    (
-        "bare.json",
-        '{"format": "dryfric-control observer design", "version": 1}',
-        "content",
-        "save the observer",
-    ),
+    ("newer.json", _DESIGN % 3, "version 3", "newer package"),
+    ("bare.json", _DESIGN % 1, "content", "save the observer"),
     ("deep.json", "[" * 100_000, "deep.json", "JSON"),
     ("vast.json", "9" * 9000, "vast.json", "JSON"),
     ("wide.json", b"\xff\xfe{\x00", "wide.json", "JSON"),
 )
-for _name, _file in (
-    ("read_axis", "axis.toml"),
-    ("Scaling.from_file", "axis.toml"),
+for _names, _file in (
+    ("read_axis Scaling.from_file", "axis.toml"),
     ("read_bam", "log.json"),
     ("load_design", "observer.json"),
     ("load_fit", "fit.json"),
     ("load_record", "record.json"),
     ("load_diagnosis", "diagnosis.json"),
     ("load_compensation", "compensation.json"),
+    ("datasets.emps", "DATA_EMPS.mat"),
 ):
-    rows((_name, dict(path=f"/nowhere/{_file}"), "no file", _file, None, FileNotFoundError))
+    rows((_names, dict(path=f"/nowhere/{_file}"), "no file", _file, FileNotFoundError))
 rows(
-    ("read_record", dict(source="/nowhere/run.csv"), "no file", "run.csv", None, FileNotFoundError),
-    ("read_record", dict(source="a\0b.csv"), "no file", "a", None, FileNotFoundError),
-    ("read_record", dict(source="/"), "one file", "directory", None, IsADirectoryError),
-    ("read_record", dict(source=3), "path", "read_record", None, TypeError),
-    ("read_record", dict(source=None), "path", "read_record", None, TypeError),
-    ("read_bam", dict(path=3), "file name", "3"),
-    ("read_axis", dict(path=3), "is no file name", "3"),
-    ("write_axis", {}, "axis.toml", "nowhere", None, FileNotFoundError),
-    ("ObserverDesign.save", {}, "observer.json", "nowhere", None, FileNotFoundError),
-    (
-        "Record.to_csv",
-        dict(path="/nowhere/run.csv"),
-        "make it",
-        "/nowhere",
-        None,
-        FileNotFoundError,
-    ),
+    ("read_record", dict(source="/nowhere/run.csv"), "no file", "run.csv", FileNotFoundError),
+    ("read_record", dict(source="a\0b.csv"), "no file", "a", FileNotFoundError),
+    ("read_record", dict(source="/"), "give one file in it", "directory", IsADirectoryError),
+    ("read_record", dict(source=Each(3, None, [T, U, X])), "path", "read_record", TypeError),
+    ("read_bam datasets.emps read_axis", dict(path=3), "file name", "3"),
+    ("write_axis", {}, "axis.toml", "nowhere", FileNotFoundError),
+    ("ObserverDesign.save", {}, "observer.json", "nowhere", FileNotFoundError),
+    ("Record.to_csv", dict(path="/nowhere/run.csv"), "make it", "/nowhere", FileNotFoundError),
 )
 
 # ----------------------------------------------------------------- observer
+_SMOOTH = AXIS.replace(coulomb=0.0)
 rows(
     ("design_pi_observer", dict(dt=1.0, discretization="euler"), "lower dt", "dt"),
     ("design_pi_observer", dict(form="filtered"), "must be one of"),
-    ("design_pi_observer", dict(method="lqr"), "must be one of"),
+    ("design_pi_observer", dict(method=Each("lqr", ["paper"])), "must be one of"),
     ("design_pi_observer", dict(solver="mosek"), "must be one of"),
-    ("design_pi_observer", dict(method=["paper"]), "must be one of"),
     ("design_pi_observer", dict(discretization="tustin"), "must be one of"),
     ("design_pi_observer", dict(uncertainty=0.0), "small force", "uncertainty is zero"),
     ("design_pi_observer", dict(uncertainty={0: 1.0}), "name the modes"),
     ("design_pi_observer", dict(uncertainty={0: 1.0, 1: NAN, -1: 1.0}), "finite"),
-    ("design_pi_observer", dict(decay=0.0), "above 0"),
-    ("design_pi_observer", dict(decay=1.5), "above 0"),
-    ("design_pi_observer", dict(performance=(1.0, 2.0)), "three weights"),
+    ("design_pi_observer", dict(decay=Each(0.0, 1.5)), "above 0"),
+    ("design_pi_observer", dict(performance=Each((1.0, 2.0), 3.0)), "three weights"),
     ("design_pi_observer", dict(performance=(0.0, 0.0, 0.0)), "not all zero"),
-    ("design_pi_observer", dict(performance=3.0), "three weights"),
     ("design_pi_observer", dict(performance=(1.0, -1.0, 0.0)), NOT_NEGATIVE),
     ("design_pi_observer", dict(window=2), "'path' or 'dwell'"),
-    ("design_pi_observer", dict(method="path", window=0), "1 to 64", "window"),
-    ("design_pi_observer", dict(window=1.5), "whole number"),
-    ("design_pi_observer", dict(method="path", window=65), "1 to 64", "window"),
-    ("design_pi_observer", dict(window="4"), "whole number"),
+    ("design_pi_observer", dict(method="path", window=Each(0, 65)), "1 to 64", "window"),
+    ("design_pi_observer", dict(window=Each(1.5, "4")), "whole number"),
     ("design_pi_observer", dict(refine=-1), "at least 0"),
-    ("design_pi_observer", dict(refine=0.5), "whole number"),
-    ("design_pi_observer", dict(refine="once"), "whole number"),
+    ("design_pi_observer", dict(refine=Each(0.5, "once")), "whole number"),
     ("design_pi_observer", dict(method="paper", refine=1), "0 for 'paper'", "refine"),
     ("design_pi_observer", dict(pairs=[(0, 3)]), "modes 0, 1, -1"),
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
@@ -940,41 +791,47 @@ rows(
     ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0, \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
-    ("design_pi_observer", dict(axis=AXIS.replace(coulomb=0.0)), "amplitude", "uncertainty"),
+    ("design_pi_observer", dict(axis=_SMOOTH), "amplitude", "uncertainty has no default"),
     ("design_pi_observer", dict(encoder_quantum=1e-6, noise=HUGE), NUMBER, "noise"),
-    (
-        "hybrid_filter",
-        dict(axis=AXIS.replace(coulomb=0.0)),
-        "design_pi_observer",
-        "no Coulomb friction",
-    ),
+    ("hybrid_filter", dict(axis=_SMOOTH), "design_pi_observer", "no Coulomb friction"),
     ("design_compensation", dict(bandwidth=1e6), "too high"),
     ("design_compensation", dict(law="magic"), "learned"),
-    ("design_compensation", dict(gains=3.0), "kp, ki, kd"),
+    ("design_compensation", dict(gains=Each(3.0, (1.0, 2.0))), "kp, ki, kd"),
     ("design_compensation", dict(gains=(0.0, 1.0, 1.0)), POSITIVE),
-    ("design_compensation", dict(gains=(1.0, 2.0)), "kp, ki, kd"),
     ("design_compensation", dict(gains=(1e9, 1.0, 1.0)), "lower", "unstable"),
     ("design_compensation", dict(limit=5.0), "breakaway friction force"),
     ("design_compensation", dict(mismatch=1.0), "below 1"),
-    ("design_compensation", dict(correction=math.nan), "finite number"),
     ("design_compensation", dict(noise=-0.1, gains=(1.0, 1.0, 1.0)), POSITIVE),
+    ("ObserverDesign.mode_matrices", dict(mode=Each(2, None)), r"0, \+1 or -1"),
+    ("ObserverDesign.error_dynamics", dict(mode=Each(2, None)), r"0, \+1 or -1"),
+    ("observe", dict(u=[0.0]), "one of each", "u"),
+    ("observed_loop simulate_observed_loop", dict(bandwidth=9000.0), "lower it"),
+    ("observed_loop simulate_observed_loop monte_carlo", dict(controller=SLOWER), "one sampling"),
+    ("monte_carlo", dict(runs=0), "at least 1"),
+    ("monte_carlo", dict(runs=Each(2.5, "many", NAN)), "whole number"),
+    ("monte_carlo", dict(estimators={}), "at least one"),
+    ("monte_carlo", dict(estimators=3), "mapping"),
+    ("monte_carlo", dict(estimators={"a": 3}), "estimate"),
+    ("monte_carlo", dict(store="nowhere/runs.jsonl"), "make it first"),
+    ("presets.clutch_monte_carlo", dict(runs=0), "at least 1"),
+    ("motion_profile", dict(points=[0.0, NAN]), "finite"),
+    ("motion_profile", dict(points=[[0.0, 1.0]]), "shape"),
+    ("motion_profile", dict(points=1e12), "units of points", "points"),
+    ("motion_profile", dict(unit="rad", velocity=0.0), "rad/s", "velocity"),
+    ("motion_profile", dict(jerk=1e-30), "check the units", "jerk"),
+    ("motion_profile", dict(dwell=-1.0), NOT_NEGATIVE),
+    ("motion_profile", dict(dwell=[0.0, 0.0, 0.0]), "one each"),
+    ("motion_profile", dict(unit=Each("deg", None)), '"m" or "rad".*convert'),
 )
-for _export in ("export_c", "export_fmu"):
-    rows(
-        (_export, dict(obj=2.0), "FrictionAxis"),
-        (_export, dict(name="2 fast"), "no C identifier"),
-        (_export, dict(name="switch"), "taken in C"),
-        (_export, dict(name="dfc_axis"), "taken in C"),
-        (_export, dict(name="na\u00efve"), "no C identifier"),
-        (
-            _export,
-            dict(obj=AXIS.replace(name="2 x")),
-            r"pass name=.* or axis.replace\(name=",
-            "2_x",
-        ),
-        (_export, dict(obj=AXIS.replace(effects=fx.InputDelay(30.0))), "late by", "30 s"),
-    )
+
+# ------------------------------------------------------ files that are written
+_EXPORTS, _NAMED = "export_c export_fmu", AXIS.replace(name="2 x")
 rows(
+    (_EXPORTS, dict(obj=2.0), "FrictionAxis"),
+    (_EXPORTS, dict(name=Each("2 fast", "na\u00efve")), "no C identifier"),
+    (_EXPORTS, dict(name=Each("switch", "dfc_axis")), "taken in C"),
+    (_EXPORTS, dict(obj=_NAMED), r"pass name=.* or axis.replace\(name=", "2_x"),
+    (_EXPORTS, dict(obj=AXIS.replace(effects=fx.InputDelay(30.0))), "late by", "30 s"),
     ("export_c", dict(precision="half"), "double"),
     ("export_c", dict(folder=3.0), "path"),
     ("export_fmu", dict(name="model"), "is that of a file in every FMU"),
@@ -1001,24 +858,27 @@ _BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
 _ARM = into(dfc.to_mjcf, "arm.xml", _BODY.format(_SLIDE.format("z", "slide")), load=0.1)
 _URDF = into(dfc.to_urdf, "arm.urdf", "<robot>" + _SLIDE.format("z", "prismatic") + "</robot>")
 _MO = into(dfc.to_modelica, "Arm.mo", "model Arm SupportFriction z; end Arm;")
-_WITHIN = (
-    (dict(result=8.0), "a Diagnosis"),
-    (dict(result={}), "by the name of their joint"),
-    (dict(result={"z": 8.0}), "a Diagnosis", r"result\['z'\]"),
-    (dict(result={"y": AXIS}), "it has 'z'", "joint 'y'"),
-    (dict(result={3: AXIS}), "must be text", "joint"),
-    (dict(result=AXIS.replace(units=("rad", "N m"))), "convert", "'z' is in"),
-    (dict(joint="y"), "it has 'z'"),
-    (dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
-    (dict(velocities="fast"), "array of numbers"),
-    (dict(velocities=[0.0, 0.0]), "velocities of sliding"),
-    (dict(velocities=[NAN]), "remove or fill"),
-    (dict(out=3), "path of a file"),
-    (dict(model=3), "path of a"),
-)
-for _name, _call in (("to_mjcf", _ARM), ("to_urdf", _URDF), ("to_modelica", _MO)):
-    for _spoil, _mend, *_says in _WITHIN:
-        CASES.append(Case(_name, _spoil, _mend, *(_says or (None,)), call=_call))
+_TO_FILES = "to_isaac to_simscape"
+_MODELS = {"to_mjcf": _ARM, "to_urdf": _URDF, "to_modelica": _MO, _TO_FILES: None}
+for _name, _call in _MODELS.items():
+    rows(
+        (_name, dict(result=8.0), "a Diagnosis", None, _call),
+        (_name, dict(result={}), "by the name of their joint", None, _call),
+        (_name, dict(result={3: AXIS}), "must be text", "joint", _call),
+        (_name, dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint", _call),
+        (_name, dict(velocities="fast"), "array of numbers", None, _call),
+    )
+    if _call:
+        rows(
+            (_name, dict(result={"z": 8.0}), "a Diagnosis", r"result\['z'\]", _call),
+            (_name, dict(result={"y": AXIS}), "it has 'z'", "joint 'y'", _call),
+            (_name, dict(result=AXIS.replace(units=("rad", "N m"))), "convert", "'z' is in", _call),
+            (_name, dict(joint="y"), "it has 'z'", None, _call),
+            (_name, dict(velocities=[0.0, 0.0]), "velocities of sliding", None, _call),
+            (_name, dict(velocities=[NAN]), "remove or fill", None, _call),
+            (_name, dict(out=3), "path of a file", None, _call),
+            (_name, dict(model=3), "path of a", None, _call),
+        )
 for _name, _file, _text, _says, _mend in (
     ("to_mjcf", "arm.xml", "<robot/>", "arm.xml", "not <mujoco>"),
     ("to_mjcf", "arm.xml", "<mujoco", "arm.xml", "no XML"),
@@ -1030,67 +890,24 @@ for _name, _file, _text, _says, _mend in (
     ("to_modelica", "Arm.mo", "model Arm end Arm;", "Arm.mo", "SupportFriction"),
     ("to_modelica", "Arm.mo", "model A SupportFriction z(f_pos=[0, 1", "'z'", "file whole"),
 ):
-    CASES.append(Case(_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
+    rows((_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
+_VOLTS = AXIS.replace(units=("counts", "V"))
 rows(
     ("to_mjcf", dict(stiff=1), "True or False"),
-    ("to_mjcf", dict(model="/nowhere/arm.xml"), "no file", "arm.xml", None, FileNotFoundError),
-)
-for _spoil, _mend, *_says in (
-    (dict(load=-0.1), NOT_NEGATIVE),
-    (dict(load="light"), NUMBER),
-    (dict(load={"y": 0.1}), "one of 'z'"),
-    (dict(load={"z": NAN}), NUMBER, r"load\['z'\]"),
-):
-    CASES.append(Case("to_mjcf", _spoil, _mend, *(_says or (None,)), call=_ARM))
-for _name in ("to_isaac", "to_simscape"):
-    rows(
-        (_name, dict(result=8.0), "a Diagnosis"),
-        (_name, dict(result={}), "by the name of their joint"),
-        (_name, dict(result={3: AXIS}), "must be text", "joint"),
-        (_name, dict(result={"z": AXIS}, joint="z"), "names its joints itself", "joint"),
-        (_name, dict(joint=3), "must be text"),
-        (_name, dict(velocities="fast"), "array of numbers"),
-        (_name, dict(path=3), "path of a file"),
-    )
-rows(
+    ("to_mjcf", dict(model="/nowhere/arm.xml"), "no file", "arm.xml", FileNotFoundError),
+    ("to_mjcf", dict(load=-0.1), NOT_NEGATIVE, None, _ARM),
+    ("to_mjcf", dict(load="light"), NUMBER, None, _ARM),
+    ("to_mjcf", dict(load={"y": 0.1}), "one of 'z'", None, _ARM),
+    ("to_mjcf", dict(load={"z": NAN}), NUMBER, r"load\['z'\]", _ARM),
+    (_TO_FILES, dict(joint=3), "must be text"),
+    (_TO_FILES, dict(path=3), "path of a file"),
     ("to_isaac", dict(load=None), "give load"),
-    (
-        "to_simscape",
-        dict(result=AXIS.replace(units=("counts", "V"))),
-        "and the axis has units",
-        "units",
-    ),
-    ("motion_profile", dict(points=[0.0, NAN]), "finite"),
-    ("motion_profile", dict(points=[[0.0, 1.0]]), "shape"),
-    ("motion_profile", dict(points=1e12), "units of points", "points"),
-    ("motion_profile", dict(unit="rad", velocity=0.0), "rad/s", "velocity"),
-    ("motion_profile", dict(jerk=1e-30), "check the units", "jerk"),
-    ("motion_profile", dict(dwell=-1.0), NOT_NEGATIVE),
-    ("motion_profile", dict(dwell=[0.0, 0.0, 0.0]), "one each"),
-    ("motion_profile", dict(unit="deg"), '"m" or "rad".*convert'),
-    ("motion_profile", dict(unit=None), '"m" or "rad".*convert'),
+    ("to_simscape", dict(result=_VOLTS), "and the axis has units", "units"),
 )
-for _method in ("mode_matrices", "error_dynamics"):
-    rows(
-        (f"ObserverDesign.{_method}", dict(mode=2), r"0, \+1 or -1"),
-        (f"ObserverDesign.{_method}", dict(mode=None), r"0, \+1"),
-    )
-rows(("observe", dict(u=[0.0]), "one of each", "u"))
-for _loop in ("observed_loop", "simulate_observed_loop"):
-    rows(
-        (_loop, dict(bandwidth=9000.0), "lower it"),
-        (_loop, dict(controller=dataclasses.replace(CONTROLLER, dt=2e-3)), "one sampling time"),
-    )
+
+# ----------------------------------- batches, identification and diagnosis
+_JOINT, _BASE = r"joints\['elbow'\]", "choose from mass"
 rows(
-    ("monte_carlo", dict(controller=dataclasses.replace(CONTROLLER, dt=2e-3)), "one sampling time"),
-    ("monte_carlo", dict(runs=0), "at least 1"),
-    ("monte_carlo", dict(runs=2.5), "whole number"),
-    ("monte_carlo", dict(runs="many"), "whole number"),
-    ("monte_carlo", dict(runs=NAN), "whole number"),
-    ("monte_carlo", dict(estimators={}), "at least one"),
-    ("monte_carlo", dict(estimators=3), "mapping"),
-    ("monte_carlo", dict(estimators={"a": 3}), "estimate"),
-    ("monte_carlo", dict(store="nowhere/runs.jsonl"), "make it first"),
     ("run_batch", dict(function=3), "callable"),
     ("run_batch", dict(cases=[1.0]), r"dict\(enumerate"),
     ("run_batch", dict(cases={NAN: 1.0}), "finite numbers, text", "cases"),
@@ -1099,86 +916,57 @@ rows(
     ("run_batch", dict(store="nowhere/a.jsonl"), "make it first"),
     ("diagnose_batch", dict(records=3), "mapping of names"),
     ("diagnose_batch", dict(records=[X]), "read_record", r"records\[0\]"),
-    ("diagnose_batch", dict(window=60.0), "choose"),
-    ("EndStop", dict(low=0.2, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
-)
-_WALL = AXIS.replace(effects=fx.EndStop(-0.1, 0.1, 1e15))
-rows(
-    ("FrictionAxis.simulate", {}, "Use at most", "too stiff", lambda: _WALL.simulate([0.0], DT)),
-    ("Record.commanded", dict(gain=0.0), "more than zero|positive"),
     ("diagnose_joints", dict(joints=3), "mapping of names"),
     ("diagnose_joints", dict(joints={}), "not empty"),
-    ("diagnose_joints", dict(joints={"elbow": AXIS}), r"\(axis, records\)", r"joints\['elbow'\]"),
-    ("diagnose_joints", dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", r"'elbow'\]\[0\]"),
-    ("diagnose_joints", dict(joints={"elbow": (AXIS, X)}), "read_record", r"'elbow'\]\[1\]"),
-    ("diagnose_joints", dict(joints={"elbow": (AXIS, [])}), "at least one", r"'elbow'\]\[1\]"),
+    ("diagnose_joints", dict(joints={"elbow": AXIS}), r"\(axis, records\)", _JOINT),
+    ("diagnose_joints", dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", _JOINT + r"\[0\]"),
+    ("diagnose_joints", dict(joints={"elbow": (AXIS, X)}), "read_record", _JOINT + r"\[1\]"),
+    ("diagnose_joints", dict(joints={"elbow": (AXIS, [])}), "at least one", _JOINT + r"\[1\]"),
     ("diagnose_joints", dict(tolerance={"mass": 0.0}), POSITIVE),
-    ("diagnose_joints", dict(window=60.0), "choose"),
-)
-
-# ----------------------------------------------- identification and diagnosis
-for _name in ("fit", "replay", "diagnose"):
-    rows((_name, dict(window=1e-3), "choose between"), (_name, dict(window=60.0), "choose|windows"))
-rows(
+    ("fit replay diagnose", dict(window=1e-3), "choose between"),
+    ("fit replay diagnose diagnose_batch diagnose_joints", dict(window=60.0), "choose|windows"),
+    ("fit diagnose", dict(known=("weight",)), _BASE),
+    ("fit diagnose", dict(tolerance=3), "such as"),
+    ("fit diagnose", dict(tolerance={"mass": -1.0}), "more than zero"),
+    ("fit diagnose", dict(tolerance={"weight": 0.1}), _BASE),
+    ("fit diagnose", dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
     ("fit", dict(record=[]), "at least one Record", "record"),
     ("fit", dict(record="run.csv"), "read_record", "got 'run.csv'"),
     ("fit", dict(free=()), "at least one parameter"),
     ("fit", dict(free=("masss",)), "choose from|did you mean"),
     ("fit", dict(free=("mass", "mass")), "more than once"),
-    ("fit", dict(free=(3,)), "names such as"),
-    ("fit", dict(free=3), "names such as"),
+    ("fit", dict(free=Each((3,), 3)), "names such as"),
     ("fit", dict(free=("spring.mass",)), "it has"),
     ("fit", dict(free=("cogging",)), "neutral", "cogging"),
     ("fit", dict(free=("coulomb", "coulomb_plus")), "one or the other"),
     ("Fit.bootstrap", dict(repeats=0), "at least 1"),
-    ("Fit.plot", dict(ax=3), "2 axes"),
+    ("Fit.plot Experiment.plot", dict(ax=3), "2 axes"),
     ("replay_loop", dict(record=dfc.Record(T, U, X)), "reference"),
-    ("replay_loop", dict(controller=dataclasses.replace(CONTROLLER, dt=2e-3)), "agree"),
-    ("identify_coulomb", dict(degree=-1), "whole number from 0"),
-    ("identify_coulomb", dict(degree=99), "whole number from 0"),
-    ("identify_coulomb", dict(degree=1.5), "whole number from 0"),
-    ("identify_coulomb", dict(degree="one"), "whole number from 0"),
+    ("replay_loop slow_ramp_experiment", dict(controller=SLOWER), "agree"),
+    ("identify_coulomb", dict(degree=Each(-1, 99, 1.5, "one")), "whole number from 0"),
     ("identify_stribeck", dict(free=3), "names such as"),
     ("slow_ramp_experiment", dict(axis=AXIS.replace(travel=None)), "give travel", "travel"),
     ("slow_ramp_experiment", dict(duration=2e-3), "longer|samples"),
-    ("slow_ramp_experiment", dict(controller=dataclasses.replace(CONTROLLER, dt=2e-3)), "agree"),
     ("slow_ramp_experiment", dict(duration=1e12), "samples"),
-)
-for _name in ("fit", "diagnose"):
-    rows(
-        (_name, dict(known=("weight",)), "choose from mass"),
-        (_name, dict(tolerance=3), "such as"),
-        (_name, dict(tolerance={"mass": -1.0}), "more than zero"),
-        (_name, dict(tolerance={"weight": 0.1}), "choose from mass"),
-        (_name, dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
-    )
-rows(
     ("diagnose", dict(window=0.5), "shorter window"),
     ("diagnose", dict(record=[]), "at least one", "list of records"),
     ("diagnose", dict(on_update=True), "function of a step"),
     ("next_experiment", dict(rivals=3), "sequence of FrictionAxis"),
     ("next_experiment", dict(rivals=["a"]), "FrictionAxis"),
-    ("next_experiment", dict(names=["a"]), "2 different names"),
-    ("next_experiment", dict(names=["a", "a"]), "2 different names"),
-    ("next_experiment", dict(names=3), "names"),
-    ("next_experiment", dict(names=["a", 3]), "names"),
+    ("next_experiment", dict(names=Each(["a"], ["a", "a"])), "2 different names"),
+    ("next_experiment", dict(names=Each(3, ["a", 3])), "names"),
     ("next_experiment", dict(limits=3), "Limits"),
-)
-for _limits in (dict(travel=(1.0, 0.0)), dict(drive=0.0), dict(speed=NAN), dict(travel=3.0)):
-    CASES.append(
-        Case(
-            "next_experiment",
-            {},
-            "low to high|more than zero|finite|low, high",
-            f"limits.{next(iter(_limits))}",
-            functools.partial(Limits, **(dict(travel=(0.0, 1.0), drive=1.0, speed=1.0) | _limits)),
-        )
-    )
-rows(
     ("Experiment.to_csv", {}, "read its description", "no reference"),
-    ("Experiment.plot", dict(ax=3), "2 axes"),
 )
-rows(("presets.clutch_monte_carlo", dict(runs=0), "at least 1"))
+for _limit, _mend in (
+    (dict(travel=(1.0, 0.0)), "low to high"),
+    (dict(travel=3.0), "low, high"),
+    (dict(drive=0.0), "more than zero"),
+    (dict(speed=NAN), "finite"),
+):
+    _given = dict(travel=(0.0, 1.0), drive=1.0, speed=1.0) | _limit
+    _call = functools.partial(Limits, **_given)  # type: ignore[arg-type]
+    rows(("next_experiment", {}, _mend, f"limits.{next(iter(_limit))}", _call))
 
 
 # ---------------------------------------- arguments that mean the same everywhere
@@ -1224,17 +1012,16 @@ OTHERWISE = {"Record", "Record.from_irregular", "Record.split_at_gaps", "read_ba
 OTHERWISE |= {"FrictionAxis.arrays", "FrictionAxis.mode_ss"}
 rows(
     *(
-        (name, dict([(argument, bad)]), mend)
+        (name, {argument: bad}, mend)
         for name in SOUND
         if name not in OTHERWISE
         for argument, table in EVERYWHERE.items()
         if argument in arguments(name)
         for bad, mend in table
-    )
+    ),
+    *(("FrictionAxis.simulate Law observe", dict(u=bad), mend) for bad, mend in SAMPLES),
+    *(("observe", dict(y=bad), mend) for bad, mend in SAMPLES),
 )
-for _name in ("FrictionAxis.simulate", "Law", "observe"):
-    rows(*((_name, dict(u=bad), mend) for bad, mend in SAMPLES))
-rows(*(("observe", dict(y=bad), mend) for bad, mend in SAMPLES))
 
 
 # -------------------------------------------------------------------- tests
@@ -1248,13 +1035,16 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
         raise AssertionError("work began before the arguments were looked at")
 
     with patch.context() as here:
-        here.setattr(axis_step, "run", refuse)
-        here.setattr(axis_step, "step", refuse)
-        here.setattr(loops, "run_loop", refuse)
-        here.setattr(windows, "free_runs", refuse)
-        here.setattr(runtime.kernel, "run", refuse)
-        here.setattr(synthesis, "certified_solution", refuse)
-        here.setattr(joblib.Parallel, "__call__", refuse)
+        for room, name in (
+            (axis_step, "run"),
+            (axis_step, "step"),
+            (loops, "run_loop"),
+            (windows, "free_runs"),
+            (runtime.kernel, "run"),
+            (synthesis, "certified_solution"),
+            (joblib.Parallel, "__call__"),
+        ):
+            here.setattr(room, name, refuse)
         yield
 
 
@@ -1289,7 +1079,8 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
         call(**arguments)
     text = str(caught.value)
     first = next(iter(case.spoil), None)
-    assert re.search(case.says or str(first), text), f"{text!r} does not name {case.says or first}"
+    says = str(first) if case.says is None else case.says
+    assert re.search(says, text), f"{text!r} does not name {says}"
     assert re.search(case.mend, text), f"{text!r} does not say {case.mend!r}"
     if len(case.spoil) == 1 and case.says is None and case.kind is ValueError and first != "ax":
         ways = shown(case.spoil[first])
@@ -1303,36 +1094,19 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
 
 def test_sound_calls_are_sound():
     """What a row spoils works unspoiled, so that the row fails for its own reason."""
-    reads = (
-        "read_",
-        "load_",
-        "write_",
-        "to_csv",
-        "from_f",
-        ".save",
-        "fit",
-        "presets",
-        "datasets",
-        "Fit",
-        "export_",
-        "to_mjcf",
-        "to_urdf",
-        "to_modelica",
-        "to_isaac",
-        "to_simscape",
-    )
-    slow = ("diagnose", "next_experiment", "identify_", "slow_ramp", "monte_carlo", "design_pi")
+    files = "read_ load_ write_ to_csv from_f .save fit presets datasets Fit export_ to_"
+    slow = "diagnose next_experiment identify_ slow_ramp monte_carlo design_pi plot Simulation"
     for name, (call, arguments) in SOUND.items():
-        if not any(word in name for word in (*reads, *slow, "plot", "SimulationResponse")):
+        if not any(word in name for word in f"{files} {slow}".split()):
             call(**arguments)
 
 
 def test_every_public_name_is_in_the_table():
-    named = {name.split(".")[0] for name in {case.name for case in CASES}}
+    names = {case.name for case in CASES}
+    named = {name.split(".")[0] for name in names}
     assert set(PUBLIC) - named <= NOTHING_TO_SPOIL
     assert not NOTHING_TO_SPOIL & named
-    assert not {case.name for case in CASES} - set(SOUND)
-    assert set(SOUND) == {case.name for case in CASES}
+    assert set(SOUND) == names
 
 
 def test_every_argument_is_in_the_table():
@@ -1352,56 +1126,39 @@ def test_every_argument_is_in_the_table():
     assert missing == elsewhere
 
 
-def test_no_two_rows_are_the_same():
-    rows = [(case.name, repr(case.spoil), case.mend, case.says, case.call) for case in CASES]
-    assert len({str(row) for row in rows}) == len(rows)
-    assert len(rows) >= 200
-
-
 # ------------------------------------------------------------------ warnings
 
 CLIPPED = np.clip(40.0 * np.sin(30.0 * T) + 5.0 * np.sin(211.0 * T), -20.0, 20.0)
 JUMP = np.where(np.arange(N) == 900, X + 0.9 * np.ptp(X), X)
-SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
-    "time in ms": (lambda: dfc.Record(1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
-    "time in us": (lambda: dfc.Record(1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
-    "input clipped": (lambda: dfc.Record(T, CLIPPED, X), "clipped.*force that acted"),
-    "glitch": (lambda: dfc.Record(T, U, JUMP), "masked: 1 jump"),
-    "irregular time in ms": (lambda: dfc.Record.from_irregular(1e3 * T, U, X), "milliseconds"),
-    "mapping, time in ms": (
-        lambda: dfc.read_record({"t": 1e3 * T, "u": U, "x": X}),
-        "milliseconds",
-    ),
+STRETCHES = (np.arange(N) < 700) | (np.arange(N) > 1994)
+CONTACT = AXIS.replace(effects=fx.Presliding(1e-5))
+COUNTS = "one count in m, not a number of counts"
+SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
+    "time in ms": (dfc.Record, (1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
+    "time in us": (dfc.Record, (1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
+    "input clipped": (dfc.Record, (T, CLIPPED, X), "clipped.*force that acted"),
+    "glitch": (dfc.Record, (T, U, JUMP), "masked: 1 jump"),
+    "irregular time in ms": (dfc.Record.from_irregular, (1e3 * T, U, X), "milliseconds"),
+    "mapping, ms": (dfc.read_record, ({"t": 1e3 * T, "u": U, "x": X},), "milliseconds"),
     "short stretches lost": (
-        lambda: dfc.Record.split_at_gaps(
-            *(a[(np.arange(N) < 700) | (np.arange(N) > 1994)] for a in (T, U, X))
-        ),
+        dfc.Record.split_at_gaps,
+        tuple(a[STRETCHES] for a in (T, U, X)),
         "5 samples .* left out",
     ),
-    "observer leaves out": (
-        lambda: dfc.design_pi_observer(
-            AXIS.replace(effects=fx.Presliding(1e-5)), DT, encoder_quantum=1e-6
-        ),
-        "leaves out presliding",
-    ),
+    "observer leaves out": (dfc.design_pi_observer, (CONTACT, DT), "leaves out presliding"),
     "observer, counts for metres": (
-        lambda: dfc.design_pi_observer(AXIS, DT, encoder_quantum=1.0),
-        "one count in m, not a number of counts",
+        functools.partial(dfc.design_pi_observer, encoder_quantum=1.0),
+        (AXIS, DT),
+        COUNTS,
     ),
-    "filter, counts for metres": (
-        lambda: dfc.hybrid_filter(AXIS, DT, encoder_quantum=1.0),
-        "one count in m, not a number of counts",
-    ),
-    "compensation, counts for metres": (
-        lambda: dfc.design_compensation(AXIS, DT, encoder_quantum=1.0),
-        "one count in m, not a number of counts",
-    ),
+    "filter, counts for metres": (dfc.hybrid_filter, (AXIS, DT, 1.0), COUNTS),
+    "compensation, counts for metres": (dfc.design_compensation, (AXIS, DT, 1.0), COUNTS),
 }
 
 
 @pytest.mark.filterwarnings("ignore:x jumps")  # the stretch cut out of one of them
 @pytest.mark.parametrize("case", SUSPECT)
 def test_suspect_input_brings_a_warning(case):
-    call, words = SUSPECT[case]
+    call, arguments, words = SUSPECT[case]
     with pytest.warns(UserWarning, match=words):
-        call()
+        call(*arguments)

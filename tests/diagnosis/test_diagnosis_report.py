@@ -2,7 +2,6 @@
 
 import functools
 import importlib
-import io
 import json
 import math
 import re
@@ -159,6 +158,12 @@ def shown(found):
     return evidence(found.axis, found.record, found.window)
 
 
+@pytest.fixture(scope="module")
+def own(found):
+    """Evidence of the machine itself."""
+    return evidence(found.extended, found.record)
+
+
 # ---------------------------------------------------------------- evidence
 
 
@@ -174,8 +179,7 @@ def test_force_residual_is_the_force_that_is_missing(found, shown):
     assert abs(offset) < 5.0 * 0.12 / math.sqrt(shown.residual.size)
 
 
-def test_free_runs_of_the_machine_itself_err_by_the_encoder_alone(found, shown):
-    own = evidence(found.extended, found.record)
+def test_free_runs_of_the_machine_itself_err_by_the_encoder_alone(found, shown, own):
     # A rounding error is at most half a quantum, and 0.29 quanta RMS.
     assert np.max(own.error_by_window) < 0.6 * QUANTUM
     assert own.position_rms == pytest.approx(QUANTUM / math.sqrt(12.0), rel=0.2)
@@ -185,8 +189,7 @@ def test_free_runs_of_the_machine_itself_err_by_the_encoder_alone(found, shown):
         assert own.error_by_window[i] == pytest.approx(np.sqrt(np.mean(own.errors[a:b] ** 2)))
 
 
-def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown):
-    own = evidence(found.extended, found.record)
+def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown, own):
     # A start of motion may be seen a few samples apart, some 20 of them in 8000 samples.
     assert own.disagreement < 0.02
     assert shown.disagreement > 5.0 * own.disagreement
@@ -202,20 +205,20 @@ def test_effects_on_the_base_count_as_the_base(found, shown):
     np.testing.assert_array_equal(same.residual, shown.residual)
 
 
-def test_time_since_reversal_of_a_triangle():
+def test_time_since_reversal():
     t = DT * np.arange(4000)
-    x = 0.1 * np.abs((t % 2.0) - 1.0)  # turns at 1, 2, 3 s
-    since = since_reversal(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * x)))
-    assert np.isnan(since[:990]).all()
+
+    def since(*x):
+        """Of a motion through places a second apart."""
+        path = np.interp(t, np.arange(5.0), x)
+        return since_reversal(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * path)))
+
+    found = since(0.1, 0.0, 0.1, 0.0, 0.1)
+    assert np.isnan(found[:990]).all()
     # A motion is told from its quantum within a few samples.
-    assert since[1500] == pytest.approx(0.5, abs=0.01)
-    assert since[3900] == pytest.approx(0.9, abs=0.01)
-
-
-def test_a_rest_is_no_reversal():
-    t = DT * np.arange(3000)
-    x = np.interp(t, [0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.1, 0.2])
-    assert np.isnan(since_reversal(dfc.Record(t, np.cos(t), 1e-6 * np.round(1e6 * x)))).all()
+    assert found[[1500, 3900]] == pytest.approx([0.5, 0.9], abs=0.01)
+    # A rest is no reversal.
+    assert np.isnan(since(0.0, 0.1, 0.1, 0.2, 0.3)).all()
 
 
 def test_autocorrelation_against_the_slow_sum():
@@ -243,7 +246,8 @@ def test_binned_quartiles_and_gaps():
     assert binned([], []).centre.size == 0
 
 
-SINES = 20.0 * np.sin(6.0 * DT * np.arange(6000)) + 12.0 * np.sin(17.0 * DT * np.arange(6000) + 1)
+MOMENTS = DT * np.arange(6000)
+SINES = 20.0 * np.sin(6.0 * MOMENTS) + 12.0 * np.sin(17.0 * MOMENTS + 1.0)
 PLAIN = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 
 
@@ -251,7 +255,7 @@ def moved(*effects):
     """An axis with effects, and its record under two sines."""
     machine = PLAIN.replace(effects=effects)
     x = 1e-6 * np.round(1e6 * machine.simulate(SINES, dt=DT).y[0])
-    return machine, dfc.Record(DT * np.arange(6000), SINES, x)
+    return machine, dfc.Record(MOMENTS, SINES, x)
 
 
 @pytest.fixture(scope="module")
@@ -328,19 +332,6 @@ def test_what_several_records_show_alike_is_said_once(found):
     assert several in words_of(html_summary(one)) and several not in words_of(html_summary(both))
 
 
-def test_a_force_in_newton_metres_is_a_torque(found):
-    ax = matplotlib.pyplot.figure().subplots()
-    ax.plot([0.0, 1.0], [0.0, 1.0], label="force residual, nominal model")
-    ax.set_ylabel("force residual [N m]")
-    legend_above(ax)
-    control_plot(np.array([ax], dtype=object))
-    assert ax.get_ylabel() == "torque residual [N\xb7m]"
-    assert ax.get_legend().get_texts()[0].get_text() == "torque residual, nominal model"
-    left = Remaining(0.2, 0.0, True, (), unit="N m")
-    assert str(left).startswith("random torque left: 0.2 N m")
-    assert "Force residual over velocity: the force" in words_of(page_of(found))
-
-
 def test_the_words_of_a_rotary_axis(found):
     """Names of arguments and effects stay: they are what one writes."""
     units = ("rad", "N m")
@@ -358,10 +349,18 @@ def test_the_words_of_a_rotary_axis(found):
         rest = re.sub(r"mass = [\d.]+|force = \S+|\w+_force\w*", "", words)
         assert not re.search(r"\b([Ff]orce|mass)\b", rest), rest
     assert said in " ".join(d.summary().split())
+    assert str(d.remaining).startswith("random torque left: 0.2 N m")
+    ax = matplotlib.pyplot.figure().subplots()
+    ax.plot([0.0, 1.0], [0.0, 1.0], label="force residual, nominal model")
+    ax.set_ylabel("force residual [N m]")
+    legend_above(ax)
+    control_plot(np.array([ax], dtype=object))
+    assert ax.get_ylabel() == "torque residual [N\xb7m]"
+    assert ax.get_legend().get_texts()[0].get_text() == "torque residual, nominal model"
+    assert "Force residual over velocity: the force" in words_of(page_of(found))
 
 
 def test_a_factor_is_of_free_runs_and_a_cause_has_a_gain(found):
-    """ "Error reduction (factor)" stood for free runs above, for one step of them below."""
     page = words_of(page_of(found)).replace("\xa0", " ")
     assert page.count("rror reduction") == 1 and "error reduction (factor) 750" in page
     # Half the fall of the score at each of 8000 samples.
@@ -384,7 +383,6 @@ def test_the_verdict_says_what_to_check_on_the_machine(found, nothing):
 
 
 def test_parts_of_a_diagnosis_show_themselves(found, nothing):
-    """In a notebook they were tuples of all their fields, spectrum and all."""
     causes = found.main_causes
     assert causes == tuple(found.causes) and causes[0] is found.causes[0]
     first, _, second = repr(causes).splitlines()
@@ -409,20 +407,11 @@ def test_parts_of_a_diagnosis_show_themselves(found, nothing):
 
 
 def test_a_short_rest_between_two_motions_the_same_way_leaves_no_residual():
-    machine = dfc.FrictionAxis(
-        mass=2.0,
-        viscous=15.0,
-        coulomb=8.0,
-        effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),),
-    )
-    t = 1e-3 * np.arange(10_000)
-    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    run = machine.simulate(u, dt=1e-3)
-    rests = run.events.time[run.events.after == 0]
+    machine, record = moved(dfc.effects.Spring(stiffness=40.0, rest=0.05))
+    rests = machine.simulate(SINES, dt=DT).events
     # At 4.794 s it comes to rest for 65 ms and goes on the same way.
-    assert np.any(np.abs(rests - 4.794) < 1e-3)
-    seen = evidence(machine, dfc.Record(t, u, 1e-6 * np.round(1e6 * run.y[0])))
-    assert np.abs(seen.residual).max() < 0.1 * 8.0
+    assert np.any(np.abs(rests.time[rests.after == 0] - 4.794) < 1e-3)
+    assert np.abs(evidence(machine, record).residual).max() < 0.1 * 8.0
 
 
 def test_difference_is_drawn_in_a_readable_unit(found, shown):
@@ -478,38 +467,34 @@ def numbers(words):
     return [float(n) for n in re.findall(r"-?[\d.]+(?:e-?\d+)?", words.split("(")[0])]
 
 
-def test_where_finds_a_place(wander):
-    x = wander.record.x
-    bad = parts(wander, (x > 0.195) & (x < 0.2)) > 0.0
-    first = where(np.where(bad, 3.0, 0.2), 1.0, wander)[0]
-    assert "x =" in first and "m (" in first
-    # Edges are quantiles, one in forty of the samples: some 6 mm here.
-    assert any(abs(n - 0.195) < 0.006 or abs(n - 0.2) < 0.006 for n in numbers(first))
+def near(wander, place):
+    """Windows in which the motion is at some place, time, velocity or reversal."""
+    x, speed = wander.record.x, np.abs(wander.record.derivatives().v)
+    if place == "x":
+        return parts(wander, (x > 0.195) & (x < 0.2)) > 0.0
+    if place == "t":
+        return (wander.start_times > 6.0) & (wander.start_times < 9.0)
+    if place == "v":
+        return parts(wander, speed > 0.2) > 0.3
+    turns = np.diff(np.sign(np.gradient(x)), append=0.0) != 0
+    return parts(wander, turns) > 0.0
 
 
-def test_where_finds_a_time(wander):
-    bad = (wander.start_times > 6.0) & (wander.start_times < 9.0)
-    first = where(np.where(bad, 3.0, 0.2), 1.0, wander)[0]
-    assert first.startswith("between t =")
-    # Edges are quantiles of the windows, two windows apart.
-    np.testing.assert_allclose(numbers(first), [6.25, 9.0], atol=0.51)
-
-
-def test_where_finds_a_speed_and_follows_the_units(wander):
-    speed = np.abs(wander.record.derivatives().v)
-    bad = parts(wander, speed > 0.2) > 0.3
-    words = where(np.where(bad, 3.0, 0.2), 1.0, wander, ("rad", "N m"))
-    first = next(one for one in words if "|v|" in one)
-    assert "rad/s" in first
-    assert abs(numbers(first)[0] - 0.2) < 0.03
-
-
-def test_where_finds_reversals(wander):
-    turns = np.flatnonzero(np.diff(np.sign(np.gradient(wander.record.x))) != 0)
-    hit = np.zeros(len(wander.record), bool)
-    hit[turns] = True
-    first = where(np.where(parts(wander, hit) > 0.0, 3.0, 0.2), 1.0, wander)[0]
-    assert first.startswith("where the motion reverses")
+@pytest.mark.parametrize(
+    ("place", "words", "edges", "off"),
+    [
+        ("x", "between x = ", [0.195, 0.2], 0.006),  # quantiles, one in forty of the samples
+        ("t", "between t = ", [6.25, 9.0], 0.51),  # quantiles of the windows, two windows apart
+        ("v", "|v|", [0.2], 0.03),
+        ("reversal", "where the motion reverses", [], 0.0),
+    ],
+)
+def test_where_finds_what_bad_windows_share(wander, place, words, edges, off):
+    found = where(np.where(near(wander, place), 3.0, 0.2), 1.0, wander, ("rad", "N m"))
+    first = next(one for one in found if words in one)
+    assert place == "v" or first == found[0]
+    np.testing.assert_allclose(numbers(first)[: len(edges)], edges, atol=off)
+    assert {"x": " rad", "v": " rad/s", "t": " s"}.get(place, "") in first
 
 
 @pytest.mark.slow
@@ -525,7 +510,7 @@ def test_where_says_nothing_of_noise(wander):
 
 
 def test_where_counts_only_judged_windows(wander):
-    bad = (wander.start_times > 6.0) & (wander.start_times < 9.0)
+    bad = near(wander, "t")
     scores = np.where(bad, 3.0, 0.2)
     scores[::2] = np.nan
     first = where(scores, 1.0, wander)[0]
@@ -553,7 +538,7 @@ def drawn(ax):
     return [a[np.isfinite(a).all(axis=1)] for a in arrays]
 
 
-def test_page_draws_every_panel_with_units(found):
+def test_page_draws_every_panel_with_units(found, nothing, shown):
     plot = found.plot()
     axes = plot.axes.ravel()
     assert axes.size == figures.PANELS
@@ -561,21 +546,31 @@ def test_page_draws_every_panel_with_units(found):
     for ax in axes:
         data = drawn(ax)
         assert data and all(one.size for one in data), ax.get_xlabel()
-        low, high = ax.get_ylim()
-        assert np.isfinite([*ax.get_xlim(), low, high]).all()
+        assert np.isfinite([*ax.get_xlim(), *ax.get_ylim()]).all()
         assert re.search(r"\[.+\]", ax.get_xlabel())
     ylabels = [ax.get_ylabel() for ax in axes]
     assert ylabels[0].startswith("simulated \N{MINUS SIGN} measured [")
     assert ylabels[1:3] == ["RMS error [\xb5m]", "force residual [N]"]
     assert ylabels[6] == "friction [N]"
-    plot.figure.savefig(io.BytesIO())
+    line = next(li for li in axes[1].lines if li.get_label() == "nominal")
+    # Motionless windows are drawn at a tenth of the floor.
+    np.testing.assert_allclose(
+        1e-6 * line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
+    )
     words = " ".join(text.get_text() for ax in plot.figure.axes for text in ax.texts)
     assert "partly explained: spring, bias force" in words
     assert "next experiment" in words
+    # Without causes one axis is shown.
+    axes = nothing.plot().axes.ravel()
+    assert "with the causes" not in {line.get_label() for ax in axes for line in ax.lines}
+    assert "no candidate had to be tried" in [t.get_text() for t in axes[-2].texts]
 
 
-def test_nothing_in_the_page_overlaps(found):
-    figure = found.plot().figure
+@pytest.mark.parametrize("messages", [0, 30])
+def test_nothing_in_the_page_overlaps(found, messages):
+    """However much text stands above the panels."""
+    said = tuple(f"message {i} of many" for i in range(messages))
+    figure = replace(found, messages=said).plot().figure
     figure.canvas.draw()
     boxes = [ax.get_tightbbox() for ax in figure.axes[1:]]
     page = figure.bbox
@@ -590,25 +585,7 @@ def test_nothing_in_the_page_overlaps(found):
     text = [t.get_window_extent() for t in figure.axes[0].texts]
     assert min(t.y0 for t in text) > max(box.y1 for box in boxes)
     assert max(t.x1 for t in text) < page.x1
-
-
-def test_page_grows_with_its_text(found):
-    warnings = tuple(f"message {i} of many" for i in range(30))
-    figure = replace(found, messages=warnings).plot().figure
-    figure.canvas.draw()
-    words = figure.axes[0].texts[1]
-    assert all(f"warning: {one}" in words.get_text() for one in warnings)
-    below = max(ax.get_tightbbox().y1 for ax in figure.axes[1:])
-    assert words.get_window_extent().y0 > below
-
-
-def test_errors_are_those_of_the_windows(found, shown):
-    plot = found.plot()
-    line = next(li for li in plot.axes.ravel()[1].lines if li.get_label() == "nominal")
-    # Motionless windows are drawn at a tenth of the floor.
-    np.testing.assert_allclose(
-        1e-6 * line.get_ydata(), np.maximum(shown.error_by_window, 0.1 * found.gain.floor)
-    )
+    assert all(f"warning: {one}" in figure.axes[0].texts[1].get_text() for one in said)
 
 
 def test_bars_are_sorted_and_the_named_stand_out(found):
@@ -636,7 +613,7 @@ def test_what_does_no_good_alone_has_no_bar(uneven):
     assert ax.get_xlim()[0] == 1.0
 
 
-def test_a_bar_is_more_than_chance(found):
+def test_a_bar_is_more_than_chance(found, uneven):
     scores = {"": 0.0, "spring": -0.008, "bias_force": -0.004, "gravity": 1e-3, "drift": -1e-3}
     d = replace(found, scores=scores)
     ax = d.plot().axes.ravel()[-2]
@@ -652,43 +629,25 @@ def test_a_bar_is_more_than_chance(found):
     none = replace(d, verdict="nothing to find", causes=())
     assert not none.plot().axes.ravel()[-2].patches
     assert "Bars:" not in page_of(none)
-
-
-@pytest.mark.slow
-def test_no_bar_at_all_is_told_in_a_sentence(found, uneven):
-    d = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
-    ax = d.plot().axes.ravel()[-2]
+    # Without any bar a sentence stands there.
+    flat = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
+    ax = flat.plot().axes.ravel()[-2]
     assert not ax.patches and not ax.axison
-    sentence = figures.no_bar_text(d)
+    sentence = figures.no_bar_text(flat)
     assert sentence.endswith("Coulomb level. In combination: spring + bias force.")
     assert " ".join(ax.texts[0].get_text().split()) == sentence
-    base = replace(uneven, causes=uneven.causes[-2:], scores=d.scores)
+    assert sentence in words_of(page_of(flat)) and "Bars:" not in page_of(flat)
+    base = replace(uneven, causes=uneven.causes[-2:], scores=flat.scores)
     assert sentence.startswith(figures.no_bar_text(base))  # base parameters: no candidates
-    page = page_of(d)
-    assert sentence in words_of(page)
-    assert "Bars:" not in page
-    assert sentence not in words_of(page_of(found))
-
-
-def test_page_without_causes_shows_one_axis(nothing):
-    plot = nothing.plot()
-    labels = {line.get_label() for ax in plot.axes.ravel() for line in ax.lines}
-    assert "with the causes" not in labels
-    assert "no candidate had to be tried" in [t.get_text() for t in plot.axes.ravel()[-2].texts]
-    plot.figure.savefig(io.BytesIO())
-
-
-def medians(ax):
-    return [line for line in ax.lines if line.get_label() in ("its median", "with the causes")]
 
 
 @pytest.mark.parametrize("which", ["found", "uneven"])
 def test_scale_of_the_force_holds_zero_and_every_median(which, request):
-    axes = request.getfixturevalue(which).plot().axes.ravel()[2:6]
-    for ax in axes:
+    for ax in request.getfixturevalue(which).plot().axes.ravel()[2:6]:
         low, high = ax.get_ylim()
         assert low < 0.0 < high
-        assert len(medians(ax)) == 2
+        labels = [line.get_label() for line in ax.lines]
+        assert labels.count("its median") + labels.count("with the causes") == 2
         for line in ax.lines:
             if line.get_marker() != ".":
                 values = np.asarray(line.get_ydata(), float)
@@ -760,7 +719,6 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
 
 
 def test_what_moved_without_a_cause_is_told(found):
-    """The inertia of an extended axis was 8 % off what was believed, and no line said so."""
     lighter = replace(found, extended=found.extended.replace(mass=0.915 * found.axis.mass))
     line = "also changed in the extended model, by less than the remaining force shows: mass -8.5 %"
     assert line in lighter.summary() and line in words_of(html_summary(lighter))
@@ -794,13 +752,9 @@ def test_levels_are_those_of_the_laws(uneven):
     ends = uneven.record.x.min(), uneven.record.x.max()
     np.testing.assert_allclose(table["x"], [ends[0], 0.5 * sum(ends), ends[1]])
     np.testing.assert_allclose(table["found"]["backwards"], law_level(np.array(table["x"]), -1))
-
-
-def test_a_force_and_a_load_are_no_part_of_the_level(uneven):
-    loaded = uneven.axis.replace(
-        effects=(dfc.effects.Spring(stiffness=100.0), dfc.effects.LoadDependence(coefficient=0.2))
-    )
-    assert wording.levels(loaded, [0.2], 1) == pytest.approx([6.0])
+    # A force and a load are no part of the level.
+    effects = dfc.effects.Spring(stiffness=100.0), dfc.effects.LoadDependence(coefficient=0.2)
+    assert wording.levels(uneven.axis.replace(effects=effects), [0.2], 1) == pytest.approx([6.0])
 
 
 @pytest.mark.slow
@@ -873,13 +827,6 @@ def test_errors_have_two_digits(value, error, text):
 
 
 @pytest.mark.slow
-def test_page_says_once_what_an_error_covers(found, uneven):
-    for d in (found, uneven):
-        for text in (page_of(d), html_summary(d)):
-            assert words_of(text).count("random error of this record, not errors of the model") == 1
-
-
-@pytest.mark.slow
 def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, monkeypatch):
     page = words_of(page_of(found))
     assert "axis_file" not in page
@@ -944,7 +891,7 @@ def test_page_stands_alone_and_escapes(which, request):
     assert not re.search(r"\bnan\b|\binf\b", words)
 
 
-def test_page_tells_everything(found):
+def test_page_and_summary_show_everything(found, nothing, uneven):
     words = " ".join(Page(page_of(found)).text)
     for part in (
         "partly explained",
@@ -962,14 +909,13 @@ def test_page_tells_everything(found):
         axis_text(found.extended),
     ):
         assert part in words, part
-
-
-def test_summary_is_a_fragment(found, nothing):
     page = Page(html_summary(found))
-    assert "img" not in page.tags and "html" not in page.tags and "table" in page.tags
-    assert "script" not in page.tags
+    assert not {"img", "html", "script"} & set(page.tags) and "table" in page.tags
     assert found._repr_html_() == html_summary(found)
     assert "table" not in Page(html_summary(nothing)).tags
+    for d in (found, uneven):
+        for text in (page_of(d), html_summary(d)):
+            assert words_of(text).count("random error of this record, not errors of the model") == 1
 
 
 def test_json_round_trips_without_nan(found, tmp_path):
@@ -1156,16 +1102,14 @@ def test_what_differs_between_records_is_told_by_its_range(found, values, ratio)
     assert line.partition(" (")[2] == ratio.removeprefix(" (")
 
 
-def test_more_time_is_advised_before_an_effect_of_ones_own(found):
+def test_what_is_advised_next(found):
+    """More time before an effect of one's own; no motion where a gain does the same."""
     left = replace(found.unexplained, significant=True)
     steps = wording.next_steps(replace(found, unexplained=left, messages=(LATE,)))
     more, own = (i for i, one in enumerate(steps) if "more time" in one or "register" in one)
     assert more < own and "diagnose(d.extended, record)" in steps[more]
     steps = wording.next_steps(replace(found, unexplained=left, messages=()))
     assert not any("more time" in one for one in steps)
-
-
-def test_no_motion_is_advised_where_a_gain_does_the_same(found):
     wrong = replace(
         found.causes[0], effect="inertia", parameters={"mass": 2.5}, standard_errors={"mass": 0.1},
         units={"mass": "kg"}, alternatives=("input_gain+viscous+coulomb",),
@@ -1174,8 +1118,8 @@ def test_no_motion_is_advised_where_a_gain_does_the_same(found):
         wrong, effect="viscous", parameters={"viscous": 20.0}, standard_errors={"viscous": 0.1},
         units={"viscous": "N s/m"}, alternatives=("input_gain+inertia+coulomb",),
     )  # fmt: skip
-    d = replace(found, causes=(wrong, too), next_experiment=None)
     # The same advice for all of them is said once.
-    (step,) = [one for one in wording.next_steps(d) if one.startswith("Separate")]
+    steps = wording.next_steps(replace(found, causes=(wrong, too), next_experiment=None))
+    (step,) = [one for one in steps if one.startswith("Separate")]
     assert f"{wrong.title} from" in step and f"{too.title} from" in step
     assert "known mass" in step and 'known=("mass",)' in step

@@ -593,6 +593,7 @@ _MOTOR += "pinion_radius piston_area"
 rows(
     ("read_record", dict(source={}), "t, u and x", "no columns"),
     ("read_record", dict(source={"t": T, "u": U}), "columns=", "x"),
+    ("read_record", dict(source={"t": T, "u": U > 0, "x": X}, gain=2.0), "astype", "u holds true"),
     ("read_record", dict(gain=0.0), "not zero"),
     ("read_record", dict(gain=HUGE), "finite|number"),
     ("read_record", dict(columns={"t": "zeit"}), "available"),

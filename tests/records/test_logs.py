@@ -39,8 +39,6 @@ def same(record):
     assert record.dt == pytest.approx(DT)
 
 
-# -- headings --------------------------------------------------------------------------------------
-
 #: Headings of a log, separated by ";", and those taken as t, u, x and the reference.
 HEADINGS = {
     "commanded current": ("t;i_cmd;x", "t i_cmd x"),
@@ -166,16 +164,10 @@ def test_the_joint_of_one_channel_is_that_of_the_others():
         assert list(record.channels) == ["v"]
     named = {"t": T, "elbow_pos": X, "elbow_torque": U, "wrist_pos": 0 * X, "wrist_torque": 0 * U}
     same(dfc.read_record(named, joint="elbow"))
-
-
-def test_numbers_in_brackets_are_no_units():
+    # A number in brackets is no unit.
     assert split_header("pos (5)") == ("pos (5)", "")
-    record = dfc.read_record({"t": T, "pos (5)": X, "effort (5)": U})
-    assert "x" not in record.units
-    same(record)
+    assert "x" not in dfc.read_record({"t": T, "pos (5)": X, "effort (5)": U}).units
 
-
-# -- dialects --------------------------------------------------------------------------------------
 
 START = datetime.datetime(2026, 3, 29, 0, 59, 58, tzinfo=datetime.UTC)
 DATES = [START + datetime.timedelta(seconds=float(t)) for t in T]
@@ -243,51 +235,37 @@ def test_dialects_are_read(tmp_path, case):
         same(dfc.read_record(write(tmp_path, DIALECTS[case]), **HOW.get(case, {})))
 
 
-def test_scope_of_two_times_is_refused(tmp_path):
+def test_times_that_are_not_beyond_doubt_are_refused(tmp_path):
     assert dict(dfc.read_record(write(tmp_path, scope(True))).units)["u"] == "N m"
     with pytest.raises(ValueError, match="times of their own"):
         dfc.read_record(write(tmp_path, scope(True, T + 1e-3)))
-
-
-def test_a_date_that_is_ambiguous_is_refused(tmp_path):
     content = text([d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in DATES], U, X, heading="t,u,x")
     with pytest.raises(ValueError, match=r"row 2, column 't' .*ISO 8601.*parse_dates"):
         dfc.read_record(write(tmp_path, content))
 
 
-# -- arrays and lines of JSON ----------------------------------------------------------------------
-
-
 def test_arrays_of_numpy(tmp_path):
     np.savez_compressed(tmp_path / "run.npz", t=T, u=U, x=X, other=np.eye(3))
     same(dfc.read_record(tmp_path / "run.npz"))
-    for array in (np.c_[T, U, X], np.c_[T, U, X].T):
-        np.save(tmp_path / "run.npy", array)
-        same(dfc.read_record(tmp_path / "run.npy"))
-    np.save(tmp_path / "run.npy", np.c_[X, T, U, X, T])
-    same(dfc.read_record(tmp_path / "run.npy", columns={"t": 1, "u": 2, "x": 0}))
-    fields = np.zeros(N, [("t", float), ("effort", float), ("position", float)])
-    fields["t"], fields["effort"], fields["position"] = T, U, X
-    np.save(tmp_path / "run.npy", fields)
-    same(dfc.read_record(tmp_path / "run.npy"))
-    np.save(tmp_path / "run.npy", np.array([None]), allow_pickle=True)
-    with pytest.raises(ValueError, match="damaged or no .npy file of numbers"):
-        dfc.read_record(tmp_path / "run.npy")
     with pytest.raises(ValueError, match="more than 100 rows"):
         dfc.read_record(tmp_path / "run.npz", max_rows=100)
-
-
-def test_an_array_that_claims_more_than_there_is_takes_no_memory(tmp_path):
-    np.save(tmp_path / "run.npy", np.c_[T, U, X])
-    data = (tmp_path / "run.npy").read_bytes()
-    (tmp_path / "run.npy").write_bytes(data.replace(b"(400, 3), }", b"(9**9,3), }"))
-    with pytest.raises(ValueError, match="damaged"):
-        dfc.read_record(tmp_path / "run.npy")
-    (tmp_path / "run.npy").write_bytes(
-        data.replace(b"(400, 3), }         ", b"(40000000000, 3), } ")
-    )
-    with pytest.raises(ValueError, match="damaged"):
-        dfc.read_record(tmp_path / "run.npy")
+    file = tmp_path / "run.npy"
+    np.save(file, np.c_[X, T, U, X, T])
+    same(dfc.read_record(file, columns={"t": 1, "u": 2, "x": 0}))
+    fields = np.zeros(N, [("t", float), ("effort", float), ("position", float)])
+    fields["t"], fields["effort"], fields["position"] = T, U, X
+    for array in (fields, np.c_[T, U, X].T, np.c_[T, U, X]):
+        np.save(file, array)
+        same(dfc.read_record(file))
+    data = file.read_bytes()
+    # One that claims more than there is takes no memory.
+    for claim in (b"(9**9,3), }", b"(40000000000, 3), } "):
+        file.write_bytes(data.replace(b"(400, 3), }".ljust(len(claim)), claim))
+        with pytest.raises(ValueError, match="damaged"):
+            dfc.read_record(file)
+    np.save(file, np.array([None]), allow_pickle=True)
+    with pytest.raises(ValueError, match="damaged or no .npy file of numbers"):
+        dfc.read_record(file)
 
 
 def test_lines_of_json(tmp_path):
@@ -308,11 +286,8 @@ def test_lines_of_json(tmp_path):
     assert np.flatnonzero(~record.good).tolist() == [100, 201]
 
 
-# -- rows that are lost, repeated or without a number -----------------------------------------------
-
-
 @pytest.mark.parametrize("timed", [True, False])
-@pytest.mark.parametrize("cell", ["nan", "", "NULL", "n/a", "-"])
+@pytest.mark.parametrize("cell", ["nan", "", "n/a"])
 @pytest.mark.parametrize("column", [1, 2])
 def test_a_number_that_is_missing_is_bridged_and_masked(tmp_path, cell, column, timed):
     table = [[f"{v:.9g}" for v in c] for c in (T, U, X)]
@@ -320,16 +295,14 @@ def test_a_number_that_is_missing_is_bridged_and_masked(tmp_path, cell, column, 
     heading, how = ("t,u,x", dict(dt=DT)) if timed else ("u,x", dict(rate=1 / DT))
     path = write(tmp_path, text(*table[not timed :], heading=heading))
     with pytest.warns(
-        dfc.RecordWarning, match="^1 row without a number in the source; of 400 .* 1 f"
+        dfc.RecordWarning, match="^1 row without a number in the sou.* of 400 .* 1 f"
     ):
         record = dfc.read_record(path, **how)
     assert np.flatnonzero(~record.good).tolist() == [170] and record.bad["filled"] == 1
     assert record.x[170] == pytest.approx(X[170], abs=1e-3)  # 0.01 s of a smooth path
     assert "1 row without a number" in record.notes
     if cell == "" and timed:
-        with pytest.raises(
-            ValueError, match=r"row 172, column '[ux]' .*the cell is empty; give dt="
-        ):
+        with pytest.raises(ValueError, match=r"row 172, column '[ux]' .*cell is empty; give dt="):
             dfc.read_record(path)
 
 
@@ -346,29 +319,23 @@ def test_a_repeated_stamp_is_bridged_and_masked():
     assert np.flatnonzero(~record.good).tolist() == [169, 170]
     with pytest.raises(ValueError, match="an even clock in coarse stamps, give rate="):
         dfc.read_record({"t": np.repeat(T[::2], 2), "u": U, "x": X}, dt=DT)
+    # Clock time, rounded to 2.4e-7 s, loses no sample.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        clock = dfc.read_record({"t": 1.7e9 + np.arange(N) / 60.0, "u": U, "x": X}, dt=1 / 60)
+    assert len(clock) == N
 
 
-def test_much_that_is_missing_is_refused():
-    x = np.where(T < 1.0, np.nan, X)
-    with pytest.raises(ValueError, match="100 of 400 rows have no number.*row 0: too many"):
-        dfc.read_record({"t": T, "u": U, "x": x}, dt=DT)
-    x = np.where((T > 1.0) & (T < 1.2), np.nan, X)
-    with pytest.raises(ValueError, match="max_gap="):
-        dfc.read_record({"t": T, "u": U, "x": x}, dt=DT)
-
-
-def test_a_row_that_was_cut_off_is_left_out(tmp_path):
-    whole = text(T, U, [f"{v:.6f}" for v in X], heading="t,u,x")
+@pytest.mark.parametrize(("name", "pack"), [("run.csv", bytes), ("run.csv.gz", gzip.compress)])
+def test_a_row_that_was_cut_off_is_left_out(tmp_path, name, pack):
+    whole = text(T, U, [f"{v:.6f}" for v in X], heading="t,u,x").encode()
     for cut in (3, 9, 12):
         with pytest.warns(dfc.RecordWarning, match=r"row 401, the last, .*cut off, and left out"):
-            record = dfc.read_record(write(tmp_path, whole[:-cut]))
+            record = dfc.read_record(write(tmp_path, pack(whole[:-cut]), name))
         assert len(record) == N - 1 and record.x[-1] == X[-2]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        same(dfc.read_record(write(tmp_path, whole[:-1])))  # only the end of the line
-
-
-# -- readings that are none ------------------------------------------------------------------------
+        same(dfc.read_record(write(tmp_path, pack(whole[:-1]), name)))  # only the end of the line
 
 
 @pytest.mark.parametrize("value", [1e9, -1e12, 65535.0])
@@ -380,9 +347,7 @@ def test_an_absurd_reading_is_no_quantum(value, run):
         record = dfc.Record(T, U, x)
     assert record.quantum == pytest.approx(1e-6) and record.range == pytest.approx(np.ptp(X))
     assert np.flatnonzero(~record.good).tolist() == list(range(170, 170 + run))
-
-
-def test_an_encoder_that_flickers_at_rest_is_not_absurd():
+    # An encoder that flickers at rest is not absurd.
     x = np.where(np.arange(N) % 31 == 7, 1.0, 0.0) + 400.0 * np.clip(T - 3.9, 0.0, None)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -406,16 +371,6 @@ def test_a_counter_set_to_zero_is_told():
         dfc.Record(T, U, ramp)
 
 
-def test_stamps_of_today_keep_every_sample():
-    """Near 1.7e9 s a stamp is rounded to 2.4e-7 s, and the last sample was lost."""
-    stamps = 1.7e9 + np.arange(N) / 60.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert len(dfc.read_record({"t": stamps, "u": U, "x": X}, dt=1 / 60)) == N
-
-
-# -- encoders that wrap ----------------------------------------------------------------------------
-
 FINE = 1e-3 * np.arange(6000)
 PUSH = 15.0 * np.sin(6.0 * FINE) + 5.0 * np.sin(17.0 * FINE + 1.0)
 PATH = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0).simulate(PUSH, dt=1e-3).y[0]
@@ -427,10 +382,8 @@ PATH = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0).simulate(PUSH, dt=1
 )
 def test_the_period_that_is_suggested_is_the_right_one(factor, size):
     counts = np.rint(PATH / factor).astype(int) % size
-    source, how = (
-        {"t": FINE, "u": PUSH, "x [counts]": counts},
-        dict(gain={"x": factor}, units={"x": "m"}),
-    )
+    source = {"t": FINE, "u": PUSH, "x [counts]": counts}
+    how = dict(gain={"x": factor}, units={"x": "m"})
     with pytest.raises(ValueError, match="the encoder wraps around") as refused:
         dfc.read_record(source, **how)
     period = float(str(refused.value).split("unwrap=")[1].split()[0])
@@ -438,9 +391,8 @@ def test_the_period_that_is_suggested_is_the_right_one(factor, size):
     assert period == pytest.approx(size * factor, abs=1e-9 if size != 12_345 else 3 * factor)
     right = dfc.read_record(source, unwrap=size * factor, **how)
     np.testing.assert_allclose(right.x - right.x[0], PATH - PATH[0], atol=factor)
-    with pytest.raises(
-        ValueError, match=f"leaves a jump.*is the period unwrap={size * factor:.4g}"[:-1]
-    ):
+    words = f"leaves a jump.*is the period unwrap={size * factor:.4g}"[:-1]
+    with pytest.raises(ValueError, match=words):
         dfc.read_record(source, unwrap=0.995 * size * factor, **how)
 
 
@@ -454,9 +406,6 @@ def test_angles_and_turns_wrap_at_their_own_period():
         assert found == pytest.approx(period, rel=1e-9 if period != 360.0 / 57.0 else 1e-3)
 
 
-# -- one rule for a gain beside a unit --------------------------------------------------------------
-
-
 @pytest.mark.parametrize("heading", ["Druck_bar", "Druck [bar]", "u [bar]", "Druck in bar"])
 def test_a_gain_converts_the_number_in_the_file(heading):
     source = {"t": T, heading: U, "x [m]": X}
@@ -465,9 +414,7 @@ def test_a_gain_converts_the_number_in_the_file(heading):
     assert record.raw["u"] == ("bar", 120.0) and record.units["u"] == "N"
     assert "u multiplied by gain 120 per bar" in record.notes
     assert "factors   u 120 per bar" in str(record.check())
-    with pytest.raises(
-        ValueError, match=r"120 N per bar, .*units=\{\"u\": \"N\"\}, or 120 times as"
-    ):
+    with pytest.raises(ValueError, match=r"120 N per bar, .*units=\{\"u\": \"N\"\}, or 120 times"):
         dfc.read_record(source, columns={"u": heading}, gain=120.0, units={"u": "bar"})
 
 
@@ -509,9 +456,6 @@ def test_pressure_and_pinion_are_numbers_of_the_machine():
         dfc.Scaling(pinion_radius=20)
 
 
-# -- saved and read back ----------------------------------------------------------------------------
-
-
 @pytest.fixture
 def masked():
     keep = np.ones(N, bool)
@@ -539,14 +483,10 @@ def test_a_record_comes_back_with_its_mask(masked, tmp_path):
             assert again.quantum == masked.quantum and again.notes == masked.notes
             assert again.name == "a run" and list(again.channels) == ["v"]
     assert not dfc.Record(masked.t, masked.u, masked.x, units=masked.units) == masked
-
-
-def test_a_reading_that_was_kept_is_kept_when_read_back(tmp_path):
-    x = X.copy()
-    x[100] = 0.0
-    record = dfc.Record(T, U, x, good=np.ones(N, bool))
-    record.to_csv(tmp_path / "run.csv")
-    assert dfc.read_record(tmp_path / "run.csv") == record
+    # A reading that was kept is kept when it is read back.
+    kept = dfc.Record(T, U, np.where(np.arange(N) == 100, 0.0, X), good=np.ones(N, bool))
+    kept.to_csv(tmp_path / "run.csv")
+    assert dfc.read_record(tmp_path / "run.csv") == kept
 
 
 def test_a_column_good_masks(tmp_path):
@@ -559,9 +499,6 @@ def test_a_column_good_masks(tmp_path):
     with pytest.warns(dfc.RecordWarning, match="8 filled and masked"):
         again = dfc.read_record(tmp_path / "saved.csv", dt=DT)
     assert np.array_equal(again.good, record.good)
-
-
-# -- records without what is usual --------------------------------------------------------------------
 
 
 def test_a_free_motion_needs_no_drive(tmp_path):
@@ -604,10 +541,3 @@ def test_a_velocity_alone_gives_the_position(tmp_path):
     with pytest.warns(dfc.RecordWarning, match="1 filled and masked"):
         again = dfc.Record.from_irregular(T[keep], U[keep], None, dt=DT, channels={"v": v[keep]})
     np.testing.assert_allclose(again.x, record.x, atol=1e-4)
-
-
-def test_packed_text_is_cut_off_like_any_other(tmp_path):
-    whole = text(T, U, X, heading="t,u,x")
-    with pytest.warns(dfc.RecordWarning, match="cut off"):
-        record = dfc.read_record(write(tmp_path, gzip.compress(whole[:-14].encode()), "run.csv.gz"))
-    assert len(record) == N - 1

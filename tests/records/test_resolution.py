@@ -32,16 +32,12 @@ def test_a_path_is_read_on_the_grid_and_with_the_noise_of_the_record():
     noisy = record(noise=1e-3)
     error = noisy.read(path, np.random.default_rng(0)).x - path
     assert np.std(error) == pytest.approx(noisy.noise, rel=0.05)
-
-
-def test_an_axis_that_stands_still_may_be_read():
     still = record(quantum=1e-3).read(np.zeros(T.size), np.random.default_rng(0))
     assert np.ptp(still.x) <= 2e-3
 
 
 @pytest.mark.parametrize("path", [np.r_[:2000] % 500 * 1.0, np.full(2000, np.inf)])
 def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
-    """The record was blamed: "the encoder wraps around", "x has values that are not finite"."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     u = 20.0 * np.sin(6.0 * T)
     bench = cut(dfc.Record(T, u, axis.simulate(u, dt=1e-3).y[0]))

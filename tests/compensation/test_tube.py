@@ -40,7 +40,6 @@ def largest(plant, comp, reference):
 
 @pytest.mark.parametrize("seed", [6, 13])
 def test_slow_moves_of_an_axis_with_less_friction_stay_in_the_tube(seed):
-    """It jumps ahead, sticks and waits: the tube was 14.6 um, the error 23.9 um."""
     comp = dfc.design_compensation(AXIS, DT, encoder_quantum=1e-6, mismatch=0.1)
     plant = AXIS.replace(mass=1.8, viscous=16.5, coulomb=7.2)
     move = slow_move(seed)
@@ -84,7 +83,6 @@ RINGING = {
 
 @pytest.mark.parametrize("seed", RINGING)
 def test_no_drive_is_held_while_the_loop_rings(seed):
-    """The mean error is small, and the axis not at rest: errors were 1.6 to 15.9 tubes."""
     case = tube_attack.Case(*RINGING[seed])
     assert tube_attack.beyond(tube_attack.designs(seed), case) <= 1.0
 
@@ -155,7 +153,7 @@ def explicit_tube(comp):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     """A random axis: gains of every corner, and what slips and stops make of them."""
     rng = np.random.default_rng([47, seed])
@@ -194,21 +192,19 @@ def there(slope, way=1.0):
     return dfc.MotionProfile(DT, np.cumsum(v) * DT, v, np.gradient(v, DT))
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("delay", [0.0, 2.5e-3])
-def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay, way):
+def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay):
     comp = dfc.design_compensation(AXIS, DT, 1e-6, delay)
     # Given early by the lead, at an axis without delay; late at one with all of it.
     early, late = comp.lead, math.ceil(delay / DT) + 1 - comp.lead
-    found = certificates._unfed(comp.loop, there(3.0, way))
-    assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
-
-
-def test_a_mirrored_reference_has_the_same_tube():
-    comp = dfc.design_compensation(AXIS, DT, 1e-6, 2.5e-3)
-    one, other = (comp.certify(reference=there(3.0, way)) for way in (1.0, -1.0))
-    assert one.parts == pytest.approx(other.parts, rel=1e-9)
-    assert one.drive_needed == pytest.approx(other.drive_needed, rel=1e-9)
+    certified = []
+    for way in (1.0, -1.0):
+        found = certificates._unfed(comp.loop, there(3.0, way))
+        assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
+        certified.append(comp.certify(reference=there(3.0, way)))
+    # Mirrored, the reference has the same tube.
+    assert certified[0].parts == pytest.approx(certified[1].parts, rel=1e-9)
+    assert certified[0].drive_needed == pytest.approx(certified[1].drive_needed, rel=1e-9)
 
 
 def test_a_reference_that_moves_from_the_start_leaves_its_momentum_to_be_made_up():
@@ -253,7 +249,7 @@ def friction_program(g, gv, largest, sliding, signs, t):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("delay", "quantum"), [(3e-3, 1e-6), (0.0, 1e-6), (1.5e-3, 5e-6)])
+@pytest.mark.parametrize(("delay", "quantum"), [(3e-3, 1e-6), (0.0, 5e-6)])
 def test_no_course_of_friction_does_more_than_the_tube_says(delay, quantum):
     """Slips, stops and reversals at any time: a linear program for each course of signs."""
     comp = dfc.design_compensation(PEAKED, DT, quantum, delay)
@@ -265,7 +261,7 @@ def test_no_course_of_friction_does_more_than_the_tube_says(delay, quantum):
         courses = [[6, 15], [9, 8, 15, 6, 5], [8, 16], [19, 13, 3]]
         courses += [
             np.exp(rng.uniform(0.0, np.log(25.0), rng.integers(2, 7))).astype(int)
-            for _ in range(4)
+            for _ in range(2)
         ]  # fmt: skip
         for course, t in itertools.product(courses, (3, 9, 14)):
             lasting = [*course, 120]
@@ -306,18 +302,16 @@ def test_learning_and_integral_are_bounded_while_the_reference_moves():
 
 
 def test_a_wider_correction_has_a_wider_tube():
-    tubes = [
-        dfc.design_compensation(AXIS, DT, correction=share).certificate.tube
-        for share in (0.0, 0.2, 0.5)
-    ]
-    assert tubes[0] < tubes[1] < tubes[2]
+    shares = dict.fromkeys((0.0, 0.2, 0.5), 0.0)
+    for share in shares:
+        shares[share] = dfc.design_compensation(AXIS, DT, correction=share).certificate.tube
+    assert shares[0.0] < shares[0.2] < shares[0.5]
     assert dfc.design_compensation(AXIS, DT).correction == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("quantum", [1e-6, 3e-6, 2e-5])
+@pytest.mark.parametrize("quantum", [1e-6, 2e-5])
 @pytest.mark.parametrize("delay", [0.0, 3e-3])
 def test_noise_in_the_drive_is_bounded_and_its_price_is_said(quantum, delay):
-    """One increment of 3 um moved the drive by 99 % of the Coulomb level."""
     comp = dfc.design_compensation(AXIS, DT, quantum, delay)
     assert comp.drive_step <= 0.1 * 8.0 * (1.0 + 1e-5)
     free = dfc.design_compensation(AXIS, DT, quantum, delay, noise=1e3)
@@ -335,16 +329,11 @@ def test_noise_in_the_drive_is_bounded_and_its_price_is_said(quantum, delay):
 @pytest.mark.parametrize(
     "effect", [fx.Backlash(gap=1e-4, load_fraction=0.5), fx.Presliding(distance=1e-5)]
 )
-def test_what_the_tube_does_not_cover_is_said(effect):
-    """They were left out of the linear loop, and a finite tube was stated all the same."""
-    certificate = dfc.design_compensation(AXIS.replace(effects=(effect,)), DT).certificate
+def test_what_the_tube_covers_is_said(effect):
+    certificate = dfc.design_compensation(AXIS.replace(effects=effect), DT).certificate
     assert certificate.tube == math.inf
     assert f"not covered: {effect.slug}" in certificate.summary()
-
-
-def test_what_counts_as_known_is_said():
-    axis = AXIS.replace(effects=(fx.Cogging(amplitude=1.0, period=8e-3, phase=0.0),))
-    assert "as the nominal axis has them: cogging" in (
-        " ".join(dfc.design_compensation(axis, DT).summary().split())
-    )
-    assert "as the nominal axis" not in dfc.design_compensation(AXIS, DT).summary()
+    cogging = AXIS.replace(effects=fx.Cogging(amplitude=1.0, period=8e-3))
+    for axis, known in ((cogging, True), (AXIS, False)):
+        words = " ".join(dfc.design_compensation(axis, DT).summary().split())
+        assert ("as the nominal axis has them: cogging" in words) == known

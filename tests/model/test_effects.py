@@ -53,6 +53,11 @@ FORCES = [
     ),
 ]
 
+
+def nothing(t, x, v):
+    return 0.0
+
+
 LEVELS = [
     (
         dfc.effects.PositionDependence(slope=1.5, curvature=-2.0, centre=0.02),
@@ -61,14 +66,18 @@ LEVELS = [
     (dfc.effects.LoadDependence(0.1), lambda t, x, u: COULOMB + 0.1 * abs(u)),
     (dfc.effects.Drift(0.6), lambda t, x, u: COULOMB * (1.0 + 0.6 * t)),
 ]
+EQUATIONS = [(effect, law, COULOMB) for effect, law in FORCES]
+EQUATIONS += [(effect, nothing, level) for effect, level in LEVELS]
 
 
-@pytest.mark.parametrize(("effect", "law"), FORCES, ids=lambda p: getattr(p, "slug", ""))
+@pytest.mark.parametrize(
+    ("effect", "law", "level"), EQUATIONS, ids=lambda p: getattr(p, "slug", "")
+)
 @pytest.mark.parametrize("s", [1.0, -1.0])
-def test_force_effect_acts_by_its_equation(effect, law, s):
+def test_an_effect_acts_by_its_equation(effect, law, level, s):
     drive = 9.0 * s
     resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
-    x, v = slide(lambda t: drive, law, v0=0.5 * s)
+    x, v = slide(lambda t: drive, law, level, v0=0.5 * s)
     # The step's own tolerance is 1e-9 of the speed; 200 of them add up.
     np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
     np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
@@ -76,10 +85,9 @@ def test_force_effect_acts_by_its_equation(effect, law, s):
 
 @pytest.mark.parametrize("s", [1.0, -1.0])
 def test_transmission_carries_the_drive_and_the_weight_that_it_lifts_or_lowers(s):
-    weight, share, drive = dfc.effects.BiasForce(-2.0), 0.3, 9.0 * s
-    resp = axis_with(weight, dfc.effects.LoadDependence(share)).simulate(
-        np.full(201, drive), DT, x0=0.01, v0=0.5 * s
-    )
+    share, drive = 0.3, 9.0 * s
+    axis = axis_with(dfc.effects.BiasForce(-2.0), dfc.effects.LoadDependence(share))
+    resp = axis.simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
     level = COULOMB + share * abs(drive + 2.0)
     x, v = slide(lambda t: drive, lambda t, x, v: -2.0, level=level, v0=0.5 * s)
     np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
@@ -91,16 +99,6 @@ def test_a_weight_without_drive_holds_itself_by_the_friction_of_its_load(weight,
     # 5 N, and 0.3 of the weight: 7.14 N hold themselves.
     axis = axis_with(dfc.effects.BiasForce(-weight), dfc.effects.LoadDependence(0.3))
     assert bool(axis.simulate(np.zeros(101), DT).y[0, -1] == 0.0) is held
-
-
-@pytest.mark.parametrize(("effect", "level"), LEVELS, ids=lambda p: getattr(p, "slug", ""))
-@pytest.mark.parametrize("s", [1.0, -1.0])
-def test_friction_effect_acts_by_its_equation(effect, level, s):
-    drive = 9.0 * s
-    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
-    x, v = slide(lambda t: drive, lambda t, x, v: 0.0, level=level, v0=0.5 * s)
-    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
-    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
 
 
 @pytest.mark.parametrize("rest", [0.01, 0.1, 1.0])
@@ -271,38 +269,27 @@ def declared(count, law, shared=False):
 
 
 @pytest.mark.parametrize(
-    ("effect", "words"),
+    ("count", "law", "shared", "words"),
     [
-        (
-            declared(1, lambda t, x, v, u, level, s, rest, p: p[1]),
-            r"reads p\[1\].*p\[0\] to p\[0\]",
-        ),
-        (declared(2, lambda t, x, v, u, level, s, rest, p: p[-1]), r"reads p\[-1\]"),
-        (declared(2, lambda t, x, v, u, level, s, rest, p: p[int(t)] / v), r"reads p\[2\]"),
-        (declared(0, lambda t, x, v, u, level, s, rest, p: p[0]), "declares no parameter"),
-        (
-            declared(3, lambda t, x, v, u, level, s, rest, p: p[2], True),
-            "p0 is no field.*for each parameter",
-        ),
+        (1, lambda t, x, v, u, level, s, rest, p: p[1], False, r"reads p\[1\].*p\[0\] to p\[0\]"),
+        (2, lambda t, x, v, u, level, s, rest, p: p[-1], False, r"reads p\[-1\]"),
+        (2, lambda t, x, v, u, level, s, rest, p: p[int(t)] / v, False, r"reads p\[2\]"),
+        (0, lambda t, x, v, u, level, s, rest, p: p[0], False, "declares no parameter"),
+        (3, lambda t, x, v, u, level, s, rest, p: p[2], True, "p0 is no field.*for each param"),
     ],
 )
-def test_a_law_that_reads_numbers_not_its_own_is_refused(effect, words):
+def test_a_law_that_reads_numbers_not_its_own_is_refused(count, law, shared, words):
     """Compiled, it would read whatever lies behind them in memory."""
+    effect = declared(count, law, shared)
     with pytest.raises(ValueError, match=words):
         dfc.effects.register_effect(effect)
     assert "reader" not in REGISTRY
     with pytest.raises(ValueError, match=words):
         axis_with(effect(*[0.0] * len(fields(effect)))).simulate(np.zeros(3), DT)
-
-
-def test_a_law_may_fail_where_it_is_tried():
-    """Its own table may end before the places that are tried."""
+    # A law may fail where it is tried: its own table may end before the places that are.
     table = (1.0, 2.0)
     reader = declared(1, lambda t, x, v, u, level, s, rest, p: p[0] * table[int(t)])
-    try:
-        assert dfc.effects.register_effect(reader) is reader
-    finally:
-        REGISTRY.pop("reader", None)
+    assert dfc.effects.register_effect(reader) is reader
 
 
 def test_every_effect_tells_what_it_is():

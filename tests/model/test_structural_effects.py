@@ -10,10 +10,12 @@ import math
 import control as ct
 import numpy as np
 import pytest
+from diagnosis_cases import believed
 from truth import make_case, open_loop
 
 import dryfric_control as dfc
 from dryfric_control.estimation.windows import cut
+from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1e-3
 MASS, COULOMB, DISTANCE = 2.0, 8.0, 40e-6
@@ -55,9 +57,6 @@ def shaken(n, seed=3):
     """Steps of random height that stop, start and turn the axis many times."""
     rng = np.random.default_rng(seed)
     return np.repeat(rng.uniform(-25.0, 25.0, n // 40 + 1), 40)[:n]
-
-
-# --- presliding -----------------------------------------------------------------------
 
 
 def test_below_breakaway_the_contact_is_a_spring():
@@ -116,21 +115,6 @@ def test_slow_loop_loses_the_area_of_a_prandtl_element():
     # The sum over 20,000 chords cuts the corners of the loop by less than 1e-4.
     assert area == pytest.approx(4.0 * COULOMB * (amplitude - DISTANCE), rel=1e-3)
     assert amplitude > 3.0 * DISTANCE
-
-
-def test_vanishing_presliding_is_the_base_model():
-    u = shaken(400)
-    base = axis_with(viscous=6.0, stick_speed=1e-9).simulate(u, DT).y[0]
-    gap = []
-    for distance in (1e-5, 1e-7, 1e-9):
-        axis = axis_with(dfc.effects.Presliding(distance), viscous=6.0, stick_speed=1e-9)
-        gap.append(np.abs(axis.simulate(u, DT).y[0] - base).max())
-    # The force builds up in a time of order sqrt(distance): ten times less for each step.
-    assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
-    assert gap[2] < 2e-5
-
-
-# --- backlash -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("s", [1.0, -1.0])
@@ -219,21 +203,6 @@ def test_teeth_do_not_carry_the_inertia_of_the_motor(effect, s):
     assert v[begin:] == pytest.approx(expected, rel=1e-7)
 
 
-def test_vanishing_play_is_the_base_model():
-    u = shaken(400)
-    base = rich_axis().simulate(u, DT).y[0]
-    gap = [
-        np.abs(rich_axis(dfc.effects.Backlash(g, 0.4)).simulate(u, DT).y[0] - base).max()
-        for g in (1e-5, 1e-7, 1e-9)
-    ]
-    # A play is crossed in a time of order sqrt(gap): ten times less for each step.
-    assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
-    assert gap[2] < 2e-5
-
-
-# --- compliance -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("damping", [0.0, 12.0])
 def test_two_masses_swing_at_their_frequency(damping):
     """Frictionless: the centre is driven by u/m, the lead by u/mm - (K r + D r')/mu."""
@@ -263,40 +232,32 @@ def test_stuck_load_leaves_the_motor_on_its_spring():
     np.testing.assert_allclose(resp.y[2], 3e4 * resp.y[0], rtol=1e-9)
 
 
-def test_stiff_transmission_is_the_base_model():
-    u = shaken(400)
+VANISHING = {
+    "presliding": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Presliding(size)),
+    "backlash": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Backlash(size, 0.4)),
+    # Damped at 0.7, as a very stiff transmission that swung would only cost time.
+    "compliance": (
+        (1e5, 1e7, 1e9),
+        lambda size: dfc.effects.Compliance(size, 1.4 * math.sqrt(size * MASS * 0.24), 0.4),
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", VANISHING)
+def test_a_vanishing_effect_is_the_base_model(slug):
+    u, (sizes, effect) = shaken(400), VANISHING[slug]
     base = rich_axis().simulate(u, DT).y[0]
-    errors = []
-    for stiffness in (1e6, 1e7, 1e8):
-        # Damped at 0.7, as a very stiff transmission that swung would only cost time.
-        damping = 2.0 * 0.7 * math.sqrt(stiffness * MASS * 0.24)
-        axis = rich_axis(dfc.effects.Compliance(stiffness, damping, 0.4))
-        errors.append(np.abs(axis.simulate(u, DT).y[0] - base).max())
-    # Its swing dies in a time of order sqrt(m/K): 3.2 times less for each step.
-    assert errors[2] < 0.4 * errors[1] < 0.16 * errors[0]
-    assert errors[2] < 1e-4
-
-
-# --- an independent truth -------------------------------------------------------------
+    gap = [np.abs(rich_axis(effect(size)).simulate(u, DT).y[0] - base).max() for size in sizes]
+    # A contact builds up, a play is crossed and a swing dies in a time of order sqrt(size):
+    # ten times less for each step.
+    assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
+    assert gap[2] < 2e-5
 
 
 def hidden(slug, parameters, seed):
     case = make_case({slug: parameters}, seed)
-    peak = case.actual["stribeck"]
-    kind = {
-        "presliding": dfc.effects.Presliding,
-        "backlash": dfc.effects.Backlash,
-        "compliance": dfc.effects.Compliance,
-    }
-    axis = dfc.FrictionAxis(
-        mass=case.actual["mass"],
-        viscous=case.actual["viscous"],
-        coulomb=case.actual["coulomb"],
-        stribeck=dfc.Stribeck(**peak) if peak else None,
-        stick_speed=case.actual["stick_speed"],
-        travel=case.actual["travel"],
-        effects=(kind[slug](**parameters),),
-    )
+    effect = REGISTRY[slug](**parameters)
+    axis = believed(case).replace(effects=effect)
     return case, axis
 
 
@@ -327,9 +288,6 @@ def test_free_run_agrees_with_the_truth(slug, parameters, n, finer, stiffer, tol
     assert error < tolerance
     rigid = axis.replace(effects=()).simulate(case.u[:n], DT, x0=case.states[0, 0])
     assert np.abs(rigid.y[0] - states[:, 0]).max() > 20.0 * max(error, tolerance)
-
-
-# --- properties -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
@@ -366,9 +324,6 @@ def test_all_faces_of_the_axis_agree(effects, more):
     for k in range(200):
         plant.step(float(u[k]))
     assert plant.x == pytest.approx(resp.y[0, 200], rel=1e-12)
-
-
-# --- windows --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
@@ -415,9 +370,6 @@ def test_the_first_window_settles_under_its_load(effects, u):
     assert np.abs(run - 0.1).max() < 1e-12
 
 
-# --- refusals -------------------------------------------------------------------------
-
-
 def test_without_a_coulomb_level_there_is_no_contact():
     u = shaken(200)
     one = axis_with(PRESLIDING, coulomb=0.0).simulate(u, DT)
@@ -454,8 +406,6 @@ def test_shares_outside_the_peak_are_of_the_level_of_the_map(effect, shares):
         for u, mode in ((0.999 * s * holds, 0), (1.001 * s * holds, s)):
             assert axis.simulate([u] * 3, dt=1e-6).mode[0] == mode
 
-
-# --- too stiff for the samples ---------------------------------------------------------
 
 TOO_STIFF = [
     (dfc.effects.Compliance(stiffness=1e11, damping=60.0, load_fraction=0.5), "compliance: .*447"),

@@ -4,7 +4,6 @@ import json
 import warnings
 from pathlib import Path
 
-import matplotlib
 import pytest
 
 import dryfric_control as dfc
@@ -16,16 +15,10 @@ from dryfric_control.store.axis_file import read_axis
 EMPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 
 
-@pytest.fixture(autouse=True)
-def no_window():
-    matplotlib.use("Agg")
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Folder and summary of one run without a record."""
     folder = tmp_path_factory.mktemp("demo") / "out"
-    matplotlib.use("Agg")
     assert main(["demo", "--out", str(folder)]) == 0
     return folder, json.loads((folder / "summary.json").read_text())
 

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import warnings
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -60,12 +56,6 @@ NAMES = [
     "record", "response", "fit", "replay", "replayed loop", "slow ramp", "levels", "estimate",
     "observed loop", "maps", "position", "speed", "friction", "mode", "monte_carlo",
 ]  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    plt.close("all")
 
 
 @pytest.mark.parametrize("name", NAMES)

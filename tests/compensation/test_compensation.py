@@ -8,7 +8,6 @@ import warnings
 from dataclasses import dataclass, replace
 
 import control as ct
-import matplotlib
 import numpy as np
 import pytest
 
@@ -17,8 +16,6 @@ from dryfric_control import effects as fx
 from dryfric_control.compensation.certificate import loop_matrices
 from dryfric_control.compensation.tuning import LAWS
 from dryfric_control.model.profiles import MotionProfile
-
-matplotlib.use("Agg")
 
 DT, QUANTUM = 1e-3, 1e-6
 NOMINAL = dfc.FrictionAxis(

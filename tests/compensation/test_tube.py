@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+import tube_attack
 from scipy.optimize import linprog
 
 import dryfric_control as dfc
 from dryfric_control import effects as fx
 from dryfric_control.compensation import certificate as certificates
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-import tube_attack
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)

@@ -40,13 +40,6 @@ NAME = '<script>alert("1")</script> & co'
 FILES = {"report.html", "report.png", "diagnosis.json", "extended.toml", "saved.json"}
 
 
-@pytest.fixture(autouse=True)
-def no_window():
-    matplotlib.use("Agg")
-    yield
-    matplotlib.pyplot.close("all")
-
-
 class Crawl:
     """Stands for an experiment: what the report asks of one."""
 

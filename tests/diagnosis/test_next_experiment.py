@@ -6,7 +6,6 @@ import csv
 import json
 
 import control as ct
-import matplotlib
 import numpy as np
 import pytest
 
@@ -15,8 +14,6 @@ from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
-
-matplotlib.use("Agg")
 
 DT, QUANTUM = 1e-3, 1e-6
 #: What the drive of a machine that has only been moved gently can do.

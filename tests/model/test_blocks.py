@@ -1,7 +1,6 @@
 """The python-control faces agree with the compiled path and with theory."""
 
 import control as ct
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -106,7 +105,6 @@ def test_python_control_works_on_the_modes(axis):
             assert ct.frequency_response(system).omega.size > 10
             ct.step_response(system, T=np.arange(100) * DT)
     ct.bode_plot(system)
-    plt.close("all")
     ct.linearize(dfc.axis_block(axis, DT), [0.0, 0.3, 1.0], [2.0])
 
 

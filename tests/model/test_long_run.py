@@ -5,29 +5,18 @@ The same as ``benchmarks/long_run.py``, which does it over ten million samples.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import long_run
 import numpy as np
 import pytest
 
 import dryfric_control as dfc
-
-_BENCHMARKS = str(Path(__file__).resolve().parents[2] / "benchmarks")
-if _BENCHMARKS not in sys.path:
-    sys.path.insert(0, _BENCHMARKS)
-
-import long_run  # noqa: E402
 
 
 @pytest.mark.parametrize("hold", ["zero", "first"])
 def test_an_axis_at_rest_stays_where_it_is(hold):
     # not a bit: the position at rest is held, not summed up
     assert long_run.rest_drift(300_000, hold) == (0.0, 0)
-
-
-def test_a_load_just_above_the_level_does_move():
-    """The load of the test above is no easy one: two per cent more break it away."""
+    # Two per cent more break it away.
     level = 1.01 * float(long_run.AXIS.breakaway([0.0], 1)[0])
     assert long_run.AXIS.simulate(np.full(100, level), long_run.DT).mode[-1] == 1
 

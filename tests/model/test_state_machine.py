@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import control as ct
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -11,13 +10,6 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 import dryfric_control as dfc
 from dryfric_control import presets
-
-
-@pytest.fixture(autouse=True)
-def no_window():
-    matplotlib.use("Agg")
-    yield
-    plt.close("all")
 
 
 def an_axis(**changes) -> dfc.FrictionAxis:

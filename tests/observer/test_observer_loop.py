@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import functools
-import sys
-from pathlib import Path
 
 import control as ct
-import matplotlib
 import numpy as np
 import pytest
 import scipy.signal
+from plain_estimators import FilteredDifference, OneModeObserver
 from truth.plant import Plant, open_loop
 
 import dryfric_control as dfc
@@ -25,12 +23,6 @@ from dryfric_control.observer import (
     switch_delays,
 )
 from dryfric_control.observer.monte_carlo import Mismatch, MonteCarlo, SwitchedEstimator
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-from plain_estimators import FilteredDifference, OneModeObserver
-
-matplotlib.use("Agg")
 
 DT = 1e-3
 #: The promises: position [inc], speed, friction, commutation.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 
-import matplotlib
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +12,6 @@ from hypothesis import strategies as st
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.observer import ObserverStepper, design_pi_observer, observe
-
-matplotlib.use("Agg")
 
 DT = 1e-3
 RULES = ("reading", "paper", "filippov")

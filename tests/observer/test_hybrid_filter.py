@@ -58,9 +58,6 @@ def mismatched(rng):
     )
 
 
-# --- the pieces ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("e", [-4.0, -0.6, 0.0, 0.3, 2.5])
 @pytest.mark.parametrize("sd", [0.05, 0.4, 2.0, 30.0])
 def test_a_cell_cuts_the_normal_density(e, sd):
@@ -100,9 +97,7 @@ def test_a_tail_is_cut_in_part(share):
     middle = np.trapezoid(x * density, x) / mass
     assert (total, centre) == (pytest.approx(mass, abs=1e-4), pytest.approx(middle, abs=1e-4))
     assert variance == pytest.approx(np.trapezoid((x - middle) ** 2 * density, x) / mass, abs=1e-3)
-
-
-def test_of_a_density_that_is_nearly_all_tail_the_rest_is_left():
+    # Of a density that is nearly all tail the rest is left.
     assert kernel._without(1.0, 0.4, 1.7, 1e-20, 0.1, 0.2) == pytest.approx((1e-20, 0.1, 0.2))
     assert np.all(np.isfinite(kernel._without(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
 
@@ -171,8 +166,6 @@ def test_a_correction_moves_all_states_by_their_correlation(column):
     expected = P - np.outer(k, k) * removed
     np.testing.assert_allclose(covariance_at(s, kernel.BELIEFS), expected, rtol=1e-9)
 
-
-# --- the faces -------------------------------------------------------------------------
 
 FULL = stage(
     coulomb=dfc.CoulombMap(plus=[8.0, 4.0], minus=[7.0, -3.0]),
@@ -243,9 +236,6 @@ def test_a_loop_over_the_estimates_needs_no_algebraic_solution():
     v, estimate = response.outputs
     assert np.max(np.abs(v)) > 0.01
     assert np.sqrt(np.mean((v - estimate) ** 2)) < 0.1 * np.std(v)
-
-
-# --- how good --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("quantum", "most"), [(1e-6, 0.0016), (2e-5, 0.007)])
@@ -338,8 +328,8 @@ def test_a_reversal_inside_a_sample_is_followed():
     assert np.median(error / np.abs(run.y[1][after])) < 0.02
 
 
-@pytest.mark.parametrize("dt", [2e-2, 5e-3, 1e-3, 2e-4, 2e-5])
-@pytest.mark.parametrize("quantum", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("dt", [2e-2, 1e-3, 2e-5])
+@pytest.mark.parametrize("quantum", [0.0, 1e-6, 1e-4])
 def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
     """Few errors are beyond five standard deviations: the samples of a switch."""
     n = int(np.clip(4.0 / dt, 2000, 40_000))
@@ -356,14 +346,11 @@ def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
         assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(run.y[1])
 
 
-# --- nothing breaks it -----------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_wild_plants_leave_it_finite_and_near():
     """Plants that the nominal axis has nothing to do with, encoders of 1 nm to 0.3 mm."""
     rng = np.random.default_rng(5)
-    for _ in range(30):
+    for _ in range(15):
         plant = stage(
             mass=2.0 * rng.uniform(0.5, 2.0),
             viscous=15.0 * rng.uniform(0.1, 5.0),
@@ -379,7 +366,7 @@ def test_wild_plants_leave_it_finite_and_near():
         assert speed_error(estimate, run) < 0.3
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     drive=st.floats(-3, 9),
@@ -409,8 +396,5 @@ def test_bad_samples_leave_the_stepper_as_it_was():
         stepper.filter.run([1.0, 2.0, 3.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="y is missing"):
         stepper.filter.run([1.0, 2.0])
-
-
-def test_what_is_left_out_is_said():
     with pytest.warns(ObserverWarning, match="leaves out presliding"):
         dfc.hybrid_filter(stage(effects=(Presliding(distance=1e-5),)))

@@ -111,7 +111,10 @@ def test_report_says_what_was_checked(design):
     assert len(check.blocks) == len(kinds) * len(design.graph.edges)
     assert max(block.eigenvalue for block in check.blocks) == -check.margin < 0.0
     assert check.limit <= check.lower_bound <= check.gamma == design.gamma
+    if design.noise == 1e-4 and design.form == "prediction":  # the reference designs
+        assert 0.0 <= check.gap < (0.05 if design.method == "paper" else 0.02)
     assert design.lower_bound == check.lower_bound
+
     for mode, gain in design.gains.items():
         F, _, _ = closed_loop(design, design.resting_nodes()[mode + 1])
         radius = max(abs(np.linalg.eigvals(F)))
@@ -119,22 +122,18 @@ def test_report_says_what_was_checked(design):
         assert check.spectral_radius[mode] == pytest.approx(radius, rel=1e-6)
         assert radius <= design.decay
         assert np.array_equal(gain, design.node_gains[design.resting_nodes()[mode + 1]])
-
-
-def test_check_recomputes_the_same(design):
     again = design.check()
     # gains went to physical units and back: rounding only
-    assert again.gamma == pytest.approx(design.certificate.gamma, rel=1e-12)
-    assert again.margin == pytest.approx(design.certificate.margin, abs=1e-9)
+    assert again.gamma == pytest.approx(check.gamma, rel=1e-12)
+    assert again.margin == pytest.approx(check.margin, abs=1e-9)
 
 
-@pytest.mark.parametrize("element", range(3))
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-def test_a_perturbed_gain_is_refused(design, element, factor):
-    gains = design.node_gains.copy()
-    gains[-1, element] *= factor
-    with pytest.raises(CertificateError, match="condition fails"):
-        dataclasses.replace(design, node_gains=gains).check()
+def test_a_perturbed_gain_is_refused(design):
+    for element, factor in itertools.product(range(3), (0.5, 1.5)):
+        gains = design.node_gains.copy()
+        gains[-1, element] *= factor
+        with pytest.raises(CertificateError, match="condition fails"):
+            dataclasses.replace(design, node_gains=gains).check()
 
 
 def test_an_indefinite_lyapunov_matrix_is_refused(design):
@@ -209,13 +208,6 @@ def test_no_short_sequence_beats_the_one_found():
             assert lifted_gain(design, path, 120 // period) < design.lower_bound
 
 
-@pytest.mark.slow
-def test_the_gap_of_the_reference_designs_is_small():
-    for name, largest in (("paper", 0.05), ("slack", 0.02), ("path", 0.02), ("dwell", 0.02)):
-        gap = design_pi_observer(AXIS, DT, **CASES[name]).certificate.gap
-        assert 0.0 <= gap < largest
-
-
 def test_best_gain_against_the_algebraic_riccati_equation():
     """Stabilizing solution for gammas above, none for gammas below."""
     design = design_pi_observer(AXIS, DT, **SPEC)
@@ -247,7 +239,7 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
     """
     check = design.certificate
     model = _physical_models(design)
-    word = check.hardest_sequence * max(2, 500 // len(check.hardest_sequence))
+    word = check.hardest_sequence * max(2, 300 // len(check.hardest_sequence))
     first = model[word[0]]
     quiet = [k for k in range(first.W.shape[1]) if k != 1]
     n, nd, nz = len(word), len(quiet), first.Z.shape[0]
@@ -263,7 +255,7 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
     cost = np.eye(n * nd) + Y.T @ Y / design.noise**2
     root = np.linalg.cholesky(cost)
     ratio = largest_singular_value(scipy.linalg.solve_triangular(root, T.T, lower=True))
-    # 500 samples see all but about 1e-3 of the endless sequence
+    # 300 samples see all but about 3e-3 of the endless sequence
     assert ratio == pytest.approx(check.limit, rel=4e-3)
     assert ratio < check.limit * (1.0 + 1e-4)  # longer can only be harder
 
@@ -272,7 +264,7 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
 def test_without_a_decay_rate_memory_meets_the_limit():
     """So the limit is tight, and what is left with a rate is the price of it."""
     spec = SPEC | {"decay": 1.0}
-    design = design_pi_observer(AXIS, DT, method="dwell", window=20, **spec)
+    design = design_pi_observer(AXIS, DT, method="dwell", window=16, **spec)
     assert design.certificate.cost < 0.01
 
 

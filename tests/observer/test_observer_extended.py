@@ -25,18 +25,9 @@ DT, QUANTUM = 1e-3, 1e-5
 
 def axis(*effects, **changes):
     return dfc.FrictionAxis(
-        **(
-            {
-                "mass": 2.0,
-                "viscous": 15.0,
-                "coulomb": 8.0,
-                "stribeck": dfc.Stribeck(excess=0.1, speed=0.01),
-                "travel": (-0.3, 0.3),
-            }
-            | changes
-            | {"effects": effects}
-        )
-    )
+        mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.1, speed=0.01),
+        travel=(-0.3, 0.3), effects=effects,
+    ).replace(**changes)  # fmt: skip
 
 
 def design_of(own, **changes):
@@ -78,11 +69,7 @@ EVERYTHING = (
 )
 
 
-# --- what is gained -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_knowing_spring_bias_and_cogging_pays(seed):
+def test_knowing_spring_bias_and_cogging_pays(seed=0):
     """Measured: friction error 68 to 2.4 % of the level, speed error 0.39 to 0.12 %."""
     plant = axis(*TOGETHER)
     before, after = (watched(plant, own, seed).score for own in (axis(), plant))
@@ -122,9 +109,6 @@ def test_knowing_an_effect_pays_in_closed_loop(effect, speed, friction):
     assert after.friction < friction * before.friction
     if speed is not None:
         assert after.speed < speed * before.speed
-
-
-# --- what enters, exactly -------------------------------------------------------------
 
 
 def test_known_forces_enter_at_the_measured_position():
@@ -173,34 +157,29 @@ def test_known_forces_enter_at_the_measured_position():
 
 
 def test_effects_on_base_parameters_act_in_the_design():
-    by_effects = design_of(
-        axis(dfc.effects.Inertia(factor=1.5), dfc.effects.ViscousFriction(factor=2.0))
-    )
-    by_values = design_of(axis(mass=3.0, viscous=30.0))
+    inertia, drag = dfc.effects.Inertia(factor=1.5), dfc.effects.ViscousFriction(factor=2.0)
+    by_effects, by_values = design_of(axis(inertia, drag)), design_of(axis(mass=3.0, viscous=30.0))
     for mode in (0, 1, -1):
-        for one, other in zip(
-            by_effects.mode_matrices(mode), by_values.mode_matrices(mode), strict=True
-        ):
+        both = by_effects.mode_matrices(mode), by_values.mode_matrices(mode)
+        for one, other in zip(*both, strict=True):
             np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(by_effects.node_gains, by_values.node_gains)
     assert by_effects.gamma == by_values.gamma
-
-
-def test_a_stribeck_effect_is_left_to_the_integral_as_the_field_is():
-    by_effect = design_of(axis(dfc.effects.StribeckPeak(excess=0.4, speed=0.02), stribeck=None))
-    assert by_effect.axis == design_of(axis(stribeck=None)).axis
-
-
-# --- the faces ------------------------------------------------------------------------
+    # A Stribeck peak is left to the integral, as an effect and as a field.
+    peak = design_of(axis(dfc.effects.StribeckPeak(excess=0.4, speed=0.02), stribeck=None))
+    assert peak.axis == design_of(axis(stribeck=None)).axis
 
 
 @pytest.mark.parametrize("rule", ["reading", "paper", "filippov"])
-def test_faces_agree_with_every_effect(rule):
-    """Compiled record, python-control block and stepper, to 1e-9 of each signal."""
+def test_faces_agree_with_every_effect(rule, tmp_path):
+    """Compiled record, python-control block, stepper and a saved design."""
     plant = axis(*EVERYTHING)
-    run = watched(plant, plant, n=1500)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ObserverWarning)
+        run = watched(plant, plant, n=1500)
     u, y = run.plant.y[4], run.plant.y[5]
     design = run.design
+    assert len(design.axis.effects) == len(EVERYTHING) - 3
     whole = observe(design, u, y, xhat0=0.0, switching=rule)
     block = pi_observer(design, switching=rule)
     there = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
@@ -210,20 +189,9 @@ def test_faces_agree_with_every_effect(rule):
     assert np.abs((there.outputs - whole.y) / scale).max() < 1e-9
     assert np.abs((steps - whole.y) / scale).max() < 1e-9
     assert set(np.unique(whole.mode)) == {-1, 0, 1}
-
-
-def test_a_design_with_effects_survives_storage_and_check(tmp_path):
-    plant = axis(*EVERYTHING)
-    design = design_of(plant)
-    design.check()
     design.save(tmp_path / "observer.json")
-    again = load_design(tmp_path / "observer.json")
-    run = watched(plant, plant, n=1000)
-    u, y = run.plant.y[4], run.plant.y[5]
-    np.testing.assert_array_equal(observe(again, u, y).y, observe(design, u, y).y)
-
-
-# --- what is left out -----------------------------------------------------------------
+    again = observe(load_design(tmp_path / "observer.json"), u, y, xhat0=0.0, switching=rule)
+    np.testing.assert_array_equal(again.y, whole.y)
 
 
 @pytest.mark.parametrize(
@@ -254,12 +222,6 @@ def test_what_the_observer_has_no_states_for_is_told_once(effects, named):
     assert plant.effects == effects
 
 
-def test_nothing_is_told_of_effects_that_enter():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ObserverWarning)
-        assert len(design_of(axis(*EVERYTHING)).axis.effects) == len(EVERYTHING) - 3
-
-
 def test_structural_effects_do_not_break_the_observer():
     """The observer of a rigid axis still follows one with play; its friction error is told."""
     plant = axis(dfc.effects.Backlash(gap=1e-4, load_fraction=0.5), *TOGETHER)
@@ -272,8 +234,6 @@ def test_structural_effects_do_not_break_the_observer():
 @pytest.mark.parametrize("design", [dfc.design_pi_observer, dfc.hybrid_filter])
 def test_milliseconds_taken_for_seconds_are_warned_of(design):
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    with pytest.warns(
-        UserWarning, match="dt = 2 s is long .* in seconds, 2 ms is dt=0.002"
-    ) as told:
+    with pytest.warns(UserWarning, match="dt = 2 s is long .* seconds, 2 ms is dt=0.002") as told:
         design(axis, dt=2, encoder_quantum=1e-6)
     assert told[0].filename == __file__

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import functools
 import json
 import math
 import os
@@ -19,10 +19,10 @@ from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control import presets
+from dryfric_control.observer.monte_carlo import SwitchedEstimator
 from dryfric_control.store.batch import fingerprint
 
 # The package holds a function of the same name.
-module = importlib.import_module("dryfric_control.diagnosis.diagnose")
 
 RUNS, DURATION = 6, 2.0
 CASES = {"a": 4.0, "b": 9.0, "c": 16.0}
@@ -42,9 +42,6 @@ class Counted:
 
 def lines(path):
     return path.read_bytes().split(b"\n")[:-1]
-
-
-# ----------------------------------------------------------------- the store
 
 
 def test_what_is_stored_is_not_run_again(tmp_path):
@@ -139,9 +136,6 @@ def test_progress_is_shown_unless_silenced(capsys):
     assert "3/3" in capsys.readouterr().err
 
 
-# --------------------------------------------------------------- fingerprint
-
-
 def test_fingerprint_tells_values_apart_not_how_they_are_held():
     values = [0.0, -0.0, 1, "1", None, [1.0], [[1.0]], np.array([1.0]), np.array([[1.0]]),
               np.array([1.0], np.float32), {"a": 1.0}, dfc.Stribeck(0.3, 0.01),
@@ -150,22 +144,14 @@ def test_fingerprint_tells_values_apart_not_how_they_are_held():
     assert fingerprint((np.float64(1.0),)) == fingerprint([1.0])
     assert fingerprint(np.zeros((4, 4))[::2]) == fingerprint(np.zeros((2, 4)))
     assert fingerprint(dfc.effects.Spring(0.3, 0.01)) == fingerprint(dfc.effects.Spring(0.3, 0.01))
-
-
-def test_fingerprint_does_not_see_what_is_worked_out():
+    # What is left out, and what is worked out, makes no difference.
+    axes = [dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=level) for level in (1.0, 2.0)]
+    assert len({fingerprint(axis) for axis in axes}) == 2
+    assert len({fingerprint([axis], without=(dfc.CoulombMap,)) for axis in axes}) == 1
     record = dfc.Record(1e-3 * np.arange(50), np.arange(50.0), np.arange(50.0) ** 2)
     before = fingerprint(record)
     record.derivatives()
     assert "quantum" in vars(record) and fingerprint(record) == before
-
-
-def test_what_is_left_out_makes_no_difference():
-    axes = [dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=level) for level in (1.0, 2.0)]
-    assert len({fingerprint(axis) for axis in axes}) == 2
-    assert len({fingerprint([axis], without=(dfc.CoulombMap,)) for axis in axes}) == 1
-
-
-# -------------------------------------------------------------- monte_carlo
 
 
 @pytest.fixture(scope="module")
@@ -198,48 +184,35 @@ def test_same_bits_with_and_without_store_in_any_number_of_jobs(design, plain, t
     assert len(lines(store)) == 1 + RUNS
 
 
-def test_a_store_serves_the_design_from_its_file(design, tmp_path):
+def test_a_store_serves_more_runs_and_the_design_from_its_file(design, plain, tmp_path):
     """Its certificate is recomputed, and may differ by rounding."""
     store, path = tmp_path / "runs.jsonl", tmp_path / "design.json"
-    design.save(path)
-    scores(design, runs=1, store=store)
-    before = store.read_bytes()
-    scores(dfc.load_design(path), runs=1, store=store)
-    assert store.read_bytes() == before
-
-
-def test_a_store_serves_more_runs(design, plain, tmp_path):
-    store = tmp_path / "runs.jsonl"
     few = scores(design, runs=2, store=store)
     assert few.tobytes() == plain[:, :2].tobytes()
     assert scores(design, store=store).tobytes() == plain.tobytes()
+    design.save(path)
+    before = store.read_bytes()
+    scores(dfc.load_design(path), store=store)
+    assert store.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (dict(seed=1), None),
-        (dict(duration=1.9), "reference is"),
-        (dict(estimators={"paper": None}), "estimators is"),
-        (dict(design="other"), "design is"),
+        (lambda design: dict(duration=1.9), "reference is"),
+        (lambda design: dict(estimators={"a": SwitchedEstimator(design, "paper", 1.0)}), "estimat"),
+        (lambda design: dict(design=presets.clutch_observer(decay=0.999)), "design is"),
     ],
 )
 def test_a_store_of_other_runs_is_refused(design, tmp_path, options, words):
     store = tmp_path / "runs.jsonl"
     sound = dict(design=design, runs=1, duration=DURATION, progress=False, store=store)
     presets.clutch_monte_carlo(**sound)
-    if "estimators" in options:
-        from dryfric_control.observer.monte_carlo import SwitchedEstimator
-
-        options = dict(estimators={"paper": SwitchedEstimator(design, "paper", 1.0)})
-    if "design" in options:
-        options = dict(design=presets.clutch_observer(decay=0.999))
-    if words is None:  # another seed draws other plants, which are other cases
-        presets.clutch_monte_carlo(**sound | options)
-        assert len(lines(store)) == 3
-    else:
-        with pytest.raises(ValueError, match=f"other settings: .*{words}"):
-            presets.clutch_monte_carlo(**sound | options)
+    with pytest.raises(ValueError, match=f"other settings: .*{words}"):
+        presets.clutch_monte_carlo(**sound | options(design))
+    # Another seed draws other plants, which are other cases.
+    presets.clutch_monte_carlo(**sound, seed=1)
+    assert len(lines(store)) == 3
 
 
 ESTIMATOR = '''
@@ -272,22 +245,31 @@ presets.clutch_monte_carlo(
 """
 
 
+def started(folder, code, *arguments, **environment):
+    """A process of its own that finds the package and the modules of a folder."""
+    path = [str(folder), str(Path(dfc.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(path)} | environment,
+    )  # fmt: skip
+
+
+def wait_until(ready, run):
+    """Five minutes at most: compiling, on a busy machine."""
+    deadline = time.monotonic() + 300.0
+    while not ready():
+        assert run.poll() is None and time.monotonic() < deadline
+        time.sleep(0.05)
+
+
 @pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(design, tmp_path, monkeypatch):
     (tmp_path / "stopping.py").write_text(ESTIMATOR)
     store, half = tmp_path / "runs.jsonl", RUNS // 2
-    folders = [str(tmp_path), str(Path(dfc.__file__).parents[1])]
-    path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
-    run = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(store)],
-        env=os.environ | {"PYTHONPATH": path, "HANG_AFTER": str(half)},
-    )
+    run = started(tmp_path, SCRIPT, store, HANG_AFTER=str(half))
     try:
-        # It hangs once half of them are kept; five minutes: compiling, on a busy machine.
-        deadline = time.monotonic() + 300.0
-        while not (store.exists() and len(lines(store)) == 1 + half):
-            assert run.poll() is None and time.monotonic() < deadline
-            time.sleep(0.05)
+        # It hangs once half of them are kept.
+        wait_until(lambda: store.exists() and len(lines(store)) == 1 + half, run)
     finally:
         run.kill()
         run.wait()
@@ -324,15 +306,8 @@ if __name__ == "__main__":
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="an orphan keeps the number of its parent")
 def test_workers_end_with_a_run_that_is_killed(tmp_path):
-    """They went on for minutes, with a case that nobody waits for."""
     (tmp_path / "waiter.py").write_text(WAITER)
-    folders = [str(tmp_path), str(Path(dfc.__file__).parents[1])]
-    path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
-    run = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": path},
-        stderr=subprocess.DEVNULL,
-    )
+    run = started(tmp_path, WAITING, tmp_path)
 
     def workers():
         return [int(one.name[6:]) for one in tmp_path.glob("worker*")]
@@ -347,10 +322,7 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path):
         return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
 
     try:
-        deadline = time.monotonic() + 300.0
-        while len(workers()) < 2:
-            assert run.poll() is None and time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: len(workers()) == 2, run)
         run.kill()
         run.wait()
         # Far less than the case would take, far more than a busy machine needs to look.
@@ -391,9 +363,6 @@ def _pid(value):
     return os.getpid()
 
 
-# ------------------------------------------------------------ diagnose_batch
-
-
 @pytest.fixture(scope="module")
 def bench():
     """A believed axis, and records of a machine whose drive is 20 % stronger."""
@@ -407,43 +376,25 @@ def bench():
     return believed, records
 
 
-@pytest.fixture
-def few():
-    """Causes beside a gain."""
-    with among("input_gain", "load_dependence", "bias_force", "stribeck"):
-        yield
-
-
 @pytest.mark.slow
-def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path, monkeypatch, few):
+def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path):
     axis, records = bench
     store = tmp_path / "diagnoses.jsonl"
-    one = dfc.diagnose_batch(axis, {"monday": records["monday"]}, store=store, progress=False)
-    both = dfc.diagnose_batch(axis, records, store=store, progress=False)
-    assert both["monday"] == one["monday"]
-    for name, record in records.items():
-        alone = dfc.diagnose(axis, record, jobs=1).to_dict()
-        assert both[name] == json.loads(json.dumps(alone))
-        assert [cause["effect"] for cause in both[name]["causes"]] == ["input_gain"]
-    assert len(lines(store)) == 3
-
-    asked = []
-    monkeypatch.setattr(module, "_found", lambda *given: asked.append(given))
-    assert dfc.diagnose_batch(axis, records, store=store, progress=False) == both
-    assert asked == []
-    # The same name over other data is another case.
-    renamed = {"monday": records["tuesday"]}
-    dfc.diagnose_batch(axis, renamed, store=store, progress=False)
-    assert [given[-1] for given in asked] == [(axis, (records["tuesday"],))]
-    for other in (dict(axis=axis.replace(mass=2.1)), dict(window=0.3), dict(hold="first")):
-        with pytest.raises(ValueError, match=f"other settings: {next(iter(other))} is"):
-            dfc.diagnose_batch(
-                **dict(axis=axis, records=records, store=store, progress=False) | other
-            )
-
-
-def test_records_in_a_list_are_numbered(bench, monkeypatch):
-    axis, records = bench
-    monkeypatch.setattr(module, "_found", lambda *given: given[-1][1][0].t[-1])
-    found = dfc.diagnose_batch(axis, [*records.values()], progress=False)
-    assert found == {i: record.t[-1] for i, record in enumerate(records.values())}
+    batch = functools.partial(dfc.diagnose_batch, progress=False, store=store)
+    with among("input_gain", "load_dependence", "bias_force", "stribeck"):
+        one = batch(axis, {"monday": records["monday"]})
+        both = batch(axis, records)
+        assert both["monday"] == one["monday"]
+        for name, record in records.items():
+            alone = dfc.diagnose(axis, record, jobs=1).to_dict()
+            assert both[name] == json.loads(json.dumps(alone))
+            assert [cause["effect"] for cause in both[name]["causes"]] == ["input_gain"]
+        kept = store.read_bytes()
+        assert batch(axis, records) == both and store.read_bytes() == kept
+        # The same name over other data is another case; records in a list are numbered.
+        assert batch(axis, {"monday": records["tuesday"]}) == {"monday": both["tuesday"]}
+        assert batch(axis, [records["monday"]]) == {0: both["monday"]}
+        assert len(lines(store)) == 5
+        for other in (dict(axis=axis.replace(mass=2.1)), dict(window=0.3), dict(hold="first")):
+            with pytest.raises(ValueError, match=f"other settings: {next(iter(other))} is"):
+                batch(**dict(axis=axis, records=records) | other)

@@ -49,13 +49,6 @@ WRITERS = {
 }
 
 
-# ------------------------------------------------------------------ writing
-
-
-class TornError(Exception):
-    """What a test throws into a write."""
-
-
 @pytest.fixture
 def page(monkeypatch):
     """A report without its drawings, which take seconds."""
@@ -64,33 +57,13 @@ def page(monkeypatch):
 
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("old", [b"what was there before", None])
-def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch, page, writer, old):
+def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer, old):
+    resource = pytest.importorskip("resource")
     name, write = WRITERS[writer]
     path = tmp_path / name
     if old is not None:
         path.write_bytes(old)
-
-    def fail(*_: Any) -> None:
-        raise TornError
-
-    with monkeypatch.context() as here, pytest.raises(TornError):
-        here.setattr(files.os, "replace", fail)
-        write(path)
-    assert [p.name for p in tmp_path.iterdir()] == ([name] if old is not None else [])
-    assert old is None or path.read_bytes() == old
-    write(path)
-    assert path.stat().st_size > 0
-    assert path.read_bytes() != old
-
-
-@pytest.mark.parametrize("writer", WRITERS)
-def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer):
-    """The system refuses after a few bytes: the file was half written then."""
-    resource = pytest.importorskip("resource")
-    name, write = WRITERS[writer]
-    path = tmp_path / name
-    path.write_bytes(b"old")
-    # Instead of the usual signal, the write fails with an error.
+    # After a few bytes; instead of the usual signal, the write fails with an error.
     kept = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
@@ -100,8 +73,10 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, kept)
-    assert [p.name for p in tmp_path.iterdir()] == [name]
-    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ([name] if old is not None else [])
+    assert old is None or path.read_bytes() == old
+    write(path)
+    assert path.stat().st_size > 5 and path.read_bytes() != old
 
 
 @pytest.mark.slow
@@ -127,9 +102,6 @@ with files.replacing({str(path)!r}) as part:
     assert {p.suffix for p in tmp_path.iterdir() if p != path} == {".part"}
 
 
-# --------------------------------------------------- damaged and newer files
-
-
 def saved(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
     path = tmp_path / "observer.json"
     DESIGN.save(str(path))
@@ -149,11 +121,14 @@ def set_in(data: Any, place: tuple[Any, ...], value: Any) -> None:
     data[place[-1]] = value
 
 
-@pytest.mark.parametrize("key", json.loads(json.dumps(sorted(
-    {"axis", "dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale", "method",
-     "discretization", "window", "uncertainty", "performance", "integral_modes", "graph",
-     "node_gains", "state_scale", "lyapunov", "lyapunov_decay", "format", "version"}
-))))  # fmt: skip
+PARTS = (
+    "axis dt noise encoder_quantum drift decay gamma output_scale method discretization window "
+    "uncertainty performance integral_modes graph node_gains state_scale lyapunov lyapunov_decay "
+    "format version"
+)
+
+
+@pytest.mark.parametrize("key", PARTS.split())
 def test_a_design_without_a_part_is_refused(tmp_path, key):
     path, data = saved(tmp_path)
     held = data if key in data else data["content"]["fields"]
@@ -175,11 +150,8 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("version",), 3, "version 3, this package reads 1: .* newer package"),
         (("version",), "1", "version '1'"),
         (("axis", "of", "mass"), -2.0, "mass must be more than zero"),
-        (
-            ("axis", "of", "mass"),
-            0.02,
-            "changed: .*, or design again$",
-        ),  # another machine, gains as before
+        # another machine, gains as before
+        (("axis", "of", "mass"), 0.02, "changed: .*, or design again$"),
         (("axis", "of", "flux"), 1.0, "flux"),
         (("axis", "of", "effects", 0, "effect"), "warp", "warp"),
         (("axis", "of", "effects", 0, "stiffness"), "stiff", "stiffness must be a number"),
@@ -205,8 +177,6 @@ def test_a_design_without_a_part_is_refused(tmp_path, key):
         (("graph", "fields", "labels", "items", 0), 9, "graph.labels"),
         (("graph", "fields", "edges", "items", 0, "items"), [0, 99], "graph does not fit"),
         (("method",), "magic", "method must be one of"),
-        # the same gains in the other form prove something else
-        (("form",), "prediction", "condition fails|does not decrease"),
         (("window",), 1.5, "window must be a whole number"),
         # sound each, and not what was designed: another machine, another promise
         (("axis", "of", "coulomb", "plus"), [80.0], "checksum does not fit"),
@@ -229,7 +199,7 @@ def test_a_changed_design_is_refused(tmp_path, place, value, words):
 def test_a_design_cut_off_anywhere_is_refused(tmp_path):
     path, _ = saved(tmp_path)
     whole = path.read_bytes()
-    for place in np.linspace(0, len(whole) - 3, 40).astype(int):
+    for place in np.linspace(0, len(whole) - 3, 20).astype(int):
         path.write_bytes(whole[:place])
         with pytest.raises(ValueError, match="observer.json is damaged: not readable as JSON"):
             dfc.load_design(path)
@@ -253,20 +223,6 @@ def test_an_axis_cut_off_anywhere_is_refused_or_sound(tmp_path):
             assert (found.mass, found.viscous, found.coulomb) == (2.0, 15.0, AXIS.coulomb)
     assert taken < 0.6 * len(whole)
 
-
-def test_the_diagnosis_is_plain_json_that_nobody_loads(tmp_path):
-    path = tmp_path / "diagnosis.json"
-    DIAGNOSIS.to_json(path)
-    assert json.loads(path.read_text())["verdict"] == "nothing to find"
-    with pytest.raises(ValueError, match="no observer design"):
-        dfc.load_design(path)
-    with pytest.raises(ValueError, match="no TOML"):
-        dfc.read_axis(path)
-    with pytest.raises(ValueError, match="read_bam"):
-        dfc.read_record(path)
-
-
-# --------------------------------------------------------- nothing executes
 
 _WATCH: list[str] | None = None
 _FORBIDDEN = {
@@ -345,17 +301,11 @@ def test_nothing_is_executed_by_reading_sound_files(tmp_path):
             assert [one for one in events if not one.startswith("compile: (b\"{'descr'")] == []
 
 
-# ---------------------------------------------------------------- round trip
-
-
 def test_axis_text_is_plain_toml(tmp_path):
     path = tmp_path / "axis.toml"
     dfc.write_axis(AXIS.replace(name='a "b" \\ \n\x7f é'), path)
     assert tomllib.loads(path.read_text(encoding="utf-8"))["name"] == 'a "b" \\ \n\x7f é'
     assert dfc.read_axis(path).name == 'a "b" \\ \n\x7f é'
-
-
-# -------------------------------------------------------------------- fuzzing
 
 
 @pytest.mark.slow
@@ -368,7 +318,7 @@ def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
         pytest.skip(f"the library that reads {kind} is not installed")
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
-    @settings(max_examples=150, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+    @settings(max_examples=100, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
     @given(st.sampled_from(sound), damage.damages)
     def one(content, changes):  # type: ignore[no-untyped-def]
         broken = damage.damaged(content, changes)

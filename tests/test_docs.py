@@ -17,7 +17,6 @@ import warnings
 from contextlib import nullcontext
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 from diagnosis_cases import among
@@ -278,7 +277,6 @@ def bench(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "docs" / "data", tmp_path / "docs" / "data")
     monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
-    before = dict(REGISTRY)
     machine = dfc.FrictionAxis(
         mass=2.0, viscous=15.0, coulomb=8.0,
         stribeck=None if page == "README.md" else dfc.Stribeck(excess=0.3, speed=0.01),
@@ -293,21 +291,9 @@ def bench(page, tmp_path, monkeypatch):
     )  # fmt: skip
     with nullcontext() if page in WHOLE else among("spring", "gravity", "bias_force", "stribeck"):
         yield tmp_path
-    REGISTRY.clear()
-    REGISTRY.update(before)
-    matplotlib.pyplot.close("all")
-
-
-@pytest.fixture
-def own_catalogue(monkeypatch):
-    """Without the effects that other tests have registered in this process."""
-    for slug, effect in list(REGISTRY.items()):
-        if not effect.__module__.startswith("dryfric_control."):
-            monkeypatch.delitem(REGISTRY, slug)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("own_catalogue")
 @pytest.mark.parametrize("page", PAGES)
 def test_code_of_the_pages_runs(page, bench):
     """Blocks of one page in turn: plain code is run, a transcript is compared as well."""

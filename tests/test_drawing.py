@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 
 import matplotlib.pyplot as plt
@@ -23,55 +24,54 @@ CONTROLLER = dfc.PositionController.from_bandwidth(AXIS, 20.0, 1e-3)
 R = 0.1 + 0.05 * np.sin(6.0 * T)
 
 
+PLOTS = {
+    "record": 2, "response": 4, "fit": 2, "replay": 2, "replayed loop": 3, "slow ramp": 2,
+    "levels": 1, "estimate": 3, "observed loop": 4, "maps": 1, "position": 2, "speed": 2,
+    "friction": 2, "mode": 2, "monte_carlo": 4,
+}  # fmt: skip
+
+
 @pytest.fixture(scope="module")
-def plots():
-    """One way to draw each result, by name, with the number of its panels."""
+def run():
+    return presets.clutch_experiment(duration=2.0)
+
+
+@pytest.fixture(scope="module")
+def plots(run):
+    """How each result is drawn."""
     loop = dfc.simulate_loop(AXIS, CONTROLLER, R, quantum=1e-6, x0=0.1)
     record = dfc.Record(T, loop.y[4], loop.y[5], R, name="a run")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dfc.FitWarning)
         found = dfc.fit(AXIS, record, free=("mass",), starts=1)
     ramp = dfc.slow_ramp_experiment(AXIS, duration=10.0, quantum=1e-6)
-    levels = dfc.identify_coulomb(ramp.record, degree=0, axis=AXIS)
-    run = presets.clutch_experiment(duration=2.0)
     return {
-        "record": (record.plot, 2),
-        "response": (loop.plot, 4),
-        "fit": (found.plot, 2),
-        "replay": (found.training[0].plot, 2),
-        "replayed loop": (dfc.replay_loop(AXIS, record, CONTROLLER).plot, 3),
-        "slow ramp": (ramp.plot, 2),
-        "levels": (levels.plot, 1),
-        "estimate": (run.estimate.plot, 3),
-        "observed loop": (run.plot, 4),
+        "record": record.plot,
+        "response": loop.plot,
+        "fit": found.plot,
+        "replay": found.training[0].plot,
+        "replayed loop": dfc.replay_loop(AXIS, record, CONTROLLER).plot,
+        "slow ramp": ramp.plot,
+        "levels": dfc.identify_coulomb(ramp.record, degree=0, axis=AXIS).plot,
+        "estimate": run.estimate.plot,
+        "observed loop": run.plot,
         **{
-            what: (lambda what=what, **k: run.plot(what=what, **k), 1 if what == "maps" else 2)
+            what: functools.partial(run.plot, what=what)
             for what in ("maps", "position", "speed", "friction", "mode")
         },
-        "monte_carlo": (presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot, 4),
+        "monte_carlo": presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot,
     }
 
 
-NAMES = [
-    "record", "response", "fit", "replay", "replayed loop", "slow ramp", "levels", "estimate",
-    "observed loop", "maps", "position", "speed", "friction", "mode", "monte_carlo",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_panels_stand_in_a_column_as_in_python_control(name, plots):
-    draw, panels = plots[name]
-    drawn = draw()
+@pytest.mark.parametrize(("name", "panels"), PLOTS.items())
+def test_panels_stand_in_a_column_under_a_title_that_can_be_chosen(name, panels, plots):
+    drawn = plots[name]()
     assert drawn.axes.shape == drawn.lines.shape == (panels, 1)
     for lines, one in zip(drawn.lines[:, 0], drawn.axes[:, 0], strict=True):
         assert lines == list(one.lines)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_title_is_there_can_be_chosen_and_hides_no_legend(name, plots):
-    draw, _ = plots[name]
-    assert draw().axes[0, 0].get_title(loc="left")
-    drawn = draw(title="a rather long title, so that the legend of the panel has no room")
+    assert drawn.axes[0, 0].get_title(loc="left")
+    words = "a rather long title, so that the legend of the panel has no room"
+    drawn = plots[name](title=words)
     top = drawn.axes[0, 0]
     assert top.get_title(loc="left").startswith("a rather long title")
     drawn.figure.canvas.draw()
@@ -80,7 +80,7 @@ def test_title_is_there_can_be_chosen_and_hides_no_legend(name, plots):
 
 
 def test_title_set_later_keeps_the_layout(plots):
-    drawn = plots["response"][0]()
+    drawn = plots["response"]()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         drawn.set_plot_title("another")
@@ -93,26 +93,20 @@ def test_title_set_later_keeps_the_layout(plots):
         drawn.set_plot_title("x", frame="page")
 
 
-def test_start_of_the_estimate_does_not_set_the_scale():
-    run = presets.clutch_experiment(presets.clutch_observer(form="prediction"), duration=2.0)
-    # It starts 1000 increments off, the plant stays below 500.
-    assert run.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
-    assert np.max(run.estimate.y[0]) >= 1000.0
-
-
-def test_a_start_beyond_the_scale_is_stated():
-    run = presets.clutch_experiment(duration=1.0)
+def test_a_start_beyond_the_scale_is_stated_and_does_not_set_it(run):
     velocity = run.plot(what="speed").axes[0, 0]
-    assert [text.get_text() for text in velocity.texts] == [
-        f"start clipped: {run.estimate.y[1].min():.3g}"
-    ]
+    start = f"start clipped: {run.estimate.y[1].min():.3g}"
+    assert [text.get_text() for text in velocity.texts] == [start]
     assert run.estimate.y[1].min() < velocity.get_ylim()[0]
     friction = run.plot(what="friction").axes[1, 0]
     assert not friction.texts  # nothing of it is cut off
+    predicted = presets.clutch_experiment(presets.clutch_observer(form="prediction"), duration=1.0)
+    # It starts 1000 increments off, the plant stays below 500.
+    assert predicted.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
+    assert np.max(predicted.estimate.y[0]) >= 1000.0
 
 
-def test_position_shows_its_start_and_the_loop_its_blocks():
-    run = presets.clutch_experiment(duration=0.5)
+def test_position_shows_its_start_and_the_loop_its_blocks(run):
     (inset,) = run.plot(what="position").axes[0, 0].child_axes
     t, estimate = inset.lines[1].get_data()
     assert t[0] == 0.0 and t[-1] == pytest.approx(0.15)
@@ -138,16 +132,11 @@ def test_figures_of_the_paper_name_what_its_own_name():
     # Lines of boxes at the rim of the axes are whole.
     machine = dfc.plot_state_machine(axis).axes[0, 0]
     low, high = machine.get_xlim()
-    assert all(low < box.get_bbox().x0 and box.get_bbox().x1 < high for box in boxes(machine))
+    boxes = [patch.get_bbox() for patch in machine.patches if hasattr(patch, "get_bbox")]
+    assert boxes and all(low < box.x0 and box.x1 < high for box in boxes)
 
 
-def boxes(ax):
-    """Boxes of the modes."""
-    return [patch for patch in ax.patches if hasattr(patch, "get_bbox")]
-
-
-def test_observed_loop_draws_what_is_asked():
-    run = presets.clutch_experiment(duration=1.0)
+def test_observed_loop_draws_what_is_asked(run):
     assert run.plot(what="maps").axes[0, 0].get_xlabel() == "position [inc]"
     assert run.plot(what="mode").axes[1, 0].get_ylabel() == "mode error"
     for bad in ("torque", None, 3):
@@ -236,9 +225,6 @@ def test_friction_that_depends_on_the_position_is_a_band():
             AXIS.plot_friction(**bad)
 
 
-# -------------------------------------------------------------------- texts
-
-
 def test_a_loop_shows_its_tracking_error():
     run = dfc.simulate_loop(AXIS, CONTROLLER, R, quantum=1e-6, x0=0.1)
     drawn = run.plot()
@@ -249,18 +235,7 @@ def test_a_loop_shows_its_tracking_error():
     assert AXIS.simulate([9.0] * 10, dt=1e-3).plot().axes.shape == (3, 1)
 
 
-def test_mass_has_a_unit():
-    turning = AXIS.replace(units=("rad", "N m"))
-    counted = presets.clutch_actuator()
-    for axis, shown in (
-        (AXIS, "mass 2 kg\n"),
-        (turning, "inertia 2 kg m^2\n"),
-        (counted, "inertia 3e-07 N m s^2/inc\n"),
-    ):
-        assert shown in axis.describe()
-
-
-def test_axis_shows_as_a_table():
+def test_results_are_shown_in_the_units_of_their_axis(run):
     axis = AXIS.replace(
         effects=(dfc.effects.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>"
     )
@@ -268,40 +243,22 @@ def test_axis_shows_as_a_table():
     assert page.count("<tr>") == 11 and "&lt;x&gt;" in page
     for words in ("2 kg", "15 N\xb7s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):
         assert words in page
-
-
-def test_design_speaks_in_the_units_of_its_axis():
+    assert "mass 2 kg\n" in AXIS.describe() and "travel 0 to 0.3 m" in AXIS.describe()
+    assert "inertia 2 kg m^2\n" in AXIS.replace(units=("rad", "N m")).describe()
+    assert "inertia 3e-07 N m s^2/inc\n" in presets.clutch_actuator().describe()
     design = presets.clutch_observer()
     text = design.summary()
     assert "N m/inc" in text and " inc, drift" in text.replace("\n", " ")
     assert "G [N\xb7m/inc]" in design._repr_html_()
     assert "N/m" not in text + design._repr_html_()
-
-
-def test_results_print_as_summaries():
-    design = presets.clutch_observer()
-    assert repr(design) == design.summary()
+    assert repr(design) == text and max(map(len, text.splitlines())) <= WIDTH
     assert repr(design.certificate) == design.certificate.summary()
-    assert "travel 0 to 0.3 m" in AXIS.describe()
-
-
-def test_tab_completion_shows_public_names_alone():
+    score = repr(run.score)
+    assert score.startswith("EstimateScore(position=") and len(score) < 110
     assert dir(dfc) == sorted(dfc.__all__)
 
 
-def test_levels_may_come_as_an_array():
-    assert AXIS.replace(coulomb=np.array([8.0, 7.0])).coulomb == dfc.CoulombMap(8.0, 7.0)
-    assert AXIS.replace(coulomb=np.array(8.0)).coulomb == dfc.CoulombMap(8.0)
-
-
-def test_score_is_shown_with_four_digits():
-    text = repr(presets.clutch_experiment(duration=0.5).score)
-    assert text.startswith("EstimateScore(position=") and len(text) < 110
-
-
 def test_long_lines_are_wrapped():
-    design = presets.clutch_observer()
-    assert max(map(len, design.summary().splitlines())) <= WIDTH
     words = "word " * 40 + "end"
     lines = wrapped(["a   table", words]).splitlines()
     assert lines[0] == "a   table" and max(map(len, lines)) <= WIDTH
@@ -320,9 +277,6 @@ def test_fit_warns_where_it_was_called_and_says_how_runs_start():
     assert told and all(one.filename == __file__ for one in told)
     assert "started from the smoothed record" in found.training[0].summary()
     assert max(map(len, found.summary().splitlines())) <= WIDTH
-
-
-# ---------------------------------------------------------------- one convention
 
 
 class Shown(Result):
@@ -378,6 +332,8 @@ def test_units_are_typeset_and_words_are_not(text, printed):
     assert typeset(text) == printed
 
 
-def test_plain_data_is_what_json_takes():
+def test_plain_data_is_what_json_takes_and_levels_come_as_arrays():
     value = {"a": np.float64(np.nan), "b": (np.int64(2), np.array([1.0, np.inf])), "c": "text"}
     assert plain_data(value) == {"a": None, "b": [2, [1.0, None]], "c": "text"}
+    assert AXIS.replace(coulomb=np.array([8.0, 7.0])).coulomb == dfc.CoulombMap(8.0, 7.0)
+    assert AXIS.replace(coulomb=np.array(8.0)).coulomb == dfc.CoulombMap(8.0)

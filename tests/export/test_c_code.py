@@ -85,13 +85,9 @@ def compensated(law):
     """A compensation, its inputs, and what its kernel returns."""
     comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6, law=law)
     rows = dfc.motion_profile(
-        [0.0, 0.02, -0.01, 0.02, -0.01] * 3,
-        1e-3,
-        velocity=0.08,
-        acceleration=1.0,
-        jerk=50.0,
+        [0.0, 0.02, -0.01, 0.02, -0.01] * 3, 1e-3, velocity=0.08, acceleration=1.0, jerk=50.0,
         dwell=0.1,
-    ).rows[:, :N]
+    ).rows[:, :N]  # fmt: skip
     y = rows[0] + 1e-6 * np.round(np.random.default_rng(2).normal(0.0, 5.0, rows.shape[1]))
     memory, out = comp.controller.memory(), np.empty((2, rows.shape[1]))
     for k in range(rows.shape[1]):
@@ -189,7 +185,6 @@ def test_no_heap_no_globals_no_recursion_and_bounded_loops(tmp_path):
         assert all(order[callee] < order[name] for name in graph for callee in graph[name])
 
 
-@E.register_effect
 @dataclass(frozen=True)
 class Magnet(E.Effect):
     """An effect of one's own, whose law has its C from its Python source."""
@@ -212,7 +207,6 @@ class Magnet(E.Effect):
         return pull if pull < 3.0 else 3.0
 
 
-@E.register_effect
 @dataclass(frozen=True)
 class Sorted(Magnet):
     """An effect whose law numba knows and C does not."""
@@ -236,18 +230,7 @@ def test_a_law_without_c_is_refused(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_name_for_people_becomes_one_for_c(tmp_path):
-    files = export_c(AXIS.replace(name="belt stage (left)"), tmp_path)
-    assert files[0].name == "belt_stage_left_.h"
-    assert "belt_stage_left__step(" in files[0].read_text("utf-8")
-
-
-def test_the_time_step_of_a_design_is_its_own(tmp_path):
-    with pytest.raises(ValueError, match="was made for dt = 0.001 s"):
-        export_c(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path, dt=2e-3)
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+def test_names_and_folders_that_are_not_as_they_should_be(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ValueError, match="cannot be made"):
         export_c(AXIS, tmp_path / "file" / "new")
@@ -255,6 +238,12 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ValueError, match="stage.c.* is a folder"):
         export_c(AXIS, tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "stage.c"]
+    # A name for people becomes one for C.
+    files = export_c(AXIS.replace(name="belt stage (left)"), tmp_path)
+    assert files[0].name == "belt_stage_left_.h"
+    assert "belt_stage_left__step(" in files[0].read_text("utf-8")
+    with pytest.raises(ValueError, match="was made for dt = 0.001 s"):
+        export_c(dfc.hybrid_filter(AXIS, 1e-3, 1e-6), tmp_path, dt=2e-3)
 
 
 def test_header_readme_and_numbers_say_what_there_is(tmp_path):

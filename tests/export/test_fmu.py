@@ -114,22 +114,18 @@ def test_fmpy_simulates_the_plant(stages, version):
     held = np.zeros(N, dtype=[("time", float), ("u", float)])
     held["time"], held["u"] = np.arange(N) * DT, U
     result = fmpy.simulate_fmu(
-        str(stages[version]),
-        stop_time=1.0,
-        step_size=DT,
-        output_interval=DT,
-        input=held,
+        str(stages[version]), stop_time=1.0, step_size=DT, output_interval=DT, input=held,
         output=["x", "v", "switches"],
-    )
+    )  # fmt: skip
     expected = STAGE.simulate(U[:1001], DT)
     for name, row in (("x", 0), ("v", 1)):
         assert np.abs(result[name] - expected.y[row]).max() < 1e-9
     assert result["switches"].sum() == len(expected.events.time)
 
 
-def test_ten_step_sizes_each_after_a_reset(stages, tmp_path):
+def test_step_sizes_each_after_a_reset(stages, tmp_path):
     unit = Unit(stages["3.0"], tmp_path)
-    for h in (1e-4, 2e-4, 3e-4, 5e-4, 7e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2):
+    for h in (1e-4, 3e-4, 1e-3, 3e-3, 1e-2):
         u = U[:200]
         rows = run(unit, u, h, ("x", "v"))
         fine = max(1, round(h / DT))
@@ -250,21 +246,16 @@ def test_what_is_out_of_range_is_refused(stages, tmp_path):
         unit.step(0.0, -1e-3)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path, version):
+def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path):
     comp = dfc.design_compensation(STAGE, dt=DT, encoder_quantum=1e-6)
     design = comp.observer
-    files = [
-        export_fmu(comp, tmp_path / "comp.fmu", version),
-        export_fmu(design, tmp_path / "obs.fmu", version),
-    ]
-    assert [validate_fmu(str(file)) for file in files] == [[], []]
+    files = [export_fmu(comp, tmp_path / "comp.fmu"), export_fmu(design, tmp_path / "obs.fmu")]
     move = dfc.motion_profile(
         [0.0, 0.01, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
     )
     expected = dfc.simulate_loop(STAGE, comp.controller, move, quantum=1e-6)
     plant, control, watch = (
-        Unit(path, tmp_path / str(i)) for i, path in enumerate([stages[version], *files])
+        Unit(path, tmp_path / str(i)) for i, path in enumerate([stages["3.0"], *files])
     )
     n, rows = move.position.size, []
     for k in range(n):
@@ -288,14 +279,15 @@ def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path, version)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_hybrid_filter_is_valid(tmp_path, version):
-    path = export_fmu(dfc.hybrid_filter(STAGE, DT, 1e-6), tmp_path / "filter.fmu", version)
-    assert validate_fmu(str(path)) == []
-
-
-def test_the_same_object_gives_the_same_token():
-    made = exported(dfc.hybrid_filter(STAGE, DT, 1e-6))
-    assert Model(made, "3.0").token == Model(made, "3.0").token != Model(made, "2.0").token
+@pytest.mark.parametrize(
+    "make", [dfc.hybrid_filter, dfc.design_compensation, dfc.design_pi_observer]
+)
+def test_what_estimates_and_compensates_is_valid(tmp_path, make, version):
+    made = make(STAGE, DT, encoder_quantum=1e-6)
+    assert validate_fmu(str(export_fmu(made, tmp_path / "made.fmu", version))) == []
+    model = Model(exported(made), version)
+    other = Model(exported(made), *(one for one in VERSIONS if one != version))
+    assert model.token == Model(exported(made), version).token != other.token
 
 
 def test_no_compiler_is_named(tmp_path, monkeypatch):

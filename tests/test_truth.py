@@ -326,22 +326,16 @@ class TestBench:
 
     @pytest.mark.parametrize("slug", EFFECTS + OUTSIDE)
     def test_every_effect_is_seen_and_tame(self, slug):
-        for condition in ("coarse", "short"):
-            case = make_case(slug, 11, condition)
-            assert np.isfinite(case.u).all() and np.isfinite(case.states).all()
-            assert set(case.truth) == {slug}
-            assert case.visibility[slug] >= (LOUD if slug in OUTSIDE else VISIBLE)
-            span = case.believed["travel"][1]
-            assert case.x.min() > -0.05 * span and case.x.max() < 1.05 * span
-            off_reference = np.median(np.abs(case.x - case.reference))
-            assert off_reference < 0.05 * span
-
-    def test_encoder_within_half_a_quantum(self):
-        case = make_null(next(s for s in range(9) if make_null(s).noise == 0.0))
-        assert np.abs(case.x - case.states[:, X]).max() <= 0.5 * case.quantum * (1 + 1e-9)
+        case = make_case(slug, 11, "short")
+        assert np.isfinite(case.u).all() and np.isfinite(case.states).all()
+        assert set(case.truth) == {slug}
+        assert case.visibility[slug] >= (LOUD if slug in OUTSIDE else VISIBLE)
+        span = case.believed["travel"][1]
+        assert case.x.min() > -0.05 * span and case.x.max() < 1.05 * span
+        assert np.median(np.abs(case.x - case.reference)) < 0.05 * span
 
     def test_believed(self):
-        for seed in range(6):
+        for seed in range(3):
             exact, off = make_null(seed), make_null(seed, "off")
             assert exact.believed == exact.actual
             for key in ("mass", "viscous", "coulomb"):
@@ -355,7 +349,7 @@ class TestBench:
     @pytest.mark.parametrize("condition", ["exact", "coarse", "short"])
     def test_null_replays_at_the_floor(self, condition):
         """An event-located three-mode replay meets the record to a tenth of a quantum."""
-        for seed in range(6):
+        for seed in range(4):
             case = make_null(seed, condition)
             peak = case.actual["stribeck"] or {"excess": 0.0, "speed": 1.0}
             x = three_modes(
@@ -363,6 +357,8 @@ class TestBench:
                 peak["excess"], case.actual["stick_speed"], peak["speed"],
                 case.u, DT, case.states[:, X].copy(), case.states[:, V].copy(), WINDOW,
             )  # fmt: skip
+            if case.noise == 0.0:
+                assert np.abs(case.x - case.states[:, X]).max() <= 0.5 * case.quantum * (1 + 1e-9)
             n = x.size // WINDOW * WINDOW
             error = ((x - case.states[:, X])[:n] / case.quantum).reshape(-1, WINDOW)
             # Rounding alone is 0.29 of a quantum; what the substeps add must vanish
@@ -410,7 +406,7 @@ class TestBench:
 
     def test_machine(self):
         counts = set()
-        for seed in range(4):
+        for seed in range(3):
             runs = make_machine(seed)
             first = runs[0]
             counts.add(len(first.truth))

@@ -39,7 +39,6 @@ def run(**environment):
 
 
 def test_imports_and_says_what_to_set(tmp_path):
-    """It used to end in numba's "cannot cache function: no locator available"."""
     told, folder = run(TMPDIR=str(tmp_path))
     assert "NUMBA_CACHE_DIR" in told and "written" in told
     assert folder.startswith(str(tmp_path))

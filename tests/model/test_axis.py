@@ -16,21 +16,22 @@ def plain(**changes):
     return dfc.FrictionAxis(**(base | changes))
 
 
-def test_coulomb_mass_stops_after_v0_squared_over_two_mu_g():
+def test_a_mass_stops_in_closed_form_and_turns_under_a_load():
+    m, f, fc, v0 = 2.0, 3.0, 8.0, -1.5
     resp = plain().simulate(np.zeros(2001), DT, v0=1.0)
     # x = m v0^2 / (2 Fc) and t = m v0 / Fc; the stick speed of 1e-9 costs 1e-9.
     assert resp.y[0, -1] == pytest.approx(0.125, abs=2e-9)
     assert resp.events.time == pytest.approx([0.25], abs=2e-9)
     assert list(resp.events.before) == [1] and list(resp.events.after) == [0]
-
-
-def test_viscous_and_coulomb_stop_in_closed_form():
-    m, f, fc, v0 = 2.0, 3.0, 8.0, -1.5
     resp = plain(viscous=f).simulate(np.zeros(2001), DT, v0=v0)
     stop = m / f * math.log1p(f * abs(v0) / fc)
-    where = -(m * abs(v0) / f - fc / f * stop)
     assert resp.events.time == pytest.approx([stop], abs=1e-9)
-    assert resp.y[0, -1] == pytest.approx(where, abs=1e-9)
+    assert resp.y[0, -1] == pytest.approx(-(m * abs(v0) / f - fc / f * stop), abs=1e-9)
+    resp = plain().simulate(np.full(1001, -30.0), DT, v0=0.5)
+    # Decelerates at (30 + 8)/2, then accelerates at (30 - 8)/2.
+    assert [(b, a) for _, b, a in resp.events] == [(1, -1)]
+    assert resp.events.time[0] == pytest.approx(0.5 / 19.0, abs=1e-12)
+    assert resp.y[1, -1] == pytest.approx(-11.0 * (1.0 - 0.5 / 19.0), rel=1e-12)
 
 
 def test_stop_inside_a_sample_does_not_depend_on_the_sampling():
@@ -98,14 +99,6 @@ def test_completed_rule_sticks_where_the_printed_one_chatters():
     assert 0 not in printed.mode[200:]
 
 
-def test_speed_passes_through_zero_when_the_load_reverses_it():
-    resp = plain().simulate(np.full(1001, -30.0), DT, v0=0.5)
-    # Decelerates at (30 + 8)/2, then accelerates at (30 - 8)/2.
-    assert [(b, a) for _, b, a in resp.events] == [(1, -1)]
-    assert resp.events.time[0] == pytest.approx(0.5 / 19.0, abs=1e-12)
-    assert resp.y[1, -1] == pytest.approx(-11.0 * (1.0 - 0.5 / 19.0), rel=1e-12)
-
-
 def test_first_order_hold_integrates_a_ramp_exactly():
     t = np.arange(1001) * DT
     resp = plain(coulomb=2.0).simulate(10.0 * t, DT, hold="first")
@@ -130,6 +123,9 @@ def test_response_is_a_time_response_of_python_control():
     assert resp(squeeze=True).events is resp.events
     frame = resp.to_pandas()
     assert list(frame.columns) == ["time", "u", "x", "v", "F", "mode"]
+    assert repr(resp) == (
+        "SimulationResponse of 50 samples from 0 to 0.049 s; outputs x, v, F, mode; inputs u"
+    )
 
 
 def test_stuck_position_does_not_drift():
@@ -138,10 +134,3 @@ def test_stuck_position_does_not_drift():
     resp = axis.simulate(7.9 * rng.uniform(-1.0, 1.0, 200_000), DT, x0=0.3, v0=1e-3)
     assert resp.y[0, -1] == pytest.approx(0.3 + 1e-3 / 500.0, abs=1e-15)
     assert len(resp.events) == 0
-
-
-def test_a_response_prints_its_length_and_signals():
-    resp = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=2.0).simulate(np.zeros(101), dt=1e-3)
-    assert repr(resp) == (
-        "SimulationResponse of 101 samples from 0 to 0.1 s; outputs x, v, F, mode; inputs u"
-    )

@@ -77,10 +77,7 @@ def test_closed_forms():
     z = (0.01 - 1e-3) / 0.02
     slope = 8.0 * 0.3 * np.exp(-z * z) * 2.0 * z / 0.02
     assert peak.A[1, 1] == pytest.approx((slope - 15.0) / 2.0, rel=1e-7)
-
-
-def test_the_drive_is_the_one_that_keeps_the_velocity():
-    """Behind a dead zone the slope at no drive is zero."""
+    # The drive is the one that keeps the velocity; behind a dead zone the slope at none is zero.
     axis = dfc.FrictionAxis(**STAGE, effects=fx.DeadZone(width=3.0))
     assert axis.mode_ss(1, at=(0.0, 0.1)).B[1, 0] == pytest.approx(0.5)
     assert axis.mode_ss(1, at=(0.0, 0.1, 0.5)).B[1, 0] == 0.0
@@ -160,7 +157,7 @@ def test_delay_and_lag_turn_the_phase_as_they_must():
     )
 
 
-def test_states_of_delay_and_lag_have_names():
+def test_states_and_signals_have_names():
     axis = dfc.FrictionAxis(**STAGE, effects=LATE["delay, lag and gain"])
     for index in (0, 1):
         system = axis.mode_ss(index, DT, "zoh")
@@ -170,6 +167,9 @@ def test_states_of_delay_and_lag_have_names():
     assert axis.mode_ss(1, DT, input="force").state_labels == ["x", "v"]
     stuck = axis.mode_ss(0, DT, "zoh")
     assert not ct.forced_response(stuck, np.arange(50) * DT, np.ones(50)).outputs.any()
+    linear = ct.linearize(dfc.FrictionAxis(**STAGE).mode(-1), [0.0, -0.1], [-9.0])
+    assert linear.state_labels == ["x", "v"]
+    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F"]
 
 
 def test_the_lag_is_a_state_of_the_continuous_mode():
@@ -245,20 +245,12 @@ def test_the_way_out_of_a_refusal_is_right():
         (lambda a: a.mode(1), r"no states in continuous time: take mode_ss\(1, dt, at=\.\.\.\)"),
         (lambda a: a.mode_ss(1), "no states in continuous time: give dt"),
         (lambda a: a.mode_ss(1, 1e-6), "3.4e.03 states at dt = 1e-06 s, at most 1000"),
+        (
+            lambda a: a.replace(effects=fx.ActuatorLag(time_constant=0.4e-3)).mode_ss(1, DT),
+            r"dt \* 1 / lag < 2, got 2\.5",
+        ),
     ],
 )
-def test_a_delay_without_samples_is_refused(call, words):
+def test_delays_and_lags_that_have_no_states_are_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call(dfc.FrictionAxis(**STAGE, effects=LATE["a delay between samples"]))
-
-
-def test_euler_of_a_fast_lag_is_refused():
-    axis = dfc.FrictionAxis(**STAGE, effects=fx.ActuatorLag(time_constant=0.4e-3))
-    with pytest.raises(ValueError, match=r"dt \* 1 / lag < 2, got 2\.5"):
-        axis.mode_ss(1, DT)
-
-
-def test_linearised_modes_keep_the_names_of_their_signals():
-    linear = ct.linearize(dfc.FrictionAxis(**STAGE).mode(-1), [0.0, -0.1], [-9.0])
-    assert linear.state_labels == ["x", "v"]
-    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F"]

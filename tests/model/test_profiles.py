@@ -72,14 +72,6 @@ def test_positions_alone_are_differenced():
     assert np.abs(motion.acceleration[1:-1] - 1.0).max() < 1e-7
 
 
-def test_another_sampling_time_is_refused():
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    loop = dfc.PositionController.from_bandwidth(axis, 20.0, 1e-3)
-    move = dfc.motion_profile(0.1, 2e-3, velocity=0.2, acceleration=2.0, jerk=40.0)
-    with pytest.raises(ValueError, match="one sampling time"):
-        dfc.simulate_loop(axis, loop, move)
-
-
 def test_a_rotary_motion_is_shown_in_radians():
     move = dfc.motion_profile(1.0, 1e-3, velocity=2.0, acceleration=10.0, jerk=200.0, unit="rad")
     assert "to 1 rad, at most 2 rad/s and 10 rad/s^2" in repr(move)
@@ -93,5 +85,7 @@ def test_a_profile_in_other_units_than_the_axis_is_refused():
     given = dict(velocity=2.0, acceleration=10.0, jerk=200.0)
     with pytest.raises(ValueError, match=r"reference is in 'm', the axis in 'rad'.*unit='rad'"):
         dfc.simulate_loop(axis, loop, dfc.motion_profile(1.0, 1e-3, **given))
+    with pytest.raises(ValueError, match="one sampling time"):
+        dfc.simulate_loop(axis, loop, dfc.motion_profile(1.0, 2e-3, unit="rad", **given))
     move = dfc.motion_profile(1.0, 1e-3, unit="rad", **given)
     assert dfc.simulate_loop(axis, loop, move).time.size == move.position.size

@@ -31,41 +31,27 @@ CASES = [
 ]
 
 
-def test_numbers_of_the_axis_stand_in_the_drawing():
-    text = words(dfc.plot_state_machine(an_axis()))
-    for number in ("m = 2 kg", "f = 15 N\xb7s/m", "= 8 N", "= 6 N", "p = 500 1/s", "0.0001 m/s"):
-        assert number in text
-    # breakaway is (1 + 0.5) times the Coulomb level
-    assert "$F_{b+}$ = 12 N" in text and "$F_{b-}$ = 9 N" in text
+RANGE = dfc.CoulombMap(plus=[8.0, 10.0], minus=7.0)
+ALTERED = dfc.effects.Inertia(factor=3.0), dfc.effects.BiasForce(force=1.0)
 
 
-def test_a_level_that_varies_is_written_as_a_range():
-    axis = an_axis(coulomb=dfc.CoulombMap(plus=[8.0, 10.0], minus=7.0), travel=(0.0, 0.4))
-    text = words(dfc.plot_state_machine(axis))
-    assert "$F_{c+}$ = 8 to 12 N" in text and "$F_{c-}$ = 7 N" in text
-
-
-def test_effects_on_base_parameters_are_applied_and_the_others_named():
-    axis = an_axis(effects=(dfc.effects.Inertia(factor=3.0), dfc.effects.BiasForce(force=1.0)))
-    text = words(dfc.plot_state_machine(axis))
-    assert "m = 6 kg" in text
-    assert "w > F_{b+}" in text and "u > F_{b+}" not in text
-    assert "bias force" in text
-    assert "w: net" not in words(dfc.plot_state_machine(an_axis()))
-
-
-@pytest.mark.parametrize("axis", CASES, ids=range(len(CASES)))
-def test_three_boxes_and_six_arrows(axis):
-    patches = np.ravel(dfc.plot_state_machine(axis).axes)[0].patches
-    assert sum(isinstance(patch, FancyBboxPatch) for patch in patches) == 3
-    assert sum(isinstance(patch, FancyArrowPatch) for patch in patches) == 6
-
-
-def test_the_rule_of_the_paper_changes_direction_as_the_speed_does():
-    printed = words(dfc.plot_state_machine(an_axis(switching="paper")))
-    completed = words(dfc.plot_state_machine(an_axis()))
-    assert "$v < 0$" in printed and "$v = 0$" not in printed
-    assert "$v < 0$" not in completed and "$v = 0$" in completed
+@pytest.mark.parametrize(
+    ("changes", "there", "absent"),
+    [
+        # breakaway is (1 + 0.5) times the Coulomb level
+        ({}, ["m = 2 kg", "f = 15 N\xb7s/m", "= 8 N", "= 6 N", "p = 500 1/s", "0.0001 m/s",
+              "$F_{b+}$ = 12 N", "$F_{b-}$ = 9 N", "$v = 0$"], ["w: net", "$v < 0$"]),
+        (dict(coulomb=RANGE, travel=(0.0, 0.4)), ["$F_{c+}$ = 8 to 12 N", "$F_{c-}$ = 7 N"], []),
+        # Effects on base parameters are applied, others named.
+        (dict(effects=ALTERED), ["m = 6 kg", "w > F_{b+}", "bias force"], ["u > F_{b+}"]),
+        # The rule of the paper changes direction as the velocity does.
+        (dict(switching="paper"), ["$v < 0$"], ["$v = 0$"]),
+    ],
+)  # fmt: skip
+def test_what_stands_in_the_drawing(changes, there, absent):
+    text = words(dfc.plot_state_machine(an_axis(**changes)))
+    assert all(one in text for one in there), text
+    assert not any(one in text for one in absent), text
 
 
 def test_the_written_conditions_are_those_of_the_simulation():
@@ -88,10 +74,12 @@ def test_the_written_conditions_are_those_of_the_simulation():
 @pytest.mark.parametrize("axis", CASES, ids=range(len(CASES)))
 def test_no_text_covers_another_or_leaves_the_figure(axis):
     drawn = dfc.plot_state_machine(axis)
-    figure = drawn.figure
+    figure, ax = drawn.figure, np.ravel(drawn.axes)[0]
+    assert sum(isinstance(patch, FancyBboxPatch) for patch in ax.patches) == 3
+    assert sum(isinstance(patch, FancyArrowPatch) for patch in ax.patches) == 6
     figure.canvas.draw()
     renderer = figure.canvas.get_renderer()
-    boxes = [text.get_window_extent(renderer) for text in np.ravel(drawn.axes)[0].texts]
+    boxes = [text.get_window_extent(renderer) for text in ax.texts]
     for i, box in enumerate(boxes):
         assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0, i
         assert not any(box.overlaps(other) for other in boxes[i + 1 :]), i

@@ -157,9 +157,6 @@ def own(found):
     return evidence(found.extended, found.record)
 
 
-# ---------------------------------------------------------------- evidence
-
-
 def test_force_residual_is_the_force_that_is_missing(found, shown):
     # The machine has a spring and a bias that the believed axis lacks.
     missing = -12.0 * (shown.x - 0.1) + 0.4
@@ -192,10 +189,8 @@ def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown,
 
 
 def test_effects_on_the_base_count_as_the_base(found, shown):
-    same = evidence(
-        found.axis.replace(mass=1.5, effects=(dfc.effects.Inertia(factor=2.0),)), found.record
-    )
-    np.testing.assert_array_equal(same.residual, shown.residual)
+    axis = found.axis.replace(mass=1.5, effects=dfc.effects.Inertia(factor=2.0))
+    np.testing.assert_array_equal(evidence(axis, found.record).residual, shown.residual)
 
 
 def test_time_since_reversal():
@@ -440,9 +435,6 @@ def test_page_shows_what_is_left_and_the_references(found):
     assert "nominal axis +3250" in words and "Spectrum" not in words_of(page_of(found))
 
 
-# ------------------------------------------------------------------- where
-
-
 @pytest.fixture(scope="module")
 def wander():
     """Windows over a motion whose place, speed and time are not tied together."""
@@ -520,9 +512,6 @@ def test_where_survives_a_record_full_of_bad_windows(wander):
     assert where(np.full(len(wander), 3.0), 1.0, wander)[0].startswith("spread")
 
 
-# ----------------------------------------------------------------- figures
-
-
 def drawn(ax):
     """Finite data of everything drawn."""
     arrays = [np.asarray(line.get_xydata(), float) for line in ax.lines]
@@ -581,7 +570,7 @@ def test_nothing_in_the_page_overlaps(found, messages):
     assert all(f"warning: {one}" in figure.axes[0].texts[1].get_text() for one in said)
 
 
-def test_bars_are_sorted_and_the_named_stand_out(found):
+def test_bars_are_sorted_and_the_named_stand_out(found, uneven):
     ax = found.plot().axes.ravel()[-2]
     bars = [patch for patch in ax.patches if patch.get_width() > 0.0]
     # Finite ones, best on top: half the fall of the score at each of 8000 samples.
@@ -592,17 +581,13 @@ def test_bars_are_sorted_and_the_named_stand_out(found):
     assert labels == ["1. spring", "gravity on a rotary axis", "2. bias force"]
     assert bars[1].get_hatch() and not bars[0].get_hatch()
     assert bars[0].get_facecolor() == bars[2].get_facecolor() != bars[1].get_facecolor()
-
-
-def test_what_does_no_good_alone_has_no_bar(uneven):
+    # What does no good alone has no bar.
     ax = uneven.plot().axes.ravel()[-2]
-    bars = [patch for patch in ax.patches if patch.get_width() != 0.0]
-    assert [bar.get_width() > 0.0 for bar in bars] == [True]
+    assert [patch.get_width() > 0.0 for patch in ax.patches if patch.get_width()] == [True]
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
     assert labels == ["1. Coulomb asymmetry", "Stribeck peak"]
     assert "No better on their own: spring." in words_of(page_of(uneven))
-    told = [text.get_text() for text in ax.texts]
-    assert " useful only in combination" in told
+    assert " useful only in combination" in [text.get_text() for text in ax.texts]
     assert ax.get_xlim()[0] == 1.0
 
 
@@ -677,9 +662,6 @@ def test_title_of_many_causes_stays_on_the_page(uneven):
     figure = long.plot().figure
     figure.canvas.draw()
     assert figure.axes[0].texts[0].get_window_extent().x1 < figure.bbox.x1
-
-
-# ------------------------------------------- what a cause means in the axis
 
 
 @pytest.mark.slow
@@ -837,9 +819,6 @@ def test_what_to_do_next_runs_with_the_numbers_of_the_record(found, tmp_path, mo
     assert names["run"].time[1] == pytest.approx(DT)
 
 
-# -------------------------------------------------------------------- HTML
-
-
 class Page(HTMLParser):
     """Checks that tags close in order, and collects what they hold."""
 
@@ -924,9 +903,6 @@ def test_json_round_trips_without_nan(found, tmp_path):
     json.dumps(evidence(found.axis, found.record).to_dict(), allow_nan=False)
 
 
-# --------------------------------------------------------- the axis as a file
-
-
 EFFECTS = (
     dfc.effects.Spring(stiffness=12.0, rest=0.1),
     dfc.effects.Cogging(amplitude=0.6, period=0.021, phase=-0.4),
@@ -992,51 +968,42 @@ def test_levels_in_every_form(tmp_path, level, expected):
     assert read_axis(path).coulomb == expected
 
 
-# ------------------------------------------------------------- command line
-
-
 @pytest.fixture
-def files(found, tmp_path):
-    record, axis = tmp_path / "run.csv", tmp_path / "axis.toml"
-    columns = np.column_stack([found.record.t, found.record.u, found.record.x])
-    np.savetxt(record, columns, delimiter=",", header="t,u,x", comments="", fmt="%.12g")
-    write_axis(found.axis, axis)
-    return record, axis, tmp_path / "out"
-
-
-@pytest.fixture
-def asked(found, monkeypatch):
-    """Stands for the search: keeps what it was asked, and answers at once."""
-    calls = []
+def command(found, tmp_path, monkeypatch):
+    """The command with its files, and what the search, which answers at once, was asked."""
+    asked = []
 
     def diagnose(axis, record, **options):
-        calls.append((axis, record, options))
+        asked.append((axis, record, options))
         return found
 
     # By its full name: the package may hold a function of the same name.
     module = importlib.import_module("dryfric_control.diagnosis.diagnose")
     monkeypatch.setattr(module, "diagnose", diagnose)
-    return calls
+    columns = np.column_stack([found.record.t, found.record.u, found.record.x])
+    record, axis = str(tmp_path / "run.csv"), str(tmp_path / "axis.toml")
+    np.savetxt(record, columns, delimiter=",", header="t,u,x", comments="", fmt="%.12g")
+    write_axis(found.axis, axis)
+    return ["diagnose", record, "--axis", axis, "--out", str(tmp_path / "out")], asked
 
 
 @pytest.mark.parametrize(("quiet", "terminal"), [(True, True), (False, True), (False, False)])
-def test_command_shows_progress_on_a_terminal(files, asked, monkeypatch, quiet, terminal):
-    record, axis, out = files
+def test_command_shows_progress_on_a_terminal(command, monkeypatch, quiet, terminal):
+    arguments, asked = command
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     report = importlib.import_module("dryfric_control.diagnosis.report.diagnosis")
     monkeypatch.setattr(report, "write_report", lambda *_: None)
-    command = ["diagnose", str(record), "--axis", str(axis), "--out", str(out)]
-    assert main(command + ["--quiet"] * quiet) == 0
-    ((_, _, options),) = asked
-    assert options == {"progress": terminal and not quiet}
+    assert main(arguments + ["--quiet"] * quiet) == 0
+    assert [options for *_, options in asked] == [{"progress": terminal and not quiet}]
 
 
 @pytest.mark.slow
-def test_command_writes_the_report(files, asked, found, monkeypatch, capsys):
-    record, axis, out = files
+def test_command_writes_the_report(command, found, tmp_path, monkeypatch, capsys):
+    arguments, asked = command
+    out = tmp_path / "out"
     # The experiment of these tests is none that a file can hold.
     monkeypatch.setitem(found.__dict__, "next_experiment", None)
-    assert main(["diagnose", str(record), "--axis", str(axis), "--out", str(out)]) == 0
+    assert main(arguments) == 0
     ((given_axis, given_record, _),) = asked
     assert given_axis == found.axis
     np.testing.assert_allclose(given_record.x, found.record.x, atol=1e-9)

@@ -284,8 +284,6 @@ def test_reference_filter():
         np.testing.assert_allclose(np.sort(new.poles()), np.sort(old.poles()), rtol=1e-9)
 
 
-# --- observer --------------------------------------------------------------------------
-
 DESIGNED = dfc.FrictionAxis(
     mass=2.0, viscous=15.0, coulomb=(8.0, 6.0), stribeck=dfc.Stribeck(0.3, 0.01),
     effects=(EFFECTS["spring"], EFFECTS["actuator_lag"], EFFECTS["drift"]),
@@ -368,8 +366,6 @@ def test_observer(switching, units, seed):
     assert set(one.mode) == {-1, 0, 1}
     same(other.y, one.y, units, (LENGTH, SPEED, FORCE, FORCE, (0, 0, 0)))
 
-
-# --- identification ----------------------------------------------------------------------
 
 BELIEVED = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 BASE = {"mass": (1, -1, 2), "viscous": (1, -1, 1), "coulomb": FORCE}
@@ -467,9 +463,6 @@ def test_coulomb_levels(units, known):
     np.testing.assert_allclose((there - value) / spread, 0.0, atol=tolerance)
     if units.time == 1.0:
         np.testing.assert_allclose(there_spread, spread, rtol=1e-6)
-
-
-# --- diagnosis -----------------------------------------------------------------------------
 
 
 @cache

@@ -254,8 +254,6 @@ def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
     assert class_of(cls.slug) is None
 
 
-# -- several of one kind -----------------------------------------------------------------
-
 FIRST = dfc.effects.Cogging(amplitude=4.0, period=0.05, phase=0.4)
 SECOND = dfc.effects.Cogging(amplitude=2.5, period=0.021, phase=-1.0)
 

@@ -45,9 +45,6 @@ def without(mask):
     return good(t=T[keep], u=U[keep], x=X[keep])
 
 
-# ------------------------------------------------------------ construction
-
-
 def test_arrays_are_copied_read_only_and_the_arguments_unchanged():
     t, u, x = T.copy(), U.copy(), X.astype(np.float32)
     record = Record(t, u, x, reference=x)
@@ -64,13 +61,17 @@ def test_arrays_are_copied_read_only_and_the_arguments_unchanged():
 
 
 def test_sizes_and_labels():
-    record = Record(T, U, X, units={"u": "Nm", "x": "rad", "t": "sec"}, name="run 1")
+    units = {"u": "Nm", "x": "rad", "t": "sec"}
+    record = Record(T, U, X, units=units, name="<b>run 1", notes=["filtered"])
     assert (len(record), record.dt, record.duration) == (N, 0.001, 0.4)
     assert dict(record.units) == {"t": "s", "u": "N m", "x": "rad"}
     assert record.range == X.max() - X.min()
     with pytest.raises(TypeError):
         record.units["x"] = "m"
     assert "run 1" in repr(record) and "400" in repr(record)
+    assert "filtered" in record.summary() and "400 at 0.001 s" in record.summary()
+    shown = record._repr_html_()
+    assert "&lt;b&gt;run" in shown and "<b>" not in shown
 
 
 @pytest.mark.parametrize("remake", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
@@ -114,8 +115,6 @@ def test_equality_looks_at_everything_shown():
 def test_step_is_the_one_meant(t, dt, off):
     assert Record(t, U, X).dt == pytest.approx(dt, rel=off, abs=0)
 
-
-# ------------------------------------------------------------- bad input
 
 WRAPPED = np.mod(40 * T, 2 * np.pi)
 GAP = (T > 0.2) & (T < 0.21)
@@ -215,8 +214,6 @@ def test_unwrapping_recovers_the_position(period):
     assert "unwrapped" in record.notes[0]
 
 
-# ------------------------------------------------------------------- parts
-
 FULL = Record(T, U, X, 2 * X, units={"u": "N", "x": "m"}, name="run", quantum=1e-6)
 
 
@@ -253,16 +250,13 @@ def test_sizes_of_parts():
         assert joined(FULL.blocks(seconds)) == FULL
 
 
-def test_a_part_may_stand_still():
-    x = np.where(T < 0.2, 0.0, X - X[200])
-    still = Record(T, U, x)[:150]
-    assert still.range == 0 and still.noise == 0
-
-
 def test_window_and_slices():
     part = FULL.window(T[100], T[150])
     assert part == FULL[100:150] and part.t[0] == T[100]
     assert FULL[-50:] == FULL.window(T[350]) and FULL.window() == FULL
+    # A part may stand still.
+    still = Record(T, U, np.where(T < 0.2, 0.0, X - X[200]))[:150]
+    assert still.range == 0 and still.noise == 0
 
 
 @given(st.lists(st.integers(2, N - 2), max_size=8))
@@ -273,9 +267,6 @@ def test_slices_join_to_the_whole(cuts):
             edges.append(c)
     edges.append(N)
     assert joined([FULL[a:b] for a, b in itertools.pairwise(edges)]) == FULL
-
-
-# -------------------------------------------------------------- resampling
 
 
 @pytest.mark.parametrize("factor", [1, 2, 7, 200])
@@ -321,11 +312,12 @@ def test_held_input_keeps_its_impulse():
     # as well; spline 5/384 h^4 16 = 2.7e-10, more at the ends
     [("linear", 2e-5), ("monotone", 2e-5), ("cubic", 1e-7)],
 )
-def test_positions_follow_the_motion(interpolation, tolerance):
-    t, u, x = irregular()
-    record = Record.from_irregular(t, u, x, interpolation=interpolation)
+def test_positions_and_a_linear_hold_follow_the_motion(interpolation, tolerance):
+    t, _, x = irregular()
+    record = Record.from_irregular(t, 3 * t, x, interpolation=interpolation, hold="first")
     inside = record.t <= t[-1]
     assert np.abs(record.x - np.sin(2 * record.t))[inside].max() < tolerance
+    np.testing.assert_allclose(record.u, 3 * record.t, rtol=1e-13)
 
 
 def test_monotone_interpolation_does_not_overshoot_rest():
@@ -335,12 +327,6 @@ def test_monotone_interpolation_does_not_overshoot_rest():
     record = Record.from_irregular(t, u, x)
     assert record.x.min() == 0.0
     assert np.all(record.x[record.t < t[149]] == 0.0)
-
-
-def test_linear_hold_is_the_value_at_the_stamp():
-    t, _, x = irregular()
-    record = Record.from_irregular(t, 3 * t, x, hold="first")
-    np.testing.assert_allclose(record.u, 3 * record.t, rtol=1e-13)
 
 
 def test_resampling_a_record():
@@ -362,9 +348,6 @@ def test_splitting_at_gaps():
         assert len(Record.split_at_gaps(**without(GAP | (np.arange(N) == N - 5)))) == 2
     with pytest.raises(ValueError, match="longest stretch without a gap has 4 samples"):
         Record.split_at_gaps(**without(np.arange(N) % 5 == 4))
-
-
-# --------------------------------------------------- quantum, noise, derivatives
 
 
 @pytest.mark.parametrize("quantum", [1e-6, 2 * np.pi / 4096, 1.0, 1 / 3])
@@ -475,19 +458,6 @@ def test_estimates_scale_with_the_units(scale, dt, seed=0):
     assert other.quantum == pytest.approx(scale * base.quantum, rel=1e-12)
     assert other.noise == pytest.approx(scale * base.noise, rel=1e-9)
     assert other.smoothing_window == base.smoothing_window
-
-
-# -------------------------------------------------------------------- shown
-
-
-def test_summary_and_table_show_the_notes_and_escape_the_name():
-    record = Record(T, U, X, name="<b>run", notes=["filtered"], units={"x": "m"})
-    assert "filtered" in record.summary() and "400 at 0.001 s" in record.summary()
-    shown = record._repr_html_()
-    assert "&lt;b&gt;run" in shown and "<b>" not in shown
-
-
-# --------------------------------------------------------------------- text
 
 
 def write(tmp_path, text, name="run.csv", encoding="utf-8"):
@@ -672,8 +642,6 @@ def test_long_files_are_read_in_pieces(tmp_path):
         assert np.array_equal(record.x, np.arange(n))
 
 
-# --------------------------------------------------------------- round trips
-
 values = st.floats(-1e90, 1e90, allow_nan=False, allow_infinity=False)
 WORDS = st.text(st.characters(codec="utf-8"), max_size=12)
 
@@ -721,9 +689,6 @@ def test_csv_and_frames_come_back_bit_for_bit(
             assert back.notes == record.notes
 
 
-# --------------------------------------------------------- frames and mappings
-
-
 def test_frames():
     pd = pytest.importorskip("pandas")
     frame = pd.DataFrame({"force [N]": U, "pos [mm]": 1e3 * X}, index=pd.Index(T, name="time"))
@@ -743,26 +708,13 @@ def test_frames():
     assert own == record
     with pytest.raises(ValueError, match="no column recognised as t"):
         Record.from_frame(frame.reset_index(drop=True))
-    with pytest.raises(ValueError, match="x is of dtype object"):
-        Record.from_frame(frame.reset_index().astype({"pos [mm]": object}))
     with pytest.raises(ValueError, match="two columns"):
         Record.from_frame(pd.DataFrame(np.c_[T, U, X], columns=["t", "u", "u"]))
-    with pytest.raises(ValueError, match="needs a data frame, got ndarray"):
-        Record.from_frame(np.c_[T, U, X])
 
 
 def test_mappings():
     record = read_record({"t": T.tolist(), "torque [Nm]": U, "angle [deg]": X}, {"reference": None})
     assert record.units["u"] == "N m" and record.units["x"] == "rad"
-    with pytest.raises(ValueError, match="u has 399 samples"):
-        read_record({"t": T, "u": U[1:], "x": X})
-    with pytest.raises(ValueError, match="more than 5 rows"):
-        read_record({"t": T, "u": U, "x": X}, max_rows=5)
-    with pytest.raises(ValueError, match="x holds text"):
-        read_record({"t": T, "u": U, "x [mm]": X.astype(str)})
-
-
-# ----------------------------------------------------------------- MAT-files
 
 
 def test_mat_files(tmp_path):
@@ -824,9 +776,6 @@ def test_emps_layout_applies_its_gain(tmp_path):
         read_record(path, {"u": "virr"})
 
 
-# -------------------------------------------------------------------- fuzzing
-
-
 def read_or_told(path, **options):
     """The record, or None when the reader refuses it in the documented way."""
     with warnings.catch_warnings():
@@ -886,9 +835,6 @@ def test_numbers_are_read_as_written_or_refused(
     assert np.array_equal(np.c_[record.t, record.u, record.x], true)
 
 
-# ------------------------------------------------------------------ BAM logs
-
-
 def bam_log(n=60, **changes):
     rng = np.random.default_rng(2)
     t = np.cumsum(rng.uniform(0.0035, 0.0053, n))
@@ -925,9 +871,6 @@ def test_bam_log(tmp_path):
     )
     assert found["torque_enable"][record.t < stamps[50]].all()
     assert set(found["temperature"]) == {28.0, 29.0}
-
-
-# ----------------------------------------------------------------- real files
 
 
 def real(*parts):

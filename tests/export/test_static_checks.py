@@ -32,8 +32,8 @@ def sources(tmp_path_factory):
         dfc.hybrid_filter(AXIS, 1e-3, 1e-6),
         dfc.design_compensation(plain, dt=1e-3, encoder_quantum=1e-6),
     )
-    single = [export_c(obj, folder / "single", "single") for obj in (AXIS, objects[-1])]
-    return [str(export_c(obj, folder)[1]) for obj in objects] + [str(f[1]) for f in single]
+    single = export_c(objects[-1], folder / "single", "single")
+    return [str(export_c(obj, folder)[1]) for obj in objects] + [str(single[1])]
 
 
 @pytest.mark.slow

@@ -34,13 +34,6 @@ def test_a_mass_stops_in_closed_form_and_turns_under_a_load():
     assert resp.y[1, -1] == pytest.approx(-11.0 * (1.0 - 0.5 / 19.0), rel=1e-12)
 
 
-def test_stop_inside_a_sample_does_not_depend_on_the_sampling():
-    coarse = plain().simulate(np.zeros(41), 0.05, v0=0.777)
-    fine = plain().simulate(np.zeros(20001), 1e-4, v0=0.777)
-    assert coarse.events.time[0] == pytest.approx(fine.events.time[0], abs=1e-9)
-    assert coarse.y[0, -1] == pytest.approx(fine.y[0, -1], abs=1e-9)
-
-
 def test_stuck_axis_holds_what_is_below_breakaway_and_moves_above():
     axis = plain(coulomb=(8.0, 6.0), stribeck=dfc.Stribeck(excess=0.5, speed=0.01))
     for force, mode in ((11.9, 0), (12.1, 1), (-8.9, 0), (-9.1, -1)):
@@ -126,11 +119,3 @@ def test_response_is_a_time_response_of_python_control():
     assert repr(resp) == (
         "SimulationResponse of 50 samples from 0 to 0.049 s; outputs x, v, F, mode; inputs u"
     )
-
-
-def test_stuck_position_does_not_drift():
-    axis = plain(stick_speed=1e-3)
-    rng = np.random.default_rng(0)
-    resp = axis.simulate(7.9 * rng.uniform(-1.0, 1.0, 200_000), DT, x0=0.3, v0=1e-3)
-    assert resp.y[0, -1] == pytest.approx(0.3 + 1e-3 / 500.0, abs=1e-15)
-    assert len(resp.events) == 0

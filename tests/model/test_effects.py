@@ -156,15 +156,6 @@ def test_asymmetry_along_the_travel_is_that_of_two_levels():
     assert set(one.mode) == {0.0, 1.0, -1.0}
 
 
-def test_spring_alone_swings_at_its_frequency():
-    axis = dfc.FrictionAxis(
-        mass=2.0, viscous=0.0, coulomb=0.0, effects=(dfc.effects.Spring(200.0),)
-    )
-    resp = axis.simulate(np.zeros(1001), DT, x0=0.1)
-    # Without friction an axis still passes through its modes at the turning points.
-    np.testing.assert_allclose(resp.y[0], 0.1 * np.cos(10.0 * resp.t), atol=2e-6)
-
-
 @pytest.mark.parametrize("hold", ["zero", "first"])
 @pytest.mark.parametrize("delay", [1e-3, 2.5e-3, 7.3e-3, 0.4e-3])
 def test_input_delay_is_the_shifted_input(delay, hold):

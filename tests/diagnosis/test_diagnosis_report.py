@@ -1045,7 +1045,7 @@ def test_records_that_were_diagnosed_together_are_named(found):
     assert sum(one.endswith("Record a, the first of 3.") for one in captions) >= 8
     text = first.plot().figure.axes[0].texts[1].get_text()
     assert text.endswith("curves: record a, the first of 3")
-    assert "the first of" not in html_page(found)
+    assert "the first of" not in page_of(found)
     nameless = replace(more, record=called(""))
     assert wording.records_text(nameless) == "3 records"
     assert wording.shown_record(nameless) == "the first of 3 records"

@@ -250,6 +250,7 @@ def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path):
     comp = dfc.design_compensation(STAGE, dt=DT, encoder_quantum=1e-6)
     design = comp.observer
     files = [export_fmu(comp, tmp_path / "comp.fmu"), export_fmu(design, tmp_path / "obs.fmu")]
+    assert [validate_fmu(str(file)) for file in files] == [[], []]
     move = dfc.motion_profile(
         [0.0, 0.01, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
     )
@@ -278,16 +279,23 @@ def test_the_closed_loop_of_fmus_is_the_simulated_one(stages, tmp_path):
     assert np.abs(vhat - estimate.y[1]).max() == 0.0
 
 
-@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize(
-    "make", [dfc.hybrid_filter, dfc.design_compensation, dfc.design_pi_observer]
+    ("make", "version"),
+    [
+        (dfc.hybrid_filter, "3.0"),
+        (dfc.hybrid_filter, "2.0"),
+        (dfc.design_compensation, "2.0"),
+        (dfc.design_pi_observer, "2.0"),
+    ],
 )
 def test_what_estimates_and_compensates_is_valid(tmp_path, make, version):
     made = make(STAGE, DT, encoder_quantum=1e-6)
     assert validate_fmu(str(export_fmu(made, tmp_path / "made.fmu", version))) == []
-    model = Model(exported(made), version)
-    other = Model(exported(made), *(one for one in VERSIONS if one != version))
-    assert model.token == Model(exported(made), version).token != other.token
+
+
+def test_the_same_object_gives_the_same_token():
+    made = exported(STAGE, dt=DT)
+    assert Model(made, "3.0").token == Model(made, "3.0").token != Model(made, "2.0").token
 
 
 def test_no_compiler_is_named(tmp_path, monkeypatch):

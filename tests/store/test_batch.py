@@ -368,7 +368,7 @@ def bench():
     """A believed axis, and records of a machine whose drive is 20 % stronger."""
     believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     machine = believed.replace(effects=(dfc.effects.InputGain(gain=1.2),))
-    t = 1e-3 * np.arange(6000)
+    t = 1e-3 * np.arange(3000)
     records = {}
     for name, tone in (("monday", 17.0), ("tuesday", 19.0)):
         u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(tone * t + 1.0)

@@ -1,6 +1,6 @@
 """How often a diagnosis names the hidden cause, beside the best existing way.
 
-    python benchmarks/diagnosis.py [--seeds 20] [--conditions exact off coarse short
+    python benchmarks/diagnosis.py [--seeds 20] [--first 0] [--conditions exact off coarse short
                                    noisy 10-bit decimated jitter outliers machine]
                                    [--effects bias_force ...] [--jobs 2] [--store FILE]
     python benchmarks/diagnosis.py --summary --store FILE
@@ -161,7 +161,10 @@ def keys(options: argparse.Namespace) -> list[Key]:
             *(truth.ADDED if options.effects and condition != MACHINE else ()),
         )
         if not options.effects or what in options.effects
-        for seed in range(options.seeds * (CLEAN_PER_SEED if what == CLEAN else 1))
+        for seed in range(
+            options.first,
+            options.first + options.seeds * (CLEAN_PER_SEED if what == CLEAN else 1),
+        )
     ]
 
 
@@ -442,6 +445,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=20, help="records per effect")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS),
                         choices=[*CONDITIONS, *GROUPS])  # fmt: skip
     parser.add_argument("--effects", nargs="+",

@@ -178,7 +178,7 @@ def test_intervals_cover_with_the_peak_free():
     # `benchmarks/identification.py stribeck` prints the table.
     names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
     hits, scores = [], []
-    for seed in (1, 2, 5, 8, 24):
+    for seed in (1, 2, 3, 4, 5, 6, 8, 11, 12, 13):  # the first with a peak
         case = truth.make_null(seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FitWarning)  # a faint peak trades with the levels
@@ -188,8 +188,8 @@ def test_intervals_cover_with_the_peak_free():
             low, high = found.interval()[name]
             hits.append(low <= value <= high)
             scores.append((found.parameters[name] - value) / found.standard_errors[name])
-    # Binomial: 25 draws at 0.9 fall below 20 once in 30 at most.
-    assert sum(hits) >= 20
+    # Binomial: 50 draws at 0.9 fall below 40 once in 40 at most.
+    assert sum(hits) >= 40
     # Student's t with the two degrees of freedom of a peak told by few slips:
     # 10 is passed once in 100; a search that ends in a wrong valley is 20 off.
     assert np.max(np.abs(scores)) < 10.0

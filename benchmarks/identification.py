@@ -30,7 +30,7 @@ from dryfric_control.records import Record, read_bam, read_record
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "identification")]
 import truth  # noqa: E402  (the independent bench lives with the tests)
 
 #: What a record of `coverage` has beside its axis: parts of the Coulomb level as white

@@ -10,12 +10,13 @@ import numpy as np
 from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.causes import cause_of
 from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
-from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, NOTABLE, RIGHT
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import with_values
+from dryfric_control.estimation.scoring import FEW, SOME
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
@@ -37,8 +38,10 @@ def causes_of(
     for name in model.causes:
         own = {n.partition(".")[2]: n for n in model.own(name) if n in values}
         less = search.less_by(name)
-        known = less is not None and less.fit.point.out
-        fall = less.fit.held_out() - model.fit.held_out() if less and known else np.zeros(1)
+        if less is None or not less.fit.point.out:
+            fall = np.zeros(1)
+        else:
+            fall = less.fit.held_out() - model.fit.held_out()
         fall = fall[np.isfinite(fall)]
         size = 2.0 / problem.samples
         gain = size * float(fall.sum()), size * float(np.std(fall) * math.sqrt(fall.size))

@@ -22,7 +22,7 @@ from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
 from dryfric_control.diagnosis.causes import hardly_determined
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
-from dryfric_control.diagnosis.problem import LAST, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
@@ -39,6 +39,7 @@ from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
+from dryfric_control.estimation.scoring import LAST, SOME
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis

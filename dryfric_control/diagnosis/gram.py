@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, with_effect
-from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.linearised import CHANGED, Linearised
 from dryfric_control.diagnosis.problem import Problem, noises_of
 from dryfric_control.diagnosis.thresholds import (
     CHANCE,
@@ -40,9 +40,8 @@ FloatArray = NDArray[np.float64]
 # Largest change of an innovation by a simulated shape, in standard deviations, and bounds of the
 # change of a base parameter in the start of a fit.
 _FAR, _BASE = 30.0, (0.4, 2.5)
-# Columns whose responses are computed at once, ridge of the normal equations, and the relative
-# change of a nominal effect's parameter whose force is a column.
-_AT_ONCE, _RIDGE, _CHANGED = 32, 1e-9, 0.05
+# Columns whose responses are computed at once, and ridge of the normal equations.
+_AT_ONCE, _RIDGE = 32, 1e-9
 
 
 @dataclass(frozen=True)
@@ -140,9 +139,6 @@ class Gram:
     items: list[Item] = field(default_factory=list)
     #: Logarithm of the number of shapes of each effect that were searched.
     odds: dict[str, float] = field(default_factory=dict)
-    #: Best shape of each effect alone, with its predicted gain, and that gain if positive.
-    _single: dict[str, tuple[float, int]] = field(default_factory=dict)
-    singles: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         problem, fit = self.problem, self.fit
@@ -318,15 +314,24 @@ class Gram:
         ]  # fmt: skip
         return max(((self.gain([*chosen, g]), g) for g in some), default=(-math.inf, -1))
 
+    @cached_property
+    def _single(self) -> dict[str, tuple[float, int]]:
+        """Best shape of each effect alone, with its predicted gain."""
+        before, found = self.gain([]), dict[str, tuple[float, int]]()
+        for g, one in enumerate(self.items):
+            gain = max(self.gain([g]) - before, one.gain)
+            found[one.name] = max(found.get(one.name, (-math.inf, g)), (gain, g))
+        return found
+
+    @property
+    def singles(self) -> dict[str, float]:
+        """Predicted gain of each effect alone, at least 0."""
+        return {name: max(gain, 0.0) for name, (gain, _) in self._single.items()}
+
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
         before = self.gain([])
-        singles = self._single
-        for g, one in enumerate(self.items):
-            gain = max(self.gain([g]) - before, one.gain)
-            singles[one.name] = max(singles.get(one.name, (-math.inf, g)), (gain, g))
-        self.singles = {name: max(gain, 0.0) for name, (gain, _) in singles.items()}
-        rows = sorted(singles.values(), reverse=True)
+        rows = sorted(self._single.values(), reverse=True)
         found = [(gain, [g]) for gain, g in rows if gain > self._chance(g)][:PROPOSALS]
         chosen: list[int] = []
         now = before
@@ -351,9 +356,8 @@ class Gram:
 
         `every`: of every effect, whatever the linear prediction says.
         """
-        sets = self.sets()
-        if every:
-            sets = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
+        every_one = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
+        sets = every_one if every else self.sets()
         starts = self.problem.parallel(self._start, [s[0] for s in sets], [s[1] for s in sets])
         found = [one for one in starts if one is not None]
         return found + self._instead_of_base()
@@ -461,8 +465,8 @@ def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iter
             continue
         force = None
         if effect.action in ("force", "friction", "input"):
-            axis = with_effect(view.axis, name, now | {one: value * (1.0 + _CHANGED)}).axis
-            force = difference(axis, view) / _CHANGED
+            axis = with_effect(view.axis, name, now | {one: value * (1.0 + CHANGED)}).axis
+            force = difference(axis, view) / CHANGED
         if force is None or not np.any(force):
             for factor in (0.2, 0.7, 1.4, 2.0):
                 yield simulated(**now | {one: factor * value})

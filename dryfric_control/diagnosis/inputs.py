@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.problem import BIAS, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of
 from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.diagnosis.thresholds import (
     BEHIND,
@@ -28,7 +28,7 @@ from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_f
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 

@@ -30,8 +30,8 @@ BoolArray = NDArray[np.bool_]
 _SHORTEST, _SOONEST, _PEAKS, _FEWEST, _FINE = 8.0, 10.0, 5, 1.25, 4
 # Number of frequencies at which the size of a periodic column is computed; it is interpolated.
 _SIZES = 16
-# Relative change of an amount whose force is a column.
-_CHANGED = 0.05
+#: Relative change of a nominal effect's parameter whose force is a column.
+CHANGED = 0.05
 # Averaging of the filtered acceleration [samples].
 _SMOOTH = 5
 
@@ -138,8 +138,8 @@ class Linearised:
             "coulomb": -self.direction * self.level,
         }
         for name in (n for n in names if n not in known):
-            more = with_values(self.axis, [name], [nominal[name] * (1.0 + _CHANGED)])
-            known[name] = difference(more, cast(View, self)) / _CHANGED
+            more = with_values(self.axis, [name], [nominal[name] * (1.0 + CHANGED)])
+            known[name] = difference(more, cast(View, self)) / CHANGED
         return [known[n] for n in names]
 
     def force_per_unit(self, name: str) -> float:

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
+from dryfric_control.diagnosis.thresholds import MUTED
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
@@ -30,9 +31,8 @@ FloatArray = NDArray[np.float64]
 BIAS = "bias_force"
 # Actions of nominal effects whose amounts are uncertain.
 _UNSURE = ("force", "friction", "input")
-#: Iterations of a first look at a proposal, of a fit that compares, of the last fit, and of one
-#: of the noises alone.
-FEW, SOME, LAST, NOISES = 4, 15, 30, 3
+# Iterations of a fit of the noises alone.
+_NOISES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +120,11 @@ class Problem:
         """Whether the motion is imposed by something other than the drive."""
         return issubclass(self.view, ForceView)
 
+    def muted(self, fit: Solution) -> bool:
+        """Whether the random force is too large, beside the friction, to explain anything."""
+        force = max(fit.random_force(i) for i in range(len(self.runs)))
+        return not self.imposed and force > max(MUTED * fit.axis.coulomb.mean, 0.0)
+
     @property
     def late(self) -> bool:
         """Whether the time limit has passed."""
@@ -179,7 +184,7 @@ class Problem:
             scales=self.scales,
             shift=self.shift or 0.0,
         )
-        return maximise(problem, problem.start(1.0, noises), NOISES, self.until)
+        return maximise(problem, problem.start(1.0, noises), _NOISES, self.until)
 
     @cached_property
     def nominal_fit(self) -> Solution:

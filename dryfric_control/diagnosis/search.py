@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.candidates import (
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
-from dryfric_control.diagnosis.problem import FEW, SOME, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ENOUGH,
@@ -31,7 +31,6 @@ from dryfric_control.diagnosis.thresholds import (
     LONGEST,
     MOST,
     MOVED,
-    MUTED,
     NOTED,
     OUTSTANDING,
     PROPOSALS,
@@ -42,7 +41,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.estimation.continuation import LOUD, continued, held, with_force
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import FEW, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, renumbered
@@ -308,7 +307,7 @@ class Search:
                     now = self.exchanged(now)
                 continue
             # What is so far off has no linear prediction: every effect is fitted.
-            if key in every or len(key) >= MOST or not self._muted(now.fit):
+            if key in every or len(key) >= MOST or not self.problem.muted(now.fit):
                 break
             every.add(key)
             row = self._chosen(now, self._looked_again(now))
@@ -334,12 +333,6 @@ class Search:
     def best(self, now: Model) -> Row | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
         return self._chosen(now, self.round(now) if len(now.causes) < MOST else ())
-
-    def _muted(self, fit: Solution) -> bool:
-        """Whether the random force is too large, beside the friction, to explain anything."""
-        level = fit.axis.coulomb.mean
-        force = max(fit.random_force(i) for i in range(len(self.problem.runs)))
-        return not self.problem.imposed and force > MUTED * level
 
     def _looked_again(self, now: Model) -> list[Row]:
         """Every effect beside a model, fitted; found again by its causes."""

@@ -16,7 +16,6 @@ from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor,
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
 from dryfric_control.diagnosis.thresholds import (
-    MUTED,
     REPLAYED,
     REPLAYS,
     SMOOTH,
@@ -58,9 +57,7 @@ class Judged(NamedTuple):
 def judged(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
     """Measure what a fit explains and what it leaves."""
     found = _imposed(problem, final) if problem.imposed else _motion(problem, windows, final)
-    level = final.axis.coulomb.mean
-    force = max(final.random_force(i) for i in range(len(problem.runs)))
-    return found._replace(muted=not problem.imposed and force > max(MUTED * level, 0.0))
+    return found._replace(muted=problem.muted(final))
 
 
 def shows(problem: Problem, final: Solution) -> bool:

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.estimation.likelihood import Likelihood
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import FEW, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 
 FloatArray = NDArray[np.float64]
 
 #: Random force over the drive at first; its ratio from one to the next; their least number.
-LOUD, LOWER, LEAST = 0.3, 1.0 / 3.0, 2
-# Iterations at each.
-_FEW, _SOME = 4, 15
+LOUD, LOWER, RUNGS = 0.3, 1.0 / 3.0, 2
 
 
 def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray:
@@ -27,7 +25,7 @@ def with_force(likelihood: Likelihood, z: FloatArray, part: float) -> FloatArray
 
 
 def held(
-    likelihood: Likelihood, z: FloatArray, turns: int = _FEW, until: float = math.inf
+    likelihood: Likelihood, z: FloatArray, turns: int = FEW, until: float = math.inf
 ) -> Solution:
     """Parameters fitted with the noises held, as far as slopes of forces lead."""
     one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
@@ -40,7 +38,7 @@ def continued(likelihood: Likelihood, z: FloatArray, until: float = math.inf) ->
     """Parameters fitted at random forces that are held, each lower, until below the friction."""
     level, drive = likelihood.axis.coulomb.mean, max(r.drive for r in likelihood.runs)
     below = math.log(max(LOUD * drive / level, 1.0), 1.0 / LOWER) if level > 0.0 else 0.0
-    for rung in range(max(math.ceil(below), LEAST)):
+    for rung in range(max(math.ceil(below), RUNGS)):
         part = LOUD * LOWER**rung
-        z = held(likelihood, with_force(likelihood, z, part), _SOME, until).z
+        z = held(likelihood, with_force(likelihood, z, part), SOME, until).z
     return z

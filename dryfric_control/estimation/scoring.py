@@ -21,6 +21,8 @@ _PROMISED, _CREEPING, _FAR = 0.05, 2, 1.0
 # come from a linear recursion.
 _NEAR, _CLOSE = 3.0, 30.0
 _ITERATIONS = 40
+#: Iterations of a first look, of a fit that compares, and of the last fit.
+FEW, SOME, LAST = 4, 15, 30
 # Factor of the difference steps where the cost is rough.
 _WIDER = 4.0
 # Iterations of the initial search for the noises alone, and the change of their logarithms that

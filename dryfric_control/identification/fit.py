@@ -28,7 +28,7 @@ from dryfric_control.estimation.parameters import (
 )
 from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
 from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import FEW, LAST, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import (
     block_length,
@@ -54,8 +54,8 @@ FloatArray = NDArray[np.float64]
 _SAME = {"inertia": "mass"}
 # Starts by default, and where a parameter acts at breakaway: the cost has several valleys.
 _STARTS, _MANY = 2, 6
-# Iterations from each of many starts, from those that are kept, and from the best of them.
-_FEW, _SOME, _LAST, _KEPT = 4, 15, 30, 2
+# Number of starts that are searched on, of many.
+_KEPT = 2
 # Difference of log-likelihoods that prefers no end to that from the nominal values.
 _EQUAL = 0.5
 # Power of what is left at low frequency over that of white noise, from which the model
@@ -514,7 +514,7 @@ def likeliest(
 ) -> Fit:
     """The fit from the most likely end of searches from some points, nominal values first."""
     noises = problem.start(1.0)[len(problem.names) :]
-    few = _FEW if len(points) > kept else _SOME
+    few = FEW if len(points) > kept else SOME
 
     def search(point: FloatArray) -> Solution:
         own = problem.on(problem.runs)
@@ -528,17 +528,17 @@ def likeliest(
         )
     )  # fmt: skip
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
-    if few < _SOME:
-        ends = [maximise(one.problem, one.z, _SOME, again=True) for one in ends]
+    if few < SOME:
+        ends = [maximise(one.problem, one.z, SOME, again=True) for one in ends]
     best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
-    found = maximise(best.problem, best.z, _LAST, again=True)
+    found = maximise(best.problem, best.z, LAST, again=True)
     acting = any(acts(found, i) for i in range(len(problem.runs)))
     if acting and not any(p.breaks_away for p in problem.parameters):
         rows = zip(found.problem.runs, found.point.states, strict=True)
         clear = found.problem.on([away_from_rest(run, states) for run, states in rows])
-        found = maximise(clear, found.z, _SOME, again=True)
+        found = maximise(clear, found.z, SOME, again=True)
     return _result(found, points[0], window, acting)
 
 

@@ -291,8 +291,7 @@ def _predict_near(
     if not plain:
         # This also advances the drive.
         count[0] = 0
-        # Take the addresses here: numba frees an array after its last use.
-        step.sample(plant, t, dt, u0, end, m, step.pointer(events), step.pointer(count))
+        step.sample(plant, t, dt, u0, end, m, events, count)
     for i in range(5):
         c = _SPEEDS[i] * width
         if i < 4 or plain or doubt != 0.0:
@@ -307,7 +306,7 @@ def _predict_near(
             resting = 0.0
         x_mean += _MEANS[i] * x1
         v_mean += _MEANS[i] * v1
-        points[0, i], points[1, i] = x1, v1
+        points[i], points[5 + i] = x1, v1
     if plain or doubt != 0.0:
         at_rest = mode == 0 and mode1 == 0.0
         m[step.REST] = rest + dt if at_rest else 0.0
@@ -318,9 +317,9 @@ def _predict_near(
     m00 += resting * _CREEP * reading
     m01, m11 = 0.0, 0.0
     for i in range(5):
-        a, b = points[0, i] - x_mean, points[1, i] - v_mean
+        a, b = points[i] - x_mean, points[5 + i] - v_mean
         if _MEANS[i] == 0.0:
-            a, b = points[0, i] - points[0, 4], points[1, i] - points[1, 4]
+            a, b = points[i] - points[4], points[5 + i] - points[9]
         m00 += _WEIGHTS[i] * a * a
         m01 += _WEIGHTS[i] * a * b
         m11 += _WEIGHTS[i] * b * b
@@ -350,7 +349,7 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
         m[step.MODE], m[step.REST] = float(mode), 0.0
     else:
         count[0] = 0
-        step.sample(plant, t, dt, u0, end, m, step.pointer(events), step.pointer(count))
+        step.sample(plant, t, dt, u0, end, m, events, count)
     if mode == 0:
         if plant.integers[step.STRUCTURE] & step.CONTACT != 0:
             by_x = -plant.numbers[step.CONTACT_STIFFNESS] * plant.numbers[step.INVERSE_MASS]
@@ -532,16 +531,17 @@ def _innovations(
 ):  # fmt: skip
     """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
     plant = step.point(numbers, integers)
-    memory = np.zeros(size)
+    # One array, which the loop keeps alive: an array handed on would be counted at each call.
+    memory = np.zeros(size + step.ROOM + 10)
     m = step.pointer(memory)
-    events = np.empty(step.ROOM)
-    count = step.tally(events, step.FEW_SWITCHES)
+    events, points = step.further(m, size), step.further(m, size + step.ROOM)
+    count = step.tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
+    counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
     on_load = structure & step.ON_LOAD != 0
     play, spring = structure & step.PLAY != 0, structure & step.SPRING != 0 and not on_load
     plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
-    points = np.empty((2, 5))
     deviation = math.sqrt(force)
     dx = 1e-6 * span
     fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
@@ -599,13 +599,13 @@ def _innovations(
             # Advance the drive; the axis stays at rest.
             rest = memory[step.REST] + dt
             count[0] = 0
-            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
             memory[step.X], memory[step.V] = x, 0.0
             memory[step.MODE], memory[step.REST] = 0.0, rest
             p += _CREEP * reading
         elif near:
             p, g, d, over, pulled, pull = _predict_near(
-                plant, m, events, count, points, t, dt, u[k - 1], end, x, v, mode, p, g, d,
+                plant, m, events, counted, points, t, dt, u[k - 1], end, x, v, mode, p, g, d,
                 deviation, fall, reading, plain, over, pulled, pull,
             )  # fmt: skip
         elif spring:
@@ -613,7 +613,7 @@ def _innovations(
             unknown = two_masses.stopped(cov, unknown) if stops else 0.0 if sliding else unknown
             strained = contact and not sliding
             count[0] = 0
-            step.sample(plant, t, dt, u[k - 1], end, m, step.pointer(events), step.pointer(count))
+            step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
             moves = sliding or memory[step.MODE] != 0.0
             # A load at rest stays where it is, whatever the readings of its motor.
             pinned = memory[step.MODE] == 0.0 and not contact
@@ -621,7 +621,7 @@ def _innovations(
             p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
         else:
             by_x, by_v = _predict(
-                plant, m, events, count, t, dt, u[k - 1], end, x, v, mode, two, plain, first, dx
+                plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, plain, first, dx
             )
             if not sliding and memory[step.MODE] != 0.0:
                 variance = force

@@ -367,6 +367,8 @@ class Likelihood:
                 run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
                 self.first, force, reading, record.quantum or 0.0, record.range, states, mine,
             )  # fmt: skip
+            if end - start == len(record):
+                return mine, states
             out[:, here], state[:, here] = mine, states
         return out, state
 

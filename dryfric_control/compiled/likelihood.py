@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 #: Degrees of freedom of the innovations.
@@ -50,24 +51,35 @@ def cost(out, active):
 @njit(cache=True, error_model="numpy", nogil=True)
 def profiled(out, active, turns):
     """`cost` with one factor of all variances fitted in some turns; nan without a number."""
-    factor, count, logs = 1.0, 0, 0.0
+    ratios, count, logs, product = np.empty(out.shape[1]), 0, 0.0, 1.0
     for k in range(out.shape[1]):
-        if active[k] and out[1, k] > 0.0:
+        s = out[1, k]
+        if active[k] and s > 0.0:
+            ratios[count] = out[0, k] * out[0, k] / s
             count += 1
-            logs += math.log(out[1, k])
+            if _SMALLEST < product * s < 1.0 / _SMALLEST:
+                product *= s
+            else:
+                logs += math.log(product) + math.log(s)
+                product = 1.0
+    logs += math.log(product)
+    factor, ratios = 1.0, ratios[:count]
     for _ in range(turns):
         total = 0.0
-        for k in range(out.shape[1]):
-            if active[k] and out[1, k] > 0.0:
-                ratio = out[0, k] * out[0, k] / out[1, k]
-                total += (FREEDOM + 1.0) / (FREEDOM + ratio / factor) * ratio
+        for ratio in ratios:
+            total += (FREEDOM + 1.0) / (FREEDOM + ratio / factor) * ratio
         before, factor = factor, max(total / max(count, 1), 1e-12)
         if abs(factor - before) < 1e-4 * before:
             break
-    spread = 0.0
-    for k in range(out.shape[1]):
-        if active[k] and out[1, k] > 0.0:
-            spread += math.log1p(out[0, k] * out[0, k] / out[1, k] / (FREEDOM * factor))
+    spread, product = 0.0, 1.0
+    for ratio in ratios:
+        wide = 1.0 + ratio / (FREEDOM * factor)
+        if product * wide < 1.0 / _SMALLEST:
+            product *= wide
+        else:
+            spread += math.log(product) + math.log(wide)
+            product = 1.0
+    spread += math.log(product)
     return 0.5 * (logs + count * math.log(factor) + (FREEDOM + 1.0) * spread)
 
 

@@ -28,6 +28,7 @@ from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
 from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.diagnosis.thresholds import (
+    AHEAD,
     ANSWER,
     ENOUGH,
     LEAST_WINDOWS,
@@ -361,7 +362,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             search = Search(problem, tell, now=Model(begun))
             return search, search.run(Model(begun)), False
         first = search.best(Model(begun))
-        early = led(problem, begun) if search.early else None
+        fall = 0.0 if first is None else begun.cost - first.fit.cost
+        early = led(problem, begun) if AHEAD * search.early > fall else None
         if early is not None and (first is None or evidence(first.fit, early[1], ()) > 0.0):
             problem, begun = early
             search = Search(problem, tell, now=Model(begun))
@@ -386,7 +388,7 @@ def _reconsidered(
     if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
         fit = other.fit(fit.axis, other.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
     if problem.shift is None:
-        early = led(other, fit) if search.early else None
+        early = led(other, fit) if search.early > 0.0 else None
         other, fit = early if early is not None else (other, fit)
     else:
         less = replace(other, shift=None)

@@ -292,9 +292,9 @@ class Gram:
             if self.problem.nominal[n] != 0.0 and n not in self.problem.tolerance
         )  # fmt: skip
 
-    def early(self) -> bool:
-        """Whether a drive that acts before its time stamps is worth a fit."""
-        before, gains = self.gain([]), [-math.inf]
+    def early(self) -> float:
+        """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
+        before, gains = self.gain([]), [0.0]
         for g, one in enumerate(self.items):
             if effect_class(one.name).action == "delay" and one.column.force:
                 earlier = replace(one, column=one.column._replace(positive=False))
@@ -302,7 +302,7 @@ class Gram:
                 gain, c = self.solved([g])
                 self.items[g] = one
                 gains.append(gain - before if c[self.fixed] < 0.0 else -math.inf)
-        return max(gains) > CHANCE
+        return max(gains) if max(gains) > CHANCE else 0.0
 
     def _best(self, chosen: Sequence[int]) -> tuple[float, int]:
         """The item with the largest gain beside chosen ones."""

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.compiled.innovations import DOUBTED
+from dryfric_control.compiled.likelihood import FREEDOM
 from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
-from dryfric_control.diagnosis.thresholds import MUTED
+from dryfric_control.diagnosis.thresholds import LEAST, MUTED, SAME_FORCE
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
@@ -124,6 +126,22 @@ class Problem:
         """Whether the random force is too large, beside the friction, to explain anything."""
         force = max(fit.random_force(i) for i in range(len(self.runs)))
         return not self.imposed and force > max(MUTED * fit.axis.coulomb.mean, 0.0)
+
+    def spent(self, fit: Solution) -> bool:
+        """Whether no cause can be left: no force beside the friction, nor rare events.
+
+        What acts rarely gains no more than what its outliers cost above the last doubtful reading.
+        """
+        force = max(fit.random_force(i) for i in range(len(self.runs)))
+        if self.imposed or not force < SAME_FORCE * fit.axis.coulomb.mean:
+            return False
+        rows = [
+            out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
+            for out in (one[:, run.active & (one[1] > 0.0)],)
+        ]  # fmt: skip
+        ratios = np.maximum(np.concatenate(rows), DOUBTED)
+        lost = np.log((FREEDOM + ratios) / (FREEDOM + DOUBTED))
+        return bool(0.5 * (FREEDOM + 1.0) * lost.sum() < LEAST)
 
     @property
     def late(self) -> bool:

@@ -102,8 +102,9 @@ def long_run(fit: Solution) -> float:
 
 
 def begun(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, **settings: Any
-) -> Solution:
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = SOME,
+    **settings: Any,
+) -> Solution:  # fmt: skip
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
     From far away a small random force leads to a local minimum, thousands of units too high: with
@@ -113,7 +114,7 @@ def begun(
     z = likelihood.start(noises=noises_of(now))
     if likelihood.tried(z).cost > now.cost + SLACK:
         z = likelihood.start(1.0)
-    return maximise(likelihood, z, SOME, problem.until)
+    return maximise(likelihood, z, turns, problem.until)
 
 
 def walked(
@@ -253,8 +254,8 @@ class Search:
     odds: dict[str, float] = field(default_factory=dict)
     #: Gains of log-likelihood of single effects as the first cause.
     first: dict[str, float] = field(default_factory=dict)
-    #: Whether inputs that act before their time stamps may explain something.
-    early: bool = False
+    #: Gain of log-likelihood that is predicted of an input that acts before its time stamps.
+    early: float = 0.0
     #: The best model so far.
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
@@ -283,8 +284,10 @@ class Search:
             z = continued(open_minded, open_minded.start(), until=problem.until)
             return maximise(problem.likelihood(start), z, FEW, problem.until)
 
-        rows = [(axis, True), *((one, False) for one in starts)]
-        best = min(problem.parallel(fit, *zip(*rows, strict=True)), key=cost_of)
+        best = fit(axis, True)
+        if not problem.spent(best):
+            rows = problem.parallel(fit, starts, [False] * len(starts))
+            best = min([best, *rows], key=cost_of)
         return maximise(best.problem, best.z, SOME, problem.until, again=True)
 
     def run(self, now: Model) -> Model:
@@ -355,7 +358,9 @@ class Search:
         return min((r for r in good if r.evidence > top - EQUAL), key=_assumptions)
 
     def round(self, now: Model) -> list[Row]:
-        """Proposals beside a model, fitted."""
+        """Proposals beside a model, fitted; none where nothing is left to explain."""
+        if self.problem.spent(now.fit):
+            return []
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + SLACK:
             return self._rounds[key][1]
@@ -370,13 +375,14 @@ class Search:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
         best: dict[frozenset[str], Proposal] = {}
+        self.early = 0.0
         for fit in (now.fit, *self._nominal(now.fit)):
             if self.problem.late:
                 break
             gram = Gram(self.problem, fit, names, self._fail)
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
-            self.early, self.view = gram.early(), gram.here
+            self.early, self.view = max(self.early, gram.early()), gram.here
             proposals = gram.proposals(every)
             if not now.causes and fit is now.fit:
                 self.first = gram.singles | self.first
@@ -603,9 +609,14 @@ class Search:
         causes = [c for c in now.causes if c != name]
         if not holds(problem.believed, name):
             rest, causes = renumbered(rest, name), renumbered(causes, name)
-        less = begun(problem, axis, rest, fit)
         before = self._rounds.get(frozenset(causes))
-        return Model(less if before is None else min(less, before[0], key=cost_of), tuple(causes))
+        if before is None:
+            return Model(begun(problem, axis, rest, fit), tuple(causes))
+        # It is known: fitted again only as far as it may become likelier than it was.
+        less = begun(problem, axis, rest, fit, FEW)
+        if less.cost - AHEAD * less.promised < before[0].cost:
+            less = maximise(less.problem, less.z, SOME, problem.until, again=True)
+        return Model(min(less, before[0], key=cost_of), tuple(causes))
 
     def pruned(self, now: Model) -> Model:
         """Backward elimination: causes without evidence beside the others go, worst first."""

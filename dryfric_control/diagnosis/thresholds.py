@@ -12,7 +12,8 @@ QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
 CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0
 # Part of a column outside the span of others up to which it does the same.
 SAME = 0.3
-# Part of the force of an effect that another must leave, with base parameters, to act alike.
+# Part of a force that counts as nothing: of that of an effect, which another leaves that acts
+# alike; of the friction, as a random force in which no cause is left to find.
 SAME_FORCE = 1e-3
 # Factors of the parameters of a shape with a memory that are tried at a large random force.
 WALKED = ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))

@@ -190,13 +190,14 @@ def dearest(fit: Solution) -> float:
 class Look:
     """A proposal while it is fitted.
 
-    `hope`: fall of the cost that another step may bring; `first`: that of the first look.
+    `hope`: fall of the cost that another step may bring; `first`: falls at the first look, where
+    the cost is smooth and with free noises.
     """
 
     proposal: Proposal
     fit: Solution
     hope: float
-    first: float
+    first: tuple[float, float]
     turns: int = 0
 
 
@@ -453,7 +454,7 @@ class Search:
         model = problem.likelihood(now.axis, free, each=each_of(now))
         level = held(model, model.start(noises=noises), until=problem.until).cost
 
-        def first(one: Proposal) -> Solution | None:
+        def first(one: Proposal) -> Look | None:
             try:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
                 alike = noises.copy()  # a random force that accelerates as much
@@ -468,28 +469,27 @@ class Search:
                     return None
                 if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
-                return maximise(likelihood, fit.z, FEW, problem.until, True)
+                smooth = level - fit.cost
+                fit = maximise(likelihood, fit.z, FEW, problem.until, True)
+                return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
             except (ValueError, ArithmeticError) as wrong:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
         single = [p for p in proposals if len(p.names) == 1]
         looked = dict(zip(single, problem.parallel(first, single), strict=True))
-        alone = {p.names[0]: now.cost - f.cost for p, f in looked.items() if f is not None}
+        alone = {p.names[0]: one.first[1] for p, one in looked.items() if one is not None}
         # Joined causes are looked at if they promise more than one of them reached alone.
         joined = [
             p for p in proposals
             if len(p.names) > 1 and p.predicted > max(alone.get(n, 0.0) for n in p.names)
         ]  # fmt: skip
         looked |= zip(joined, problem.parallel(first, joined), strict=True)
-        proposals = [*single, *joined]
-        some = [looked[p] for p in proposals]
         # What no machine can have must not outdo what it may.
         waiting = [
-            Look(p, f, f.promised, now.cost - f.cost)
-            for p, f in zip(proposals, some, strict=True)
-            if f is not None
-            and not any(impossible(problem, f, n, _own(p.free, n)) for n in p.names)
+            one for p, one in looked.items()
+            if one is not None
+            and not any(impossible(problem, one.fit, n, _own(p.free, n)) for n in p.names)
         ]  # fmt: skip
 
         def further(one: Proposal, fit: Solution, turns: int) -> Solution | None:
@@ -508,7 +508,9 @@ class Search:
             reason = next(filter(None, reasons), "")
             return Row(one.names, one.free, fit, worth, one.predicted, reason)
 
-        rows, top, first_of = list[Row](), (-math.inf, -math.inf), dict[tuple[str, ...], float]()
+        rows, first_of = list[Row](), dict[tuple[str, ...], tuple[float, float]]()
+        none = (-math.inf, (-math.inf, -math.inf))
+        top = none
         while True:
             # The most promising goes on; what can neither pay nor outdo the best is left, and
             # joined causes of which one alone fits better: the next round begins there.
@@ -537,7 +539,7 @@ class Search:
                     (now.cost - r.fit.cost, first_of[r.names]) for r in rows
                     if not r.reason and r.evidence > 0.0
                 ]  # fmt: skip
-                top = max(falls, default=(-math.inf, -math.inf))
+                top = max(falls, default=none)
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
                 waiting.append(Look(one, fit, hope, last.first, turns))
@@ -587,15 +589,17 @@ class Search:
         """What the causes of a proposal cost."""
         return sum(LEAST + self.odds[n] for n in one.names)
 
-    def _hopeful(self, now: Solution, look: Look, top: tuple[float, float]) -> bool:
+    def _hopeful(self, now: Solution, look: Look, top: tuple[float, tuple[float, float]]) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
 
-        `top`: what that gained in the end, and at the first look: looks are compared with looks.
+        `top`: what that gained in the end, and at its first look: looks are compared with looks.
         """
         one, fit = look.proposal, look.fit
         prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
         gain = now.cost - fit.cost + AHEAD * look.hope
-        equal = not look.turns and look.first > top[1] - SLACK
+        equal = not look.turns and any(
+            one > other - SLACK for one, other in zip(look.first, top[1], strict=True)
+        )
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
         pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)

@@ -17,7 +17,7 @@ _ARC = 0.5
 # Depths to which an axis runs into its stops, and how far beyond its travel one is that it does
 # not reach, over the travel in the record.
 _BEYOND = 0.05
-_DEPTHS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.3)
+_DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 
 
 @register_effect

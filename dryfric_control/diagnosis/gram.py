@@ -459,9 +459,10 @@ def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iter
 
     Relative changes of each parameter.
     """
-    now = dict(zip(type(effect).named_parameters(), effect.values, strict=True))
+    now = dict(zip(type(effect).parameters(), effect.values, strict=True))
+    free = type(effect).named_parameters()
     for one, value in now.items():
-        if value == 0.0 or f"{name}.{one}" in base:
+        if one not in free or value == 0.0 or f"{name}.{one}" in base:
             continue
         force = None
         if effect.action in ("force", "friction", "input"):

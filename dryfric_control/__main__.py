@@ -7,25 +7,36 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
+import matplotlib
+
+from dryfric_control import demo, simulators
 from dryfric_control._version import __version__
 from dryfric_control.checks import positive
-from dryfric_control.store.files import replacing
+from dryfric_control.diagnosis import diagnose, diagnose_joints
+from dryfric_control.diagnosis.report.diagnosis import write_report
+from dryfric_control.estimation.parameters import checked_knowledge
+from dryfric_control.export.c_code import existing_folder, export_c
+from dryfric_control.export.fmu import export_fmu
+from dryfric_control.export.objects import exported, read_exportable
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.records import Record, Scaling, read_record
+from dryfric_control.records.scaling import read_sampling
+from dryfric_control.simulators.files import read_result
+from dryfric_control.simulators.mujoco_file import axes_of
+from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
+from dryfric_control.store.files import output_folder, replacing
 from dryfric_control.text import did_you_mean
-
-if TYPE_CHECKING:
-    from dryfric_control.model.axis import FrictionAxis
-    from dryfric_control.records import Record, Scaling
+from dryfric_control.units import check_units
 
 #: Format of a model by its extension.
 _SIMULATORS = {".xml": "mjcf", ".urdf": "urdf", ".mo": "modelica", ".m": "simscape", ".py": "isaac"}
 # Coulomb level to start from, over the largest drive, where a model has none.
 _GUESS = 0.2
-_ROOM = 4_000_000  # bytes, more than a report takes
 
 #: What messages say of arguments in Python, and how it is said of options.
 _AS_OPTIONS = tuple(
@@ -199,6 +210,14 @@ def _loads(text: str) -> float | dict[str, float]:
     return _inertias(text) if "=" in text else _inertias(text)["all"]
 
 
+def _machine_options() -> Iterator[tuple[Any, ...]]:
+    """Numbers of the machine, by the fields of a scaling; None where an option is not given."""
+    for item in fields(Scaling)[1:]:  # but the factors by channel
+        name, words = item.name.replace("_", "-"), item.metadata["doc"].replace("%", "%%")
+        kind, metavar = (None, None) if item.default is False else (float, "X")
+        yield f"--{name}", kind, metavar, words, {"default": None}
+
+
 _NEEDED = {"required": True}
 #: How values come into the file of a simulator.
 _INTO_MODEL = (
@@ -214,15 +233,7 @@ _READING = (
      "headings do not give them"),
     ("--gain", _gains, "K or u=..,x=..", "factor of the input, such as N per V, or factors by "
      "channel"),
-    ("--counts-per-turn", float, "N", "encoder counts per turn"),
-    ("--gear-ratio", float, "N", "turns of the motor per turn of the load"),
-    ("--lead", float, "M", "travel of a linear axis per turn of the load [m]"),
-    ("--pinion-radius", float, "R", "radius of a pinion or belt pulley [m]"),
-    ("--piston-area", float, "A", "area on which a measured pressure acts [m^2]"),
-    ("--torque-constant", float, "K", "torque of the motor per current [N m/A]"),
-    ("--rated-torque", float, "T", "torque of the motor at 100 %% [N m]"),
-    ("--force-constant", float, "K", "force of a linear motor per current [N/A]"),
-    ("--rated-force", float, "F", "force of a linear motor at 100 %% [N]"),
+    *_machine_options(),
     ("--dt", float, "S", "resample irregular time stamps to this step [s]; without a time "
      "column, the step"),
     ("--rate", float, "HZ", "samples per second of a file without time column"),
@@ -232,7 +243,6 @@ _READING = (
      "values"),
     ("--time-limit", float, "S", "time after which the best answer so far is returned [s]"),
     ("--window", float, "S", "length of the free runs [s], 0.25 by default"),
-    ("--load-encoder", None, None, "the encoder is on the load", {"default": None}),
     ("--quiet", None, None, "no progress bar"),
 )  # fmt: skip
 
@@ -245,10 +255,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.own.error(f"{' '.join(unknown)} is not known{near}")
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
+        matplotlib.use("Agg")
         try:
-            import matplotlib
-
-            matplotlib.use("Agg")
             chosen.run(chosen)
         except (ValueError, OSError, ImportError) as problem:
             _say(str(problem))
@@ -268,8 +276,6 @@ def _say(words: str) -> None:
 
 
 def _demo(chosen: argparse.Namespace) -> None:
-    from dryfric_control import demo
-
     demo.run(chosen.out, chosen.record, dt=chosen.dt)
 
 
@@ -277,10 +283,6 @@ def _reading(
     chosen: argparse.Namespace, file: str | None
 ) -> tuple[Scaling, dict[str, Any], dict[str, Any]]:
     """Factors, sampling and knowledge of the options and of a file of axes."""
-    from dryfric_control.estimation.parameters import checked_knowledge
-    from dryfric_control.records import Scaling
-    from dryfric_control.records.scaling import read_sampling
-    from dryfric_control.store.axis_file import read_knowledge
 
     scaling = Scaling() if file is None else Scaling.from_file(file)
     scaling = replace(scaling, **_given(chosen, *(item.name for item in fields(Scaling))))
@@ -291,9 +293,7 @@ def _reading(
         if name in knowledge:
             positive(name, knowledge[name], unit="s")
     # A rate excludes dt and max_gap: an option also replaces what it excludes in the file.
-    sampling: dict[str, Any] = {}
-    if chosen.rate is None and file is not None:
-        sampling = read_sampling(file)
+    sampling = {} if file is None or chosen.rate is not None else read_sampling(file)
     if chosen.dt is not None:
         sampling.pop("rate", None)
     return scaling, sampling | _given(chosen, "dt", "rate", "max_gap"), knowledge
@@ -309,7 +309,6 @@ def _read_records(
     chosen: argparse.Namespace, axis: FrictionAxis, label: str, **options: Any
 ) -> list[Record]:
     """Records of an axis, with what a first look at each shows."""
-    from dryfric_control.records import read_record
 
     records = []
     for path in chosen.record:
@@ -325,18 +324,12 @@ def _read_records(
 
 
 def _diagnose(chosen: argparse.Namespace) -> None:
-    from dryfric_control.diagnosis.diagnose import diagnose
-    from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.store.axis_file import read_axis
-    from dryfric_control.units import check_units
-
-    folder = Path(chosen.out)
     axis = read_axis(chosen.axis)
     scaling, sampling, knowledge = _reading(chosen, chosen.axis)
     records = _read_records(chosen, axis, "", gain=scaling, joint=chosen.joint, **sampling)
     for path, record in zip(chosen.record, records, strict=True):
         check_units(axis, record, Path(path).name)
-    _make_room(folder)
+    folder = output_folder(chosen.out)
     found = diagnose(
         axis,
         records if len(records) > 1 else records[0],
@@ -351,13 +344,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
 
 
 def _joints(chosen: argparse.Namespace) -> None:
-    from dryfric_control import simulators
-    from dryfric_control.diagnosis.joints import diagnose_joints
-    from dryfric_control.diagnosis.report.diagnosis import write_report
-    from dryfric_control.simulators.mujoco_file import axes_of
-    from dryfric_control.store.axis_file import read_axes
-
-    folder, model = Path(chosen.out), chosen.model and Path(chosen.model)
+    model = chosen.model and Path(chosen.model)
     if model and model.suffix.lower() not in (".xml", ".urdf"):
         raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
     if chosen.axes is None and (not model or model.suffix.lower() != ".xml"):
@@ -377,7 +364,7 @@ def _joints(chosen: argparse.Namespace) -> None:
             print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")
             axis = axis.replace(coulomb=guess)
         cases[name] = axis, records
-    _make_room(folder)
+    folder = output_folder(chosen.out)
     found = diagnose_joints(
         cases,
         store=folder / "joints.jsonl",
@@ -399,10 +386,6 @@ def _joints(chosen: argparse.Namespace) -> None:
 
 
 def _export(chosen: argparse.Namespace) -> None:
-    from dryfric_control.export.c_code import existing_folder, export_c
-    from dryfric_control.export.fmu import export_fmu
-    from dryfric_control.export.objects import exported, read_exportable
-
     for option, to in (("precision", "c"), ("version", "fmu")):
         if chosen.to != to and (value := getattr(chosen, option)) is not None:
             raise ValueError(f"--{option} {value} is for --to {to}: leave it out")
@@ -418,9 +401,6 @@ def _export(chosen: argparse.Namespace) -> None:
 
 
 def _simulator(chosen: argparse.Namespace) -> None:
-    from dryfric_control import simulators
-    from dryfric_control.simulators.files import read_result
-
     kind = chosen.to or _SIMULATORS.get(Path(chosen.model).suffix.lower())
     if kind is None:
         raise ValueError(
@@ -447,23 +427,6 @@ def _simulator(chosen: argparse.Namespace) -> None:
     result = results if all(results) else results[""]
     found = getattr(simulators, f"to_{kind}")(result, chosen.model, **given)
     print(found.summary())
-
-
-def _make_room(folder: Path) -> None:
-    """Make the folder of the results and see that it can be written, before any work."""
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out {folder} is a file: name a folder")
-    trial = folder / "report.html.try"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            trial.write_bytes(bytes(_ROOM))
-        finally:
-            trial.unlink(missing_ok=True)
-    except OSError as problem:
-        raise ValueError(
-            f"--out {folder} cannot be written ({problem.strerror}): name another folder"
-        ) from None
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.state_machine import plot_state_machine
 from dryfric_control.records import Record, read_record
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import output_folder, replacing
 from dryfric_control.text import length_text, percent
 
 #: What it does and how long that takes, as measured for the README.
@@ -44,53 +44,35 @@ ABOUT = (
 TRAINING = 0.6
 _FREE = ("mass", "viscous", "coulomb", "bias_force")
 
-# Controller of the EMPS record, from its reference: vir = kp kv (qg - qm) - kv dq,
-# dq the backward difference of the two-sample mean, saturation 10 V, 35.15 N/V
-# (A. Janot, M. Gautier, M. Brunot, Nonlinear System Identification Benchmarks, 2019).
-_EMPS_KP, _EMPS_KV, _EMPS_GAIN, _EMPS_VOLTS = 160.18, 243.45, 35.15, 10.0
-
 
 def emps_controller(dt: float) -> PositionController:
     """Controller that ran while the EMPS record was taken."""
+    # From its reference: vir = kp kv (qg - qm) - kv dq, dq the backward difference of the
+    # two-sample mean, saturation 10 V, 35.15 N/V (A. Janot, M. Gautier, M. Brunot, Nonlinear
+    # System Identification Benchmarks, 2019).
+    kp, kv, gain = 160.18, 243.45, 35.15
     return PositionController(
-        kp=_EMPS_GAIN * _EMPS_KP * _EMPS_KV,
-        ki=0.0,
-        kd=_EMPS_GAIN * _EMPS_KV,
-        dt=dt,
-        limit=_EMPS_GAIN * _EMPS_VOLTS,
-        span=2,
+        kp=gain * kp * kv, ki=0.0, kd=gain * kv, dt=dt, limit=gain * 10.0, span=2
     )
 
 
-def stick_slip(axis: FrictionAxis | None = None) -> ct.ControlPlot:
+def stick_slip() -> ct.ControlPlot:
     """Classic stick-slip: a mass pulled by a spring whose end moves slowly."""
-    spring = Spring(stiffness=2.0)
-    axis = axis or FrictionAxis(
-        mass=1.0,
-        viscous=0.0,
-        coulomb=CoulombMap.of(1.0),
-        stribeck=Stribeck(excess=0.5, speed=0.05),
-        stick_speed=1e-3,
-        effects=(spring,),
-        name="mass pulled by a spring",
+    spring, peak = Spring(stiffness=2.0), Stribeck(excess=0.5, speed=0.05)
+    axis = FrictionAxis(
+        1.0, 0.0, CoulombMap.of(1.0), peak, 1e-3, effects=(spring,), name="mass pulled by a spring"
     )
     t = np.arange(40_001) * 1e-3
     return axis.simulate(spring.stiffness * 0.1 * t, dt=1e-3, hold="first").plot()
 
 
-def made_record(seed: int = 0) -> tuple[FrictionAxis, Record, PositionController]:
+def made_record() -> tuple[FrictionAxis, Record, PositionController]:
     """Nominal axis (every parameter is off), simulated record of 20 s, its controller."""
-    rng = np.random.default_rng(seed)
-    true = FrictionAxis(
-        mass=12.0,
-        viscous=60.0,
-        coulomb=CoulombMap.of((9.0, 7.0)),
-        travel=(0.0, 0.3),
-        name="simulated axis",
-    )
+    levels = CoulombMap.of((9.0, 7.0))
+    true = FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
     dt, n = 1e-3, 20_000
     t = np.arange(n) * dt
-    steps = np.repeat(rng.uniform(0.05, 0.25, 20), n // 20)
+    steps = np.repeat(np.random.default_rng(0).uniform(0.05, 0.25, 20), n // 20)
     slow = 0.15 + 0.08 * np.sin(2.0 * np.pi * t / 8.0)
     reference = np.where(t < 10.0, slow, np.convolve(steps, np.ones(200) / 200.0, "same"))
     controller = PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
@@ -105,9 +87,7 @@ def measured(
 ) -> tuple[FrictionAxis, Record, PositionController | None]:
     """A rough axis for a measured record, the record, its controller where that is known."""
     record = read_record(path, dt=dt)
-    axis = FrictionAxis(
-        mass=50.0, viscous=100.0, coulomb=CoulombMap.of(10.0), name=record.name or "axis"
-    )
+    axis = FrictionAxis(50.0, 100.0, CoulombMap.of(10.0), name=record.name or "axis")
     is_emps = Path(path).name.upper().startswith("DATA_EMPS")
     return axis, record, emps_controller(record.dt) if is_emps else None
 
@@ -145,19 +125,16 @@ def fit_and_replay(
     return fitted, summary, figures
 
 
-def model() -> dict[str, ct.ControlPlot]:
-    """The paper's section 2: Figures 1 and 2, and the loop in which all runs (3)."""
+def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
+    """The paper's sections 2, 3 (on a simulated bench) and 5: numbers, Figures 1 to 11."""
+    say("3/4 The paper's figures: 1 to 3, friction, state machine, actuator and closed loop")
     axis = presets.clutch_actuator()
-    return {
+    figures = {
         "figure_1_friction": marked_friction(axis),
         "figure_2_state_machine": plot_state_machine(axis),
         "figure_3_system": draw_system(),
     }
-
-
-def bench(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
-    """The paper's section 3 on a simulated bench: Figures 4, 5 and 6."""
-    axis = presets.clutch_actuator()
+    say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
     ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
     levels = identify_coulomb(ramp.record)
     # As in the paper, levels are known and vs is Sigma; the excess is found from the slips of the
@@ -171,24 +148,21 @@ def bench(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
             free=("stribeck.excess",), starts=1,
         )  # fmt: skip
     say(peak.summary())
-    figures = {
+    say("    7 to 11, switched PI observer in closed loop")
+    loop = presets.clutch_experiment()
+    figures |= {
         "figure_4_slow_ramp": ramp.plot(),
         "figure_5_coulomb": over_crawl(levels, ramp),
         "figure_6_stick_slip": peak.plot(),
-    }
-    return {"coulomb": levels.to_dict(), "stick_slip": peak.to_dict()}, figures
-
-
-def observe_clutch() -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
-    """The paper's section 5, the observer in closed loop: Figures 7 to 11."""
-    loop = presets.clutch_experiment()
-    summary = {"design": loop.design.certificate.to_dict(), "loop": loop.to_dict()}
-    figures = {
         "figure_7_maps": loop.plot(what="maps"),
         "figure_8_position": loop.plot(what="position"),
         "figure_9_speed": loop.plot(what="speed"),
         "figure_10_friction": loop.plot(what="friction"),
         "figure_11_modes": loop.plot(what="mode"),
+    }
+    summary = {
+        "bench": {"coulomb": levels.to_dict(), "stick_slip": peak.to_dict()},
+        "observer": {"design": loop.design.certificate.to_dict(), "loop": loop.to_dict()},
     }
     return summary, figures
 
@@ -211,11 +185,7 @@ def run(
 ) -> dict[str, Any]:
     """Run the demo: figures and a summary into a folder; without a record, of a simulated one."""
     axis, record, controller = made_record() if record_path is None else measured(record_path, dt)
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out {folder} is a file: name a folder")
-    folder.mkdir(parents=True, exist_ok=True)
-
+    folder = output_folder(out)
     say(ABOUT)
     say("1/4 Stick-slip of a mass pulled by a spring: stick_slip.png")
     save(stick_slip(), folder / "stick_slip.png")
@@ -241,15 +211,9 @@ def run(
             f"RMS, force error {loop['force_rms']:.3g} N RMS ({percent(loop['relative_force'])} "
             "of the drive force)"
         )
-    say("3/4 The paper's figures: 1 to 3, friction, state machine, actuator and closed loop")
-    figures |= model()
-    say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
-    summary["bench"], drawn = bench(say)
-    figures |= drawn
-    say("    7 to 11, switched PI observer in closed loop")
-    summary["observer"], drawn = observe_clutch()
-    figures |= drawn
-    for name, figure in figures.items():
+    numbers, drawn = paper(say)
+    summary |= numbers
+    for name, figure in (figures | drawn).items():
         save(figure, folder / f"{name}.png")
 
     say("4/4 Diagnosis of a simulated axis with an unmodelled Stribeck peak: report.html")

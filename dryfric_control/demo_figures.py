@@ -42,38 +42,34 @@ def _spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name:
     ax.text(*(0.5 * (a + b) - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
 
 
-def _wall(ax: Any, x: float, y: float, across: bool) -> None:
-    """The frame, hatched."""
-    from matplotlib.patches import Rectangle
-
-    width, height = (0.9, 0.14) if across else (0.14, 0.9)
-    corner = (x - width / 2, y - height / 2)
-    ax.add_patch(Rectangle(corner, width, height, fc="w", ec="k", hatch="////"))
-
-
 def draw_kinematics(ax: Any) -> None:
     """Motor, toothed rack, two springs and a bevel: the system of the paper's Fig. 3."""
     from matplotlib.patches import Circle, Polygon, Rectangle
 
     ax.set(xlim=(0.0, 9.6), ylim=(1.4, 5.2), aspect="equal")
     ax.set_axis_off()
-    ax.add_patch(Circle((3.8, 3.62), 0.75, fc="0.95", ec="k"))
-    ax.add_patch(Circle((3.8, 3.62), 0.1, fc="k"))
-    ax.text(3.8, 4.5, "motor and pinion, torque u", ha="center", va="bottom", fontsize="small")
-    ax.add_patch(Rectangle((2.0, 2.05), 4.0, 0.65, fc="0.9", ec="k"))
-    teeth = np.linspace(2.0, 6.0, 41)
-    ax.plot(teeth, 2.7 + 0.17 * (np.arange(41) % 2), "k", lw=1.0)
-    ax.text(4.0, 2.36, "toothed rack", ha="center", va="center", fontsize="small")
+    for shape in (
+        Circle((3.8, 3.62), 0.75, fc="0.95", ec="k"),
+        Circle((3.8, 3.62), 0.1, fc="k"),
+        Rectangle((2.0, 2.05), 4.0, 0.65, fc="0.9", ec="k"),
+        # The bevel moves with the rack: where spring 1 is compressed, spring 2 is not.
+        Polygon([(6.0, 2.05), (9.0, 2.05), (9.0, 2.2), (6.0, 3.2)], fc="0.75", ec="k"),
+        Circle((7.6, 2.84), 0.17, fc="w", ec="k"),
+        Rectangle((0.23, 1.92), 0.14, 0.9, fc="w", ec="k", hatch="////"),
+        Rectangle((7.15, 4.7), 0.9, 0.14, fc="w", ec="k", hatch="////"),
+    ):
+        ax.add_patch(shape)
+    for x, y, words in (
+        (3.8, 4.62, "motor and pinion, torque u"),
+        (4.0, 2.36, "toothed rack"),
+        (3.15, 1.75, "x"),
+        (6.9, 2.36, "bevel"),
+    ):
+        ax.text(x, y, words, ha="center", va="center", fontsize="small")
+    ax.plot(np.linspace(2.0, 6.0, 41), 2.7 + 0.17 * (np.arange(41) % 2), "k", lw=1.0)
     ax.annotate("", (3.0, 1.75), (2.0, 1.75), arrowprops={"arrowstyle": "-|>", "color": "k"})
-    ax.text(3.1, 1.75, "x", ha="left", va="center", fontsize="small")
-    _wall(ax, 0.3, 2.37, across=False)
     _spring(ax, (0.37, 2.37), (2.0, 2.37), "spring 1")
-    # The bevel moves with the rack: where spring 1 is compressed, spring 2 is not.
-    ax.add_patch(Polygon([(6.0, 2.05), (9.0, 2.05), (9.0, 2.2), (6.0, 3.2)], fc="0.75", ec="k"))
-    ax.text(6.9, 2.36, "bevel", ha="center", va="center", fontsize="small")
-    ax.add_patch(Circle((7.6, 2.84), 0.17, fc="w", ec="k"))
     _spring(ax, (7.6, 4.7), (7.6, 3.01), "spring 2")
-    _wall(ax, 7.6, 4.77, across=True)
 
 
 def draw_system() -> ct.ControlPlot:
@@ -94,15 +90,8 @@ def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
     drawn = levels.plot(title="Coulomb level over the travel: crawl, levels found, truth")
     one, record = drawn.axes[0, 0], ramp.record
     some = slice(None, None, max(1, len(record) // 10_000))
-    one.plot(
-        record.x[some],
-        record.u[some],
-        "--",
-        color=MEASURED,
-        lw=0.8,
-        zorder=0,
-        label="crawl, measured",
-    )
+    crawl = {"color": MEASURED, "lw": 0.8, "zorder": 0, "label": "crawl, measured"}
+    one.plot(record.x[some], record.u[some], "--", **crawl)
     x = np.linspace(*levels.travel, 201)
     for s in (1, -1):
         truth = s * ramp.axis.coulomb(x, s)

@@ -13,7 +13,7 @@ from dryfric_control.records.scaling import read_sampling
 from dryfric_control.store.axis_file import axis_text
 
 AXIS = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
-ROOM = "dryfric_control.diagnosis.diagnose"  # holds a function of the same name
+ROOM = "dryfric_control.__main__"
 
 
 def test_export_writes_c_of_what_was_saved(tmp_path, capsys):
@@ -275,7 +275,7 @@ def test_a_warning_is_one_line_that_names_options(run, capsys):
 @pytest.fixture
 def written(tmp_path, monkeypatch):
     """The command without options, and what it would write of a diagnosis that it does not make."""
-    kept, report = [], importlib.import_module(f"{ROOM.rpartition('.')[0]}.report.diagnosis")
+    kept, report = [], importlib.import_module(ROOM)
     found = SimpleNamespace(summary=lambda: "verdict: explained")
     monkeypatch.setattr(importlib.import_module(ROOM), "diagnose", lambda *_, **__: found)
     monkeypatch.setattr(report, "write_report", lambda found, folder, record: kept.append(record))

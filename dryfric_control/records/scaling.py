@@ -65,7 +65,7 @@ class Scaling:
     rated_torque: float | None = stated("Torque of the motor's shaft at 100 % [N m].", None)
     force_constant: float | None = stated("Force of a linear motor per current [N/A].", None)
     rated_force: float | None = stated("Force of a linear motor at 100 % [N].", None)
-    pinion_radius: float | None = stated("Of rack and pinion, or the pulley of a belt [m].", None)
+    pinion_radius: float | None = stated("Radius of a rack's pinion or a belt's pulley [m].", None)
     piston_area: float | None = stated("Area on which a measured pressure acts [m^2].", None)
 
     def __post_init__(self) -> None:

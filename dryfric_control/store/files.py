@@ -11,6 +11,8 @@ from typing import Any
 
 from dryfric_control.text import did_you_mean
 
+_ROOM = 4_000_000  # bytes, more than a report takes
+
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -44,6 +46,25 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     except (UnicodeEncodeError, TypeError) as err:
         raise ValueError(f"{source!r} is no file name") from err
     return path
+
+
+def output_folder(out: str | os.PathLike[str]) -> Path:
+    """The folder of a command's results, made and seen to have room before any work."""
+    folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out {folder} is a file: name a folder")
+    trial = folder / "report.html.try"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            trial.write_bytes(bytes(_ROOM))
+        finally:
+            trial.unlink(missing_ok=True)
+    except OSError as problem:
+        raise ValueError(
+            f"--out {folder} cannot be written ({problem.strerror}): name another folder"
+        ) from None
+    return folder
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:

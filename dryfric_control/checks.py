@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
+from dryfric_control.text import did_you_mean
 
 
 def finite(name: str, value: object, *, unit: str = "") -> float:
@@ -84,6 +85,15 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
         raise ValueError(
             f"{name} must be {article} {kind.__name__}{mend and f' ({mend})'}, got {short(value)}"
         )
+
+
+def known_keys(name: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse keys that nobody reads, with the nearest that somebody does."""
+    known = list(known)
+    for key in given:
+        if key not in known:
+            near = did_you_mean(key, known)
+            raise ValueError(f"{name}{key} is not known{near}; known are {', '.join(known)}")
 
 
 def short(value: object) -> str:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from dryfric_control.checks import finite, positive
+from dryfric_control.checks import finite, known_keys, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
-from dryfric_control.text import did_you_mean, stated, with_parameters
+from dryfric_control.text import stated, with_parameters
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
@@ -124,11 +124,7 @@ class Scaling:
         path : path-like
             The file that `read_axis` reads; without the table nothing is scaled.
         """
-        data = _table(path)
-        try:
-            return cls.from_dict(data)
-        except ValueError as problem:
-            raise ValueError(f"{path}: {problem}") from None
+        return read_toml(path, cls.from_dict, "record")
 
     def to_dict(self) -> dict[str, Any]:
         """What was given, as `from_dict` reads it."""
@@ -153,13 +149,7 @@ class Scaling:
         Scaling
             Without the table's `dt`, `rate` and `max_gap`, which `read_sampling` reads.
         """
-        known = [*(item.name for item in fields(cls)), *_SAMPLING]
-        for key in data:
-            if key not in known:
-                raise ValueError(
-                    f"record.{key} is not known{did_you_mean(key, known)}; known are "
-                    f"{', '.join(known)}"
-                )
+        known_keys("record.", data, [*(item.name for item in fields(cls)), *_SAMPLING])
         return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 
     def conversion(self, role: str, unit: str) -> Conversion | None:
@@ -204,8 +194,6 @@ class Scaling:
 
     def _drive(self, unit: str) -> Conversion | None:
         """Current, per cent or torque of the motor to force or torque of the load."""
-        rated = self.rated_torque if self.rated_force is None else self.rated_force
-        constant = self.torque_constant if self.force_constant is None else self.force_constant
         if self.piston_area is not None and unit in ("Pa", ""):
             if not unit:
                 raise ValueError(
@@ -213,41 +201,31 @@ class Scaling:
                     'units={"u": "bar"}'
                 )
             return Conversion(self.piston_area, unit, "N")
-        if unit == "%" or (unit == "" and rated is not None and constant is None):
-            if rated is None:
-                return None
-            factor, raw, linear = rated / 100.0, "%", self.rated_force is not None
-        elif unit == "A" or (unit == "" and constant is not None):
-            if constant is None:
-                return None
-            factor, raw, linear = constant, "A", self.force_constant is not None
-        elif unit == "N m" and (self.gear_ratio != 1.0 or self._travel is not None):
-            factor, raw, linear = 1.0, unit, False
-        else:
+        motor = {  # of amperes, of per cent: force, torque, the number that this is for
+            "A": (self.force_constant, self.torque_constant, 1.0),
+            "%": (self.rated_force, self.rated_torque, 100.0),
+        }
+        unit = unit or next((one for one in motor if motor[one][:2] != (None, None)), "")
+        force, torque, per = motor.get(unit, (None, None, 1.0))
+        if force is not None:
+            return Conversion(force / per, unit, "N")
+        if unit == "N m" and (self.gear_ratio != 1.0 or self._travel is not None):
+            torque = 1.0
+        if torque is None:
             return None
-        if linear:
-            return Conversion(factor, raw, "N")
-        factor *= self.gear_ratio
+        factor = torque / per * self.gear_ratio
         if self._travel is None:
-            return Conversion(factor, raw, "N m")
-        return Conversion(factor * 2 * math.pi / self._travel, raw, "N")
+            return Conversion(factor, unit, "N m")
+        return Conversion(factor * 2 * math.pi / self._travel, unit, "N")
 
 
 def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:
     """Arguments `dt`, `rate` and `max_gap` of `read_record` in the table ``[record]`` of a file."""
-    data = _table(path)
-    try:
-        return {key: positive(f"record.{key}", data[key]) for key in _SAMPLING if key in data}
-    except ValueError as problem:
-        raise ValueError(f"{path}: {problem}") from None
-
-
-def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The table ``[record]`` of an axis file, empty where there is none."""
-    data = read_toml(path).get("record", {})
-    if not isinstance(data, dict):
-        raise ValueError(f"{path}: record must be a table headed [record], got {data!r}")
-    return data
+    return read_toml(
+        path,
+        lambda data: {k: positive(f"record.{k}", data[k]) for k in _SAMPLING if k in data},
+        "record",
+    )
 
 
 def _gain(name: str, value: Any) -> float:

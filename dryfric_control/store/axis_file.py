@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from typing import Any
 
-from dryfric_control.checks import instance
+from dryfric_control.checks import instance, known_keys
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.store.files import read_toml, replacing
+from dryfric_control.text import plain_data
+from dryfric_control.units import axis_units
 
 _KEYS = tuple(item.name for item in fields(FrictionAxis))
 _NEEDED = ("mass", "viscous", "coulomb")
 #: Tables that are read by `Scaling.from_file` and by `read_knowledge`.
 _OTHERS = ("record", "knowledge")
 _EXAMPLE = "mass = 2.0, viscous = 15.0, coulomb = 8.0"
+_AXIS = f"{{{_EXAMPLE}}}"
 
 
 def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
@@ -53,37 +55,40 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     >>> axis.coulomb, axis.effects
     (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
     """
-    data = read_toml(path)
-    try:
-        return axis_from_dict({k: v for k, v in data.items() if k not in _OTHERS})
-    except ValueError as problem:
-        raise ValueError(f"{path}: {problem}") from None
+    return read_toml(
+        path, lambda data: axis_from_dict({k: v for k, v in data.items() if k not in _OTHERS})
+    )
 
 
 def read_axes(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
     """Axes of several joints by the name of their table in a TOML file, see `read_axis`."""
-    found = {}
-    for name, table in read_toml(path).items():
-        if name in _OTHERS:
-            continue
-        try:
-            found[name] = axis_from_dict({"name": name} | _table(name, table, f"{{{_EXAMPLE}}}"))
-        except ValueError as problem:
-            raise ValueError(f"{path}: [{name}]: {problem}") from None
-    if not found:
-        raise ValueError(f"{path} has no joint: write a table [elbow] with {_EXAMPLE} for each")
-    return found
+
+    def axes(data: dict[str, Any]) -> dict[str, FrictionAxis]:
+        found = {}
+        for name in [name for name in data if name not in _OTHERS]:
+            try:
+                found[name] = axis_from_dict({"name": name} | _table(name, data[name], _AXIS))
+            except ValueError as problem:
+                raise ValueError(f"[{name}]: {problem}") from None
+        if not found:
+            raise ValueError(f"it has no joint: write a table [elbow] with {_EXAMPLE} for each")
+        return found
+
+    return read_toml(path, axes)
 
 
 def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Arguments `known` and `tolerance` in the table ``[knowledge]`` of an axis file."""
-    found = read_toml(path).get("knowledge", {})
-    if not isinstance(found, dict) or set(found) - {"known", "tolerance"}:
-        raise ValueError(
-            f'{path}: knowledge must be a table with known = ["mass"] and '
-            f"tolerance = {{viscous = 0.5}}, got {found!r}"
-        )
-    return dict(found)
+
+    def knowledge(found: dict[str, Any]) -> dict[str, Any]:
+        if set(found) - {"known", "tolerance"}:
+            raise ValueError(
+                'knowledge must be a table with known = ["mass"] and tolerance = {viscous = 0.5}, '
+                f"got {found!r}"
+            )
+        return found
+
+    return read_toml(path, knowledge, "knowledge")
 
 
 def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
@@ -125,28 +130,17 @@ def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> st
 
 def axis_to_dict(axis: FrictionAxis) -> dict[str, Any]:
     """An axis as numbers, texts, lists and dicts, ready for any file format."""
-    data: dict[str, Any] = {
-        "name": axis.name,
-        "units": list(axis.units),
-        "mass": axis.mass,
-        "viscous": axis.viscous,
-        "coulomb": {"plus": list(axis.coulomb.plus), "minus": list(axis.coulomb.minus)},
-        "stick_speed": axis.stick_speed,
-        "stick_rate": axis.stick_rate,
-        "switching": axis.switching,
-    }
-    if axis.travel is not None:
-        data["travel"] = list(axis.travel)
-    if axis.stribeck is not None:
-        data["stribeck"] = {"excess": axis.stribeck.excess, "speed": axis.stribeck.speed}
-    data["effects"] = [{"effect": effect.slug} | asdict(effect) for effect in axis.effects]
-    return data
+    data = {key: value for key, value in asdict(axis).items() if value is not None}
+    effects = zip(axis.effects, data.pop("effects"), strict=True)
+    data["effects"] = [{"effect": effect.slug} | own for effect, own in effects]
+    return dict(plain_data(data))
 
 
 def _toml(value: Any) -> str:
     """A value as TOML on one line; repr of a float is exact."""
     if isinstance(value, str):
-        return _string(value)
+        # JSON strings are TOML strings but for one character that TOML wants escaped.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
@@ -154,28 +148,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} = {_toml(one)}' for key, one in value.items())}}}"
     return repr(float(value))
-
-
-def _string(text: str) -> str:
-    # JSON strings are TOML strings but for one character that TOML wants escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _check_keys(name: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse keys that nobody reads, with the nearest that somebody does."""
-    known = list(known)
-    for key, value in given.items():
-        if key not in known:
-            hint = _hint(key, known)
-            if key == "inertia" and "mass" in known:
-                hint = f'write mass = {value!r}, the inertia with units = ["rad", "N m"]'
-            raise ValueError(f"{name}{key} = {value!r} is not known: {hint}")
-
-
-def _hint(word: str, known: Iterable[str]) -> str:
-    """The nearest of some words, or all of them."""
-    near = difflib.get_close_matches(word, known := list(known), n=1)
-    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
 
 
 def _table(name: str, value: Any, example: str) -> dict[str, Any]:
@@ -186,8 +158,13 @@ def _table(name: str, value: Any, example: str) -> dict[str, Any]:
 
 def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
     """An axis from what `axis_to_dict` gives, or a file that a user wrote holds."""
-    data = _table("axis", data, f"{{{_EXAMPLE}}}")
-    _check_keys("", data, _KEYS)
+    data = _table("axis", data, _AXIS)
+    if "inertia" in data:
+        raise ValueError(
+            f"inertia = {data['inertia']!r} is not known: write mass = {data['inertia']!r}, the "
+            'inertia with units = ["rad", "N m"]'
+        )
+    known_keys("", data, _KEYS)
     missing = [key for key in _NEEDED if key not in data]
     if missing:
         raise ValueError(f"{missing[0]} is missing: give at least {_EXAMPLE}")
@@ -195,37 +172,22 @@ def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
     found["coulomb"] = _coulomb(data["coulomb"])
     if data.get("stribeck") is not None:
         peak = _table("stribeck", data["stribeck"], "{excess = 0.3, speed = 0.01}")
-        _check_keys("stribeck.", peak, ("excess", "speed"))
+        known_keys("stribeck.", peak, ("excess", "speed"))
         for key in ("excess", "speed"):
             if key not in peak:
                 raise ValueError(f"stribeck.{key} is missing: add {key} = ... to [stribeck]")
         found["stribeck"] = Stribeck(**peak)
-    for key in ("name", "switching"):
-        if not isinstance(data.get(key, ""), str):
-            raise ValueError(f'{key} must be text in quotes, such as "axis", got {data[key]!r}')
-    if "units" in data:
-        units = data["units"]
-        if (
-            not isinstance(units, list)
-            or len(units) != 2
-            or not all(isinstance(unit, str) for unit in units)
-        ):
-            raise ValueError(
-                f'units must be those of position and force, such as ["m", "N"], got {units!r}'
-            )
-        found["units"] = (units[0], units[1])
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise ValueError(f"effects must be tables headed [[effects]], got {effects!r}")
-    found["effects"] = tuple(
-        _effect(i, item, found.get("units", ("m", "N"))) for i, item in enumerate(effects)
-    )
+    units = axis_units(data.get("units", ("m", "N")))
+    found["effects"] = tuple(_effect(i, item, units) for i, item in enumerate(effects))
     return FrictionAxis(**found)
 
 
 def _coulomb(value: Any) -> CoulombMap:
     if isinstance(value, dict):
-        _check_keys("coulomb.", value, ("plus", "minus"))
+        known_keys("coulomb.", value, ("plus", "minus"))
         if "plus" not in value:
             raise ValueError(
                 f"coulomb = {value!r} lacks plus: write coulomb = {{plus = [8.0], minus = [7.5]}}"
@@ -239,14 +201,13 @@ def _effect(number: int, data: Any, units: tuple[str, str]) -> Effect:
     """One effect of the list, its parameters named with units where one is missing."""
     place = f"effects[{number}]"
     table = _table(place, data, '{effect = "spring", stiffness = 40.0}')
-    slug = table.get("effect")
+    values = dict(table)
+    slug = values.pop("effect", None)
     if not isinstance(slug, str):
         raise ValueError(f'{place}.effect is {slug!r}: name the effect, such as effect = "spring"')
-    if slug not in REGISTRY:
-        raise ValueError(f"{place}.effect = {slug!r} is not known: {_hint(slug, REGISTRY)}")
+    known_keys(f"{place}.effect = ", [slug], REGISTRY)
     cls = REGISTRY[slug]
-    values = {key: value for key, value in table.items() if key != "effect"}
-    _check_keys(f"{place} ({slug}): ", values, [item.name for item in fields(cls)])
+    known_keys(f"{place} ({slug}): ", values, [item.name for item in fields(cls)])
     for item in fields(cls):
         if item.default is MISSING and item.name not in values:
             unit = cls.units(units)[item.name]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dryfric_control.text import did_you_mean
+
+T = TypeVar("T")
 
 _ROOM = 4_000_000  # bytes, more than a report takes
 
@@ -67,10 +70,27 @@ def output_folder(out: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Tables and values of a TOML file."""
+def read_toml(
+    path: str | os.PathLike[str], read: Callable[[dict[str, Any]], T], table: str = ""
+) -> T:
+    """What `read` makes of a TOML file, or of one table in it; its errors name the file."""
     raw = existing_file(path).read_bytes()
     try:
-        return tomllib.loads(raw.decode("utf-8"))
+        data = tomllib.loads(raw.decode("utf-8"))
     except (ValueError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
+    try:
+        part = data.get(table, {}) if table else data
+        if not isinstance(part, dict):
+            raise ValueError(f"{table} must be a table headed [{table}], got {part!r}")
+        return read(part)
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
+
+
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """What a JSON file holds."""
+    try:
+        return json.loads(existing_file(path).read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as problem:
+        raise ValueError(f"{path} is damaged: not readable as JSON ({str(problem)[:80]})") from None

@@ -14,7 +14,7 @@ import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict, read_axis
-from dryfric_control.store.files import existing_file, replacing
+from dryfric_control.store.files import existing_file, read_json, replacing
 
 #: Version of the files that are written.
 VERSION = 1
@@ -79,10 +79,7 @@ def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, A
 
 def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], bool]:
     """Data that `write_document` wrote, in this version, and whether the checksum fits."""
-    try:
-        data = json.loads(existing_file(path).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is damaged: not readable as JSON ({error})") from None
+    data = read_json(path)
     form = f"dryfric-control {kind}"
     found = data.get("format") if isinstance(data, dict) else None
     if found != form:
@@ -103,9 +100,8 @@ def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, An
 def kind_of(path: str | os.PathLike[str]) -> str:
     """What a file says that it is, empty if it was not written here."""
     try:
-        form = json.loads(existing_file(path).read_text(encoding="utf-8"))["format"]
-        return str(form).removeprefix("dryfric-control ")
-    except (ValueError, TypeError, KeyError, RecursionError):
+        return str(read_json(path)["format"]).removeprefix("dryfric-control ")
+    except (ValueError, TypeError, KeyError):
         return ""
 
 

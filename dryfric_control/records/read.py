@@ -11,7 +11,7 @@ import numpy as np
 
 from dryfric_control.checks import positive
 from dryfric_control.records.readers.bam_log import read_bam_entries
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Wanted
 from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import vector
@@ -109,7 +109,8 @@ def read_record(
     if rate is not None:
         step = 1.0 / positive("rate", rate)
     timed = False if rate is not None else None if dt is not None else True
-    found = read_channels(source, columns, gain, units, max_rows, step, timed, joint)
+    wanted = Wanted(columns, joint, timed, step is not None, max_rows)
+    found = read_channels(source, wanted, gain, units, step)
     values: dict[str, Any] = {"u": None, "x": None, **found.values}
     good = values.pop("good", None)
     extras = {role: values.pop(role) for role in EXTRAS if role in values}

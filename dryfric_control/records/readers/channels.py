@@ -7,11 +7,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 from unicodedata import combining, normalize
 
 import numpy as np
 
+from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.text import did_you_mean
@@ -118,6 +119,37 @@ class Channels:
     masked: tuple[str, ...] | None = None
 
 
+class Wanted(NamedTuple):
+    """What a caller says of the columns of a source."""
+
+    columns: Any = None  # by role: heading, index, or None for none
+    joint: str | int | None = None  # that of which columns are wanted
+    timed: bool | None = True  # whether there is a column of time, None for perhaps
+    lenient: bool = False  # words for a number that is missing make nan
+    max_rows: int = MAX_ROWS
+
+
+def own_notes(meta: Any, damaged: str) -> dict[str, Any]:
+    """What `Record.to_csv` and `to_pandas` keep beside the columns, as fields of `Channels`."""
+    try:
+        name, quantum, notes = meta["name"], meta["quantum"], meta["notes"]
+        raw = {role: (unit, factor) for role, (unit, factor) in meta.get("raw", {}).items()}
+        masked = tuple(meta["masked"]) if "masked" in meta else None
+        said = [*notes, *(unit for unit, _ in raw.values()), *([] if name is None else [name])]
+        sound = (
+            isinstance(notes, list)
+            and all(isinstance(one, str) for one in said)
+            and all(type(f) is float and 0.0 < abs(f) < 1e100 for _, f in raw.values())
+            and (quantum is None or (type(quantum) is float and 0.0 <= quantum < 1e100))
+            and set(masked or ()) <= set(REASONS)
+        )
+    except (ValueError, KeyError, TypeError, AttributeError):
+        sound = False
+    if not sound:
+        raise ValueError(f"{damaged} to read plain columns")
+    return {"name": name, "quantum": quantum, "notes": tuple(notes), "raw": raw, "masked": masked}
+
+
 @lru_cache(maxsize=4096)
 def split_header(cell: str) -> tuple[str, str]:
     """Name and unit of a column heading."""
@@ -184,30 +216,21 @@ def _fits(role: str, unit: str) -> bool:
     return True
 
 
-def assign_columns(
-    headings: list[str],
-    columns: Mapping[str, str | int | None] | None,
-    where: str,
-    timed: bool | None = True,
-    joint: str | int | None = None,
-) -> dict[str, int]:
-    """Index of the column for each role, as the caller says or by usual names.
-
-    `timed`: whether a column of time is needed, None for perhaps; `joint`: that of which columns
-    are wanted.
-    """
-    columns = _checked_columns(columns)
+def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> dict[str, int]:
+    """Index of the column for each role, as the caller says or by usual names."""
+    wanted = wanted or Wanted()
+    columns, timed = _checked_columns(wanted.columns), wanted.timed
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
     names = [split_header(h)[0] for h in headings]
-    if joint is not None:
-        names = _of_joint(names, str(joint), where)
+    if wanted.joint is not None:
+        names = _of_joint(names, str(wanted.joint), where)
     if not columns and not any(headings):
         return _in_order(len(headings), where, timed)
     chosen = {
-        role: _find_column(role, wanted, headings, names, where)
-        for role, wanted in columns.items()
-        if wanted is not None or (role == "t" and timed)
+        role: _find_column(role, column, headings, names, where)
+        for role, column in columns.items()
+        if column is not None or (role == "t" and timed)
     }
     for role in ROLES[:3]:
         if role not in columns and (found := _recognise(role, names, where, chosen)) is not None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.records.readers.channels import assign_columns
+from dryfric_control.records.readers.channels import Wanted, assign_columns
 from dryfric_control.records.readers.limits import refused_if_damaged, too_long
 from dryfric_control.records.readers.messages import numbers
 
@@ -27,7 +27,7 @@ class _NoLonger(io.BufferedReader):
         return super().read(size)
 
 
-def read_mcap(path: Path, columns: Any, max_rows: int, joint: Any = None) -> dict[str, Any]:
+def read_mcap(path: Path, wanted: Wanted) -> dict[str, Any]:
     """Channels of a log on the time stamps of the position.
 
     Fields are named ``topic.field`` or, where one topic alone holds numbers, ``field``; of an
@@ -36,7 +36,7 @@ def read_mcap(path: Path, columns: Any, max_rows: int, joint: Any = None) -> dic
     other topics than the position's are brought onto its stamps: the input as held, everything
     else along straight lines.
     """
-    topics = _topics(path, max_rows)
+    topics = _topics(path, wanted.max_rows)
     if not topics:
         raise ValueError(f"{path.name} holds no messages with numbers in JSON or of ROS 2")
     alone = len(topics) == 1
@@ -46,7 +46,7 @@ def read_mcap(path: Path, columns: Any, max_rows: int, joint: Any = None) -> dic
         for key in fields
     }
     headings = ["t", *(h for h in place if h != "t")]
-    chosen = assign_columns(headings, columns, path.name, joint=joint)
+    chosen = assign_columns(headings, wanted._replace(timed=True), path.name)
     clock = topics[place[headings[chosen["x" if "x" in chosen else "v"]]][0]][0]
     table: dict[str, Any] = {"t": clock}
     for role, k in chosen.items():

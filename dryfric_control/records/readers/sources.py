@@ -13,11 +13,11 @@ import numpy as np
 
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.array_file import read_json_lines, read_numpy
-from dryfric_control.records.readers.channels import Channels
+from dryfric_control.records.readers.channels import Channels, Wanted
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.readers.mat_file import read_mat
 from dryfric_control.records.readers.mcap_log import read_mcap
-from dryfric_control.records.readers.tables import read_parquet, read_xlsx
+from dryfric_control.records.readers.tables import read_frame
 from dryfric_control.records.readers.text_file import SUFFIXES, read_column, read_text
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import existing_file
@@ -26,43 +26,36 @@ _SOUND = 0.8  # part of a channel that must be numbers; those that are not are b
 
 
 def read_channels(
-    source: Any,
-    columns: Mapping[str, str | int | None] | None = None,
-    gain: float | Mapping[str, float] | Scaling = 1.0,
-    units: Mapping[str, str] | None = None,
-    max_rows: int = channels.MAX_ROWS,
-    step: float | None = None,
-    timed: bool | None = True,
-    joint: str | int | None = None,
-) -> Channels:
-    """Channels of a file, data frame or mapping.
-
-    `step` [s] is that of a source without a column of time or of the record, and makes words for a
-    missing number nan; `timed`: whether there is such a column, None for perhaps.
-    """
-    if isinstance(max_rows, bool) or not isinstance(max_rows, int) or max_rows < 1:
-        raise ValueError(f"max_rows must be a positive whole number, got {max_rows!r}")
+    source: Any, wanted: Wanted, gain: float | Mapping[str, float] | Scaling, units: Any,
+    step: float | None,
+) -> Channels:  # fmt: skip
+    """Channels of a file, data frame or mapping in SI; `step` [s] of one without stamps."""
+    most = wanted.max_rows
+    if isinstance(most, bool) or not isinstance(most, int) or most < 1:
+        raise ValueError(f"max_rows must be a positive whole number, got {most!r}")
     if isinstance(source, (str, os.PathLike)):
-        found = _of_file(existing_file(source), columns, max_rows, timed, step is not None, joint)
+        found = _of_file(existing_file(source), wanted)
     elif isinstance(source, Mapping):
-        table = _with_files({str(k): v for k, v in source.items()}, max_rows)
-        found = _selected(table, Channels("the mapping"), columns, max_rows, timed, joint)
+        table = _with_files({str(k): v for k, v in source.items()}, most)
+        found = _selected(table, Channels("the mapping"), wanted)
     elif hasattr(source, "columns") and hasattr(source, "__getitem__"):
-        kept = _kept_in(source)
-        listed = not kept.raw
-        found = _selected(frame_columns(source), kept, columns, max_rows, timed, joint, listed)
+        kept = Channels("the data frame")
+        if (meta := getattr(source, "attrs", {}).get("dryfric_control")) is not None:
+            damaged = "the data frame: attrs['dryfric_control'] is damaged; remove it"
+            kept = replace(kept, **channels.own_notes(meta, damaged))
+        found = _selected(frame_columns(source), kept, wanted, listed=not kept.raw)
     else:
         raise TypeError(
             "read_record takes a path, a data frame or a mapping of arrays, "
             f"got {type(source).__name__}"
         )
     values, notes = found.values, found.notes
-    if "t" in values and timed is False:
+    own_time = "t" in values
+    if own_time and wanted.timed is False:
         raise ValueError(
             f"{found.where} has a column of time: leave rate= out, or ignore the column with "
             "columns={'t': None}"
         )
-    own_time = "t" in values
     if step is not None and not own_time:
         values = {"t": step * np.arange(np.size(values["x" if "x" in values else "v"])), **values}
         notes += (f"time from a step of {step:g} s",)
@@ -71,69 +64,44 @@ def read_channels(
     return channels.to_si(found, gain, units)
 
 
-def _of_file(
-    path: Path, columns: Any, max_rows: int, timed: bool | None, lenient: bool, joint: Any
-) -> Channels:
+def _of_file(path: Path, wanted: Wanted) -> Channels:
     """Channels of a file as it stores them."""
     packed = path.suffix.lower() == ".gz"
     inner = Path(path.stem) if packed else path
     suffix = inner.suffix.lower()
     start = Channels(path.name, name=inner.stem)
     if suffix in SUFFIXES:
-        return read_text(path, start, columns, max_rows, timed, lenient, joint)
-    if packed or suffix not in (".mcap", *_TABLES):
+        return read_text(path, start, wanted)
+    if packed or suffix not in _TABLES:
         raise ValueError(_unsupported(path))
-    if suffix == ".mcap":
-        table = read_mcap(path, columns, max_rows, joint)
-    else:
-        table = _TABLES[suffix](path, max_rows)
-    return _selected(table, start, columns, max_rows, timed, joint, listed=True)
-
-
-def _kept_in(frame: Any) -> Channels:
-    """What `Record.to_pandas` left in a data frame beside its columns."""
-    kept = getattr(frame, "attrs", {}).get("dryfric_control")
-    if not isinstance(kept, Mapping):
-        return Channels("the data frame")
-    name, quantum = kept.get("name"), kept.get("quantum")
-    return Channels(
-        "the data frame",
-        notes=tuple(kept["notes"]),
-        name=name if isinstance(name, str) else None,
-        quantum=float(quantum) if isinstance(quantum, (int, float)) else None,
-        raw=dict(kept.get("raw", {})),
-        masked=tuple(kept["masked"]) if "masked" in kept else None,
-    )
+    return _selected(_TABLES[suffix](path, wanted), start, wanted, listed=True)
 
 
 def _selected(
-    table: Mapping[str, Any],
-    start: Channels,
-    columns: Any,
-    max_rows: int,
-    timed: bool | None,
-    joint: Any,
-    listed: bool = False,
+    table: Mapping[str, Any], start: Channels, wanted: Wanted, listed: bool = False
 ) -> Channels:
     """The columns of a table that play a role; if listed, the others are noted."""
-    headings = list(table)
+    headings, named = list(table), wanted.columns or {}
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
-    chosen = channels.assign_columns(known, columns, start.where, timed, joint)
+    chosen = channels.assign_columns(known, wanted, start.where)
     for role in (*channels.EXTRAS, "good"):  # kept where they are numbers, one for each sample
-        if role in chosen and role not in (columns or {}) and (role != "v" or "x" in chosen):
+        if role in chosen and role not in named and (role != "v" or "x" in chosen):
             if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
                 del chosen[role]
     values = {role: table[headings[k]] for role, k in chosen.items()}
     units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
     for role, array in values.items():
-        if np.size(array) > max_rows:
-            raise ValueError(too_long(start.where, max_rows))
+        if np.size(array) > wanted.max_rows:
+            raise ValueError(too_long(start.where, wanted.max_rows))
         if role == "t" and (seconds := _as_seconds(array)) is not None:
             values[role], units[role] = seconds, "s"
     notes = start.notes
-    if _scales_by_gtau(table, headings, chosen, columns):
-        factor = float(np.ravel(table["gtau"])[0])
+    gtau = np.ravel(table.get("gtau", ()))
+    played = [headings[chosen[role]] for role in ("u", "x") if role in chosen]
+    # The EMPS layout, unless the caller names the input himself.
+    if played == ["vir", "qm"] and "u" not in named and gtau.size == 1 and gtau.dtype.kind in "iuf":
+        factor = float(gtau[0])
         values["u"] = channels.scaled(values["u"], factor)
         usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
         units = {role: usual.get(role, unit) for role, unit in units.items()}
@@ -193,19 +161,6 @@ def _with_files(table: dict[str, Any], max_rows: int) -> dict[str, Any]:
     return out
 
 
-def _scales_by_gtau(
-    table: Mapping[str, Any], headings: list[str], chosen: Mapping[str, int], columns: Any
-) -> bool:
-    """True for the EMPS layout, unless the caller names the input himself."""
-    return (
-        [headings[chosen[role]] for role in ("u", "x") if role in chosen] == ["vir", "qm"]
-        and "u" not in (columns or {})
-        and "gtau" in table
-        and np.size(table["gtau"]) == 1
-        and np.asarray(table["gtau"]).dtype.kind in "iuf"
-    )
-
-
 def _unsupported(path: Path) -> str:
     mend = {
         ".json": "read_bam() reads BAM logs, and objects, one a line, are read as .jsonl; "
@@ -216,7 +171,7 @@ def _unsupported(path: Path) -> str:
     }.get(path.suffix.lower(), "save it as CSV, or pass a dict of arrays")
     return (
         f"{path.name}: files of type {path.suffix!r} are not read; {mend}. "
-        f"Read are {', '.join((*SUFFIXES, '.csv.gz', *_TABLES))} and .mcap"
+        f"Read are {', '.join((*SUFFIXES, '.csv.gz', *_TABLES))}"
     )
 
 
@@ -268,12 +223,12 @@ def _plain(series: Any) -> Any:
     return getattr(utc, "dt", utc).tz_localize(None).to_numpy()
 
 
-_TABLES: dict[str, Callable[[Path, int], dict[str, Any]]] = {
-    ".npz": read_numpy,
-    ".npy": read_numpy,
-    ".jsonl": read_json_lines,
-    ".ndjson": read_json_lines,
+_TABLES: dict[str, Callable[[Path, Wanted], dict[str, Any]]] = {
+    **dict.fromkeys((".npz", ".npy"), lambda path, wanted: read_numpy(path, wanted.max_rows)),
+    **dict.fromkeys((".jsonl", ".ndjson"), lambda path, w: read_json_lines(path, w.max_rows)),
     ".mat": lambda path, _: read_mat(path),
-    ".xlsx": lambda path, _: frame_columns(read_xlsx(path)),
-    ".parquet": lambda path, max_rows: frame_columns(read_parquet(path, max_rows)),
+    **dict.fromkeys(
+        (".xlsx", ".parquet"), lambda path, wanted: frame_columns(read_frame(path, wanted.max_rows))
+    ),
+    ".mcap": read_mcap,
 }

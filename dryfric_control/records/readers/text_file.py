@@ -19,13 +19,14 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.readers.channels import (
     EXACT,
     EXTRAS,
     Channels,
+    Wanted,
     assign_columns,
     left_out,
+    own_notes,
     split_header,
 )
 from dryfric_control.records.readers.limits import too_long
@@ -70,9 +71,9 @@ class _Text:
     """A text file and its layout, as far as it has been read."""
 
     path: Path
+    wanted: Wanted
     comments: list[str] = field(default_factory=list)  # above the content
     complete: bool = True  # the last line has an end
-    lenient: bool = False  # words for a missing number make nan
     delimiter: str | None = None
     headings: list[str] = field(default_factory=list)
     chosen: dict[str, int] = field(default_factory=dict)
@@ -96,24 +97,21 @@ class _Text:
 # ------------------------------------------------------------------- reading
 
 
-def read_text(
-    path: Path, start: Channels, columns: Any, max_rows: int, timed: bool | None = True,
-    lenient: bool = False, joint: Any = None,
-) -> Channels:  # fmt: skip
-    """Chosen columns of a text file; if lenient, a number that is missing is nan."""
-    text = _Text(path, lenient=lenient)
+def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
+    """Chosen columns of a text file."""
+    text = _Text(path, wanted)
     parts: list[list[_Array]] = []
     above = rows = 0
     for chunk, last in _chunks(text):
         if not text.headings:
-            above = _lay_out(text, chunk, columns, timed, joint)
+            above = _lay_out(text, chunk)
             chunk = chunk[above:]
         if last and (why := _cut_off(text, chunk)):
             warn(f"{text.name}: row {chunk[-1][0]}, the last, {why}: cut off, and left out")
             chunk = chunk[:-1]
         rows += len(chunk)
-        if rows > max_rows:
-            raise ValueError(too_long(text.name, max_rows))
+        if rows > wanted.max_rows:
+            raise ValueError(too_long(text.name, wanted.max_rows))
         if chunk:
             parts.append(_parse(text, chunk))
     if not text.headings:
@@ -127,7 +125,7 @@ def read_text(
             f"{text.name}: its channels have times of their own; export them with one time"
         )
     for role in text.optional:
-        if not np.isfinite(values[role]).mean() > (0.8 if lenient else 1.0 - 1e-12):
+        if not np.isfinite(values[role]).mean() > (0.8 if wanted.lenient else 1.0 - 1e-12):
             del values[role], text.chosen[role]
     units = {r: split_header(text.headings[k])[1] for r, k in text.chosen.items()}
     if text.dated:
@@ -144,7 +142,7 @@ def read_text(
 
 def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
     """Heading and the one or two columns of a file that holds one channel."""
-    content = itertools.chain.from_iterable(chunk for chunk, _ in _chunks(_Text(path)))
+    content = itertools.chain.from_iterable(chunk for chunk, _ in _chunks(_Text(path, Wanted())))
     rows = [
         (number, [c for c in re.split(r"[;,\t ]+", line.strip()) if c])
         for number, line in itertools.islice(content, max_rows + 2)
@@ -236,40 +234,25 @@ def _own_notes(text: _Text) -> dict[str, Any]:
     """What `Record.to_csv` wrote of the record in the first line, if it did."""
     if not text.comments or not text.comments[0].startswith(SIGNATURE):
         return {}
-    damaged = f"{text.name}: the first line is damaged; remove it to read plain columns"
-    version, _, words = text.comments[0][len(SIGNATURE) :].strip().partition(" ")
-    if not version.isascii() or not version.isdigit() or len(version) > 6:
-        raise ValueError(damaged)
-    if int(version) > FORMAT:
+    first = re.fullmatch(r"\s*(\d{1,6}) (.*)", text.comments[0][len(SIGNATURE) :], re.ASCII)
+    if first and int(first[1]) > FORMAT:
         raise ValueError(
-            f"{text.name} was written in format {version}, this version reads up to {FORMAT}; "
+            f"{text.name} was written in format {first[1]}, this version reads up to {FORMAT}; "
             "update the package, or remove the first line to read plain columns"
         )
     try:
-        meta = json.loads(words)
-        name, quantum, notes = meta["name"], meta["quantum"], meta["notes"]
-        raw = {role: (unit, factor) for role, (unit, factor) in meta.get("raw", {}).items()}
-        masked = tuple(meta["masked"]) if "masked" in meta else None
-        said = [*notes, *(unit for unit, _ in raw.values()), *([] if name is None else [name])]
-        sound = (
-            isinstance(notes, list)
-            and all(isinstance(one, str) for one in said)
-            and all(type(f) is float and 0.0 < abs(f) < 1e100 for _, f in raw.values())
-            and (quantum is None or (type(quantum) is float and 0.0 <= quantum < 1e100))
-            and set(masked or ()) <= set(REASONS)
-        )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        sound = False
-    if not sound:
-        raise ValueError(damaged)
-    return {"name": name, "quantum": quantum, "notes": tuple(notes), "raw": raw, "masked": masked}
+        meta = json.loads(first[2] if first else "")
+    except (ValueError, RecursionError):
+        meta = None
+    return own_notes(meta, f"{text.name}: the first line is damaged; remove it")
 
 
 # -------------------------------------------------------------------- layout
 
 
-def _lay_out(text: _Text, chunk: _Lines, columns: Any, timed: bool | None, joint: Any) -> int:
+def _lay_out(text: _Text, chunk: _Lines) -> int:
     """Find delimiter, headings and the chosen columns; index of the first row of numbers."""
+    columns, timed = text.wanted.columns, text.wanted.timed
     lines = [line for _, line in chunk[:_PREAMBLE]]
     said = _SEPARATOR.fullmatch(lines[0].strip())
     first = 1 if said else 0
@@ -294,7 +277,7 @@ def _lay_out(text: _Text, chunk: _Lines, columns: Any, timed: bool | None, joint
                 + "Of files with one channel each, give all: "
                 'read_record({"t": path, "u": path, "x": path})'
             )
-    text.chosen = assign_columns(text.headings, columns, text.name, timed, joint)
+    text.chosen = assign_columns(text.headings, text.wanted, text.name)
     text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in (columns or {}))
     if clocks and "t" in text.chosen:
         own = {max((c for c in clocks if c <= k), default=0) for k in text.chosen.values()}
@@ -531,7 +514,7 @@ def _value(text: _Text, role: str, column: int, cell: str, number: int, exact: b
     if role == "t" and text.dated and (stamp := _stamp(cell)) is not None:
         return stamp
     if not _is_number(cell) or (text.delimiter == "," and "," in cell):
-        if role in text.optional or (text.lenient and cell.lower() in _NO_NUMBER):
+        if role in text.optional or (text.wanted.lenient and cell.lower() in _NO_NUMBER):
             return math.nan
         what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
         label = text.headings[column] or str(column)

@@ -266,8 +266,9 @@ def roundest(number: float, tolerance: float) -> float:
     return next((one for one in rounded if abs(one - number) <= tolerance), number)
 
 
-def filled(t: Floats, grid: Floats, step: float) -> Ints:
-    """Points of a grid that have no stamp near."""
+def filled(t: Floats, grid: Floats, x: Floats, step: float) -> Masked:
+    """Readings on a grid that have no stamp near."""
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     away = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
-    return np.flatnonzero(away > _OWN * max(step, float(np.median(np.diff(t)))))
+    lost = np.flatnonzero(away > _OWN * max(step, float(np.median(np.diff(t)))))
+    return Masked(lost, (FILLED,) * lost.size, x[lost])

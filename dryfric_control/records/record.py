@@ -169,12 +169,10 @@ class Record:
         if x is None:
             quantum, labels = 0.0, labels | position_unit(labels)
         dt = checks.uniform_step(tv)
-        usable = None if good is None else usable_readings(good, xv.size)
+        usable = usable_readings(good, xv.size)
         factor = stored.get("x", ("", 1.0))[1]
+        xv, rv = checks.unwrapped(xv, rv, unwrap, factor)
         if unwrap is not None:
-            xv, rv = checks.unwrapped(
-                xv, rv, positive("unwrap", unwrap), checks.grid_of(xv, factor)
-            )
             notes += (f"x unwrapped with period {unwrap:g}",)
         xv, masked, seen = repaired(xv, quantum, factor, usable)
         checks.check_motion(uv, xv, seen or None)
@@ -542,8 +540,7 @@ class Record:
         own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
         t, u, x, r, more, _ = checks.resample(own, dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
-        lost = bad_readings.filled(self.t[self.good], t, dt)
-        masked = Masked(lost, (bad_readings.FILLED,) * lost.size, x[lost])
+        masked = bad_readings.filled(self.t[self.good], t, x, dt)
         return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=more, masked=masked)
 
     @classmethod
@@ -593,8 +590,7 @@ class Record:
         0.005
         """
         found = checks.vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
-        good = options.pop("good", None)
-        good = None if good is None else usable_readings(good, found.x.size)
+        good = usable_readings(options.pop("good", None), found.x.size)
         found, good, lacking = checks.sound_rows(found, good)
         tv, uv, xv, rv, more, made = found
         if x is None:
@@ -613,10 +609,7 @@ class Record:
                 f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
         factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
-        if (period := options.pop("unwrap", None)) is not None:
-            xv, rv = checks.unwrapped(
-                xv, rv, positive("unwrap", period), checks.grid_of(xv, factor)
-            )
+        xv, rv = checks.unwrapped(xv, rv, options.pop("unwrap", None), factor)
         notes = [*checks.checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
         xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
         options["quantum"] = seen
@@ -630,18 +623,18 @@ class Record:
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
         new = checks.resample(Channels(tv, uv, xv, rv, more), step, hold, interpolation)
-        lost = bad_readings.filled(tv[bad_readings.without(tv.size, masked.indices)], new.t, step)
-        options |= {"notes": notes, "good": bad_readings.without(new.t.size, lost)}
-        record = cls(new.t, new.u, new.x, new.reference, channels=new.more, **options)
         # Readings that were bad leave a gap as those that were lost do.
-        record = record._with(masked=Masked(lost, (bad_readings.FILLED,) * lost.size, new.x[lost]))
-        if lost.size or even is not None or lacking:
-            parts = [f"{lost.size} filled and masked"] if lost.size else []
-            parts += [notes[-2]] if even is not None else []
+        stamps = tv[bad_readings.without(tv.size, masked.indices)]
+        gaps = bad_readings.filled(stamps, new.t, new.x, step)
+        lost = len(gaps.reasons)
+        options |= {"notes": notes, "good": bad_readings.without(new.t.size, gaps.indices)}
+        record = cls(new.t, new.u, new.x, new.reference, channels=new.more, **options)
+        if lost or even is not None or lacking:
+            parts = [f"{lost} filled and masked"] * bool(lost) + notes[-2:-1] * (even is not None)
             before = f"{lacking} in the source; " if lacking else ""
             after = "; ".join(parts) or "none lost"
             warn(f"{before}of {len(record)} samples of the new record: {after}")
-        return record
+        return record._with(masked=gaps)
 
     @classmethod
     def split_at_gaps(
@@ -924,8 +917,10 @@ def position_unit(units: Mapping[str, str]) -> dict[str, str]:
     return {"x": unit} if unit else {}
 
 
-def usable_readings(good: Any, size: int) -> Bools:
-    """The user's own mask, checked."""
+def usable_readings(good: Any, size: int) -> Bools | None:
+    """The user's own mask, checked; None for none."""
+    if good is None:
+        return None
     array = np.asarray(good)
     if array.shape != (size,) or array.dtype != np.bool_:
         raise ValueError(

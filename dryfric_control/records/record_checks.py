@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.arrays import Bools, Floats, Ints
-from dryfric_control.checks import finite
+from dryfric_control.checks import finite, positive
 from dryfric_control.records.bad_readings import roundest
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
@@ -383,9 +383,12 @@ _OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
 
 
 def unwrapped(
-    x: Floats, reference: Floats | None, period: float, grid: float | None = None
+    x: Floats, reference: Floats | None, period: float | None, factor: float
 ) -> tuple[Floats, Floats | None]:
-    """Position and reference without the jumps of a periodic encoder."""
+    """Position and reference without the jumps of an encoder of a period, None for none."""
+    if period is None:
+        return x, reference
+    period, grid = positive("unwrap", period), grid_of(x, factor)
     steps = np.abs(np.diff(x))
     if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
         raise ValueError(

@@ -155,15 +155,12 @@ def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
     if not rows:
         raise ValueError(f"{path.name} holds no data rows")
     width = len(rows[0][1])
-    for k, (number, row) in enumerate(rows):
-        if len(row) not in (1, 2):
+    for number, row in rows:
+        count = sum(map(_is_number, row))
+        if not count == len(row) == width <= 2:
             raise ValueError(
-                f"{path.name}: row {number} has {len(row)} numbers; a file of one channel "
-                "has one in a row, or time and value (decimal points, not commas)"
-            )
-        if len(row) != width or not all(map(_is_number, row)):
-            raise ValueError(
-                f"{path.name}: data row {k} is {' '.join(row)[:40]!r}, not {width} number(s)"
+                f"{path.name}: row {number}, {' '.join(row)[:40]!r}, has {count} numbers; a file "
+                "of one channel has one in each row, or time and value (decimal points, not commas)"
             )
     table = np.array([[_exact(c) for c in row] for _, row in rows], dtype=object)
     return heading, [_column(table[:, k]) for k in range(width)]

@@ -68,10 +68,9 @@ def to_isaac(
     )
     <BLANKLINE>
     """
-    joints = joint_values.joints_of(result, joint, ())
+    joints = joint_values.joints_of(result, joint, {})
     place = target("path", path)
     loads = joint_values.checked_loads(load, joints)
-    joint_values.require_loads(loads, joints, "give load=...")
     found = joint_values.described(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []

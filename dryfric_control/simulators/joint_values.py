@@ -49,6 +49,9 @@ _ELSEWHERE = {
 }
 
 
+_Systems = Sequence[tuple[str, str]]  # units of position and force
+
+
 class Format(NamedTuple):
     """How a simulator states the friction of a joint.
 
@@ -142,15 +145,12 @@ class SimulatorValues(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and words, ready for JSON."""
-        return {
-            "values": plain_data(self.values),
-            "standard_errors": plain_data(self.standard_errors),
-            "lost": [plain_data(one._asdict()) for one in self.lost],
-            "friction_error": plain_data(self.friction_error),
-            "free_runs": plain_data(self.free_runs),
-            "messages": list(self.messages),
+        found = vars(self) | {
+            "lost": [one._asdict() for one in self.lost],
             "files": [str(path) for path in self.files],
         }
+        del found["reduced"]
+        return dict(plain_data(found))
 
 
 def _with_error(value: Any, error: float | None) -> str:
@@ -171,17 +171,24 @@ class Joint(NamedTuple):
     """A joint with what is known of it."""
 
     axis: FrictionAxis
-    records: tuple[Record, ...]
+    records: tuple[Record, ...] = ()
     #: Names of fitted parameters and the covariance of their estimates.
-    names: tuple[str, ...]
-    covariance: Floats
-    shift: float
+    names: tuple[str, ...] = ()
+    covariance: Floats = np.empty((0, 0))
+    shift: float = 0.0
     #: What may be otherwise.
     doubts: tuple[str, ...] = ()
 
 
-def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str, Joint]:
-    """Joints of a result by name; `there` are those of the file, empty if any will do."""
+def joints_of(
+    result: Any, joint: str | None, there: Mapping[str, _Systems], usual: _Systems = (),
+    what: str = "joint",
+) -> dict[str, Joint]:  # fmt: skip
+    """Joints of a result by name.
+
+    `there`: units that each joint of the file may have, empty if any joint will do; `usual`: those
+    of any joint, empty if any units will do; `what`: how a joint is called.
+    """
     if isinstance(result, Mapping):
         if joint is not None:
             raise ValueError(
@@ -193,7 +200,7 @@ def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str,
     else:
         made = _joint("result", result)
         if joint is None:
-            joint = there[0] if len(there) == 1 else made.axis.name
+            joint = next(iter(there)) if len(there) == 1 else made.axis.name
         named = {joint: result}
     for name in named:
         if not isinstance(name, str):
@@ -203,22 +210,20 @@ def joints_of(result: Any, joint: str | None, there: Sequence[str]) -> dict[str,
                 f"joint {name!r} is not in the file: it has {', '.join(map(repr, there))}; give "
                 "joint=... or a mapping of such names to results"
             )
-    return {name: _joint(f"result[{name!r}]", one) for name, one in named.items()}
-
-
-def require_units(label: str, joint: Joint, *right: tuple[str, str]) -> None:
-    """Refuse an axis in other units than a joint may have; `label` names the joint."""
-    if joint.axis.units not in right:
-        raise ValueError(
-            f"{label} is in {' or '.join(map(str, right))}, and the axis has units = "
-            f"{joint.axis.units}: convert the record as it is read, see dfc.Scaling"
-        )
+    found = {name: _joint(f"result[{name!r}]", one) for name, one in named.items()}
+    for name, one in found.items():
+        right = there.get(name, usual)
+        if right and one.axis.units not in right:
+            raise ValueError(
+                f"{what} {name!r} is in {' or '.join(map(str, right))}, and the axis has units = "
+                f"{one.axis.units}: convert the record as it is read, see dfc.Scaling"
+            )
+    return found
 
 
 def _joint(name: str, result: Any) -> Joint:
-    nothing = ((), np.empty((0, 0)), 0.0)
     if isinstance(result, FrictionAxis):
-        return Joint(result.effective(), (), *nothing)
+        return Joint(result.effective())
     if isinstance(result, Fit):
         names = [n for n in result.parameters if n != SHIFT]
         at = [list(result.parameters).index(n) for n in names]
@@ -231,53 +236,58 @@ def _joint(name: str, result: Any) -> Joint:
         return Joint(result.axis.effective(), records, tuple(names), covariance, shift)
     if isinstance(result, Diagnosis):
         known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
-        covariance = np.diag(np.square([*known.values()]))
-        records = (result.record, *result.others)
         doubts = []
         if result.verdict not in _USABLE:
             doubts.append(f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained")
         for cause in result.causes:
             # A gain or all base parameters: under the recorded drive they are the same.
-            alternatives = [*cause.alternatives]
-            if cause.effect == _LOAD and "input_gain" not in alternatives:
-                alternatives.append("input_gain")
-            others = [one for one in alternatives if not {cause.effect, *one.split("+")} <= _SCALES]
+            more = ["input_gain"] if cause.effect == _LOAD else []
+            others = [
+                one for one in dict.fromkeys([*cause.alternatives, *more])
+                if not {cause.effect, *one.split("+")} <= _SCALES
+            ]  # fmt: skip
             if others:
-                words = " or ".join(map(titles_of, others))
-                doubts.append(
-                    f"{cause.title} or {words}: the record does not separate them, and the values "
-                    "differ"
-                )
-        extended = result.extended.effective()
-        return Joint(extended, records, tuple(known), covariance, 0.0, tuple(doubts))
+                words = " or ".join([cause.title, *map(titles_of, others)])
+                doubts.append(f"{words}: the record does not separate them, and the values differ")
+        return Joint(
+            result.extended.effective(),
+            (result.record, *result.others),
+            tuple(known),
+            np.diag(np.square([*known.values()])),
+            doubts=tuple(doubts),
+        )
     raise ValueError(
         f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
         f"{short(result)}"
     )
 
 
-def checked_loads(load: Any, joints: Mapping[str, Joint]) -> dict[str, float]:
-    """Inertia that the bodies bring, by joint."""
+def checked_loads(
+    load: Any,
+    joints: Mapping[str, Joint],
+    computed: Callable[[], dict[str, float]] = dict,
+    mend: str = "give load=...",
+) -> dict[str, float]:
+    """Inertia that the bodies bring, by joint: as given, or as it can be computed."""
+    loads: dict[str, float] = {}
     if isinstance(load, Mapping):
         for name in load:
             if name not in joints:
                 raise ValueError(
                     f"load names joint {name!r}: it must be one of {', '.join(map(repr, joints))}"
                 )
-        return {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
-    if load is None:
-        return {}
-    return dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
-
-
-def require_loads(loads: Mapping[str, float], joints: Mapping[str, Joint], why: str) -> None:
-    """Refuse joints of whose bodies the inertia is not known."""
+        loads = {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
+    elif load is not None:
+        loads = dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
+    if any(name not in loads for name in joints):
+        loads = computed() | loads
     for name in joints:
         if name not in loads:
             raise ValueError(
                 f"load of joint {name!r} is not given, the inertia that the bodies of the model "
-                f"have about it: {why} (0.0 where mass is the armature alone)"
+                f"have about it: {mend} (0.0 where mass is the armature alone)"
             )
+    return loads
 
 
 def described(
@@ -448,10 +458,9 @@ def _errors(
             moved = at.copy()
             moved[i] = value + side * step
             try:
-                one = numbers(with_values(joint.axis, joint.names, moved))
+                ends.append((moved[i], numbers(with_values(joint.axis, joint.names, moved))))
             except ValueError:  # beyond a bound of the parameter
-                one, moved[i] = dict(values), value
-            ends.append((moved[i], one))
+                ends.append((value, dict(values)))
         (a, low), (b, high) = ends
         if b > a:
             slopes[:, i] = [(high[n] - low[n]) / (b - a) for n in single]
@@ -476,11 +485,8 @@ def _features(axis: FrictionAxis, places: Floats) -> Iterator[tuple[str, Any, Fr
         yield words, None, axis.replace(stribeck=None)
     levels = [float(np.mean(axis.coulomb(places, s))) for s in (1, -1)]
     if not axis.coulomb.constant:
-        yield (
-            "Coulomb level over position",
-            None,
-            axis.replace(coulomb=CoulombMap.of(tuple(levels))),
-        )
+        constant = axis.replace(coulomb=CoulombMap.of(tuple(levels)))
+        yield "Coulomb level over position", None, constant
     if not math.isclose(*levels, rel_tol=1e-9):
         words = f"Coulomb level {levels[0]:.4g} forwards, {levels[1]:.4g} {axis.units[1]} backwards"
         factors = [float(np.mean(levels)) / max(level, 1e-300) for level in levels]

@@ -90,9 +90,9 @@ def to_modelica(
             f"model {path.name} has no component BearingFriction or SupportFriction: the tables "
             "of Modelica.Mechanics are those of these"
         )
-    joints = joint_values.joints_of(result, joint, list(there))
-    for name, one in joints.items():
-        joint_values.require_units(f"component {name!r}", one, _UNITS[there[name][1].decode()])
+    units = {name: (_UNITS[one[1].decode()],) for name, one in there.items()}
+    joints = joint_values.joints_of(result, joint, units, what="component")
+    for name in joints:
         if there[name][3] and _closing(bare, there[name].end()) == len(bare):
             raise ValueError(
                 f"model {path.name}: the bracket of component {name!r} is not closed: is the file "

@@ -110,12 +110,9 @@ def _in_file(
 ) -> SimulatorValues:
     path, raw, place = read_model(model, out)
     there = _named(path, elements(path, raw, "MJCF", "mujoco"))
-    joints = joint_values.joints_of(result, joint, list(there))
-    for name, one in joints.items():
-        _check(name, one, there[name].attributes.get("type"))
-    loads = joint_values.checked_loads(load, joints)
-    if any(name not in loads for name in joints):
-        loads = _computed(path, joints) | loads
+    joints = _joints(result, joint, {n: one.attributes.get("type") for n, one in there.items()})
+    mend = "give load=..., or install mujoco, which computes it"
+    loads = joint_values.checked_loads(load, joints, lambda: _computed(path, joints), mend)
     found = joint_values.described(_MJCF, joints, velocities, loads)
     edits = []
     for name, values in found.values.items():
@@ -138,13 +135,19 @@ def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
     raise ValueError(f"model {path.name} has no joint with a name in a body: {mend}")
 
 
-def _check(name: str, joint: joint_values.Joint, kind: str | None) -> None:
-    """Refuse a joint of several axes or another unit; a class may set the kind (None)."""
-    if kind is not None and kind not in _UNITS:
-        raise ValueError(f"joint {name!r} is a {kind} joint: friction is of one axis each")
-    joint_values.require_units(
-        f"joint {name!r}", joint, *([_UNITS[kind]] if kind else _UNITS.values())
-    )
+def _joints(
+    result: Any, joint: Any, kinds: Mapping[str, str | None]
+) -> dict[str, joint_values.Joint]:
+    """Joints of a result, of one axis each; a class of the file may set their kind (None)."""
+    any_kind = tuple(_UNITS.values())
+    units = {n: (_UNITS[kind],) if kind in _UNITS else any_kind for n, kind in kinds.items()}
+    joints = joint_values.joints_of(result, joint, units)
+    for name in joints:
+        if kinds[name] not in (None, *_UNITS):
+            raise ValueError(
+                f"joint {name!r} is a {kinds[name]} joint: friction is of one axis each"
+            )
+    return joints
 
 
 def _computed(path: Path, joints: Mapping[str, joint_values.Joint]) -> dict[str, float]:
@@ -152,10 +155,7 @@ def _computed(path: Path, joints: Mapping[str, joint_values.Joint]) -> dict[str,
     try:
         return inertias(_compiled(path), joints)
     except ImportError:
-        joint_values.require_loads(
-            {}, joints, "give load=..., or install mujoco, which computes it"
-        )
-        raise
+        return {}
     except ValueError as problem:
         raise ValueError(
             f"{problem}; it computes the inertia of the bodies: give load=..."
@@ -225,13 +225,9 @@ def _in_model(
             f"{model!r}"
         )
     made = model if compiled else model.copy().compile()
-    kinds = {made.joint(i).name: int(made.joint(i).type[0]) for i in range(made.njnt)}
-    joints = joint_values.joints_of(result, joint, [name for name in kinds if name])
-    for name, one in joints.items():
-        _check(name, one, _KINDS[kinds[name]])
-    loads = joint_values.checked_loads(load, joints)
-    if any(name not in loads for name in joints):
-        loads = inertias(made, joints) | loads
+    kinds = {one.name: _KINDS[int(one.type[0])] for one in map(made.joint, range(made.njnt))}
+    joints = _joints(result, joint, {name: kind for name, kind in kinds.items() if name})
+    loads = joint_values.checked_loads(load, joints, lambda: inertias(made, joints))
     found = joint_values.described(_MJCF, joints, velocities, loads)
     soft = {n: [float(v) for v in text.split()] for n, text in _STIFF.items()}
     for name, values in found.values.items():

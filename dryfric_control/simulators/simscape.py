@@ -88,10 +88,8 @@ def to_simscape(
     ...     print(script.read_text().splitlines()[0])
     set_param('arm/Elbow', 'brkwy_trq', '1.5', 'brkwy_trq_unit', 'N*m');
     """
-    joints = joint_values.joints_of(result, joint, ())
+    joints = joint_values.joints_of(result, joint, {}, tuple(_NAMES))
     place = target("path", path)
-    for name, one in joints.items():
-        joint_values.require_units(f"joint {name!r}", one, *_NAMES)
     found = joint_values.described(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():

@@ -69,11 +69,8 @@ def to_urdf(
     }  # fmt: skip
     if not there:
         raise ValueError(f"model {path.name} has no revolute, continuous or prismatic joint")
-    joints = joint_values.joints_of(result, joint, list(there))
-    for name, one in joints.items():
-        joint_values.require_units(
-            f"joint {name!r}", one, _UNITS[tags[there[name]].attributes["type"]]
-        )
+    units = {name: (_UNITS[tags[i].attributes["type"]],) for name, i in there.items()}
+    joints = joint_values.joints_of(result, joint, units)
     found = joint_values.described(_URDF, joints, velocities)
     edits = []
     for name, values in found.values.items():

@@ -77,34 +77,15 @@ FILIPPOV, PAPER = 0, 1
 
 #: Indices in the array of numbers that describes an axis; the coefficients of
 #: the Coulomb levels (for +, then for -) and the effects' parameters follow.
+INVERSE_MASS, VISCOUS, EXCESS, INVERSE_STRIBECK_SPEED, STICK_SPEED, STICK_RATE, LOW, HIGH = range(8)
+DELAY, LAG, CONTACT_STIFFNESS, HALF_GAP, STIFFNESS, DAMPING, INVERSE_MOTOR = range(8, 15)
 #: SHORT_WAY and SHORT_TIME are the shortest length and time over which an effect
 #: varies: no step is longer, or all its stages could see the same phase.
 #: ALLOWED is a velocity error per step that is allowed in addition to TOLERANCE: 0
 #: unless noise hides it.
 #: BEHIND is the fraction of the mass that the transmission moves: that of the load behind
 #: a play on which friction depends, else 1.
-(
-    INVERSE_MASS,
-    VISCOUS,
-    EXCESS,
-    INVERSE_STRIBECK_SPEED,
-    STICK_SPEED,
-    STICK_RATE,
-    LOW,
-    HIGH,
-    DELAY,
-    LAG,
-    CONTACT_STIFFNESS,
-    HALF_GAP,
-    STIFFNESS,
-    DAMPING,
-    INVERSE_MOTOR,
-    SHORT_WAY,
-    SHORT_TIME,
-    ALLOWED,
-    BEHIND,
-    COULOMB,
-) = range(20)
+SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, COULOMB = range(15, 20)
 
 #: Indices in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
@@ -115,24 +96,8 @@ FILIPPOV, PAPER = 0, 1
 #: the numbers are stored twice, N_NUMBERS each: with the total mass, and with
 #: that of the load.  RIGID_TASK and TASK are addresses of the functions that move the
 #: axis without its inner states, and with them.
-(
-    RULE,
-    N_PLUS,
-    N_MINUS,
-    N_INPUT,
-    N_FORCE,
-    N_PLACE,
-    N_LEVEL,
-    N_HISTORY,
-    STRUCTURE,
-    N_NUMBERS,
-    RIGID_TASK,
-    TASK,
-    N_PEAKED,
-    N_READING,
-    N_CARRIED,
-    LAWS,
-) = range(16)
+RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
+STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED, LAWS = range(8, 16)
 
 #: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load.
 CONTACT, PLAY, SPRING, ON_LOAD = 1, 2, 4, 8
@@ -203,10 +168,7 @@ class Drive(NamedTuple):
 
 
 def internal(function=None, **options):
-    """`njit` for functions that take a `Plant` or addresses: called by compiled code only.
-
-    Without the wrappers for Python there is less to compile.
-    """
+    """`njit` for functions that compiled code alone calls: no wrappers, less to compile."""
     return njit(
         function, cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
         **options,
@@ -335,91 +297,76 @@ def _motion_force(plant, t, x, v, u, s, rest):
 
 
 @internal(forceinline=True)
-def load(plant, drive, t0, tau, x, v, s, rest):
-    """Net force on the mass without friction."""
-    u = drive_force(drive, tau)
-    t = t0 + tau
+def load_under(plant, u, t, x, v, s, rest):
+    """Net force on the mass without friction, under a drive force."""
     return (u + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
+
+
+@internal(forceinline=True)
+def load(plant, drive, t0, tau, x, v, s, rest):
+    """The same at time tau of an interval."""
+    return load_under(plant, drive_force(drive, tau), t0 + tau, x, v, s, rest)
 
 
 @internal(forceinline=True)
 def base_level(plant, x, s):
     """Coulomb level of the map in direction s."""
     place = min(max(x, plant.numbers[LOW]), plant.numbers[HIGH])
+    plus = plant.integers[N_PLUS]
     if s > 0.0:
-        return polynomial(plant.numbers, COULOMB, plant.integers[N_PLUS], place)
-    return polynomial(
-        plant.numbers, COULOMB + plant.integers[N_PLUS], plant.integers[N_MINUS], place
-    )
+        return polynomial(plant.numbers, COULOMB, plus, place)
+    return polynomial(plant.numbers, COULOMB + plus, plant.integers[N_MINUS], place)
 
 
 @internal(forceinline=True)
 def _carried(plant, t, x, v, w, s, rest):
-    """Load of the transmission, given the net force: drive minus force effects.
-
-    A drive that holds a weight is loaded by both.  The part of a force effect that depends
-    on the drive counts as drive.
-    """
+    """Load of the transmission, given the net force: drive minus force effects."""
+    # A drive that holds a weight is loaded by both.  The part of a force effect that depends
+    # on the drive counts as drive.
     if plant.integers[N_CARRIED] == 0:
         return w
-    return w - 2.0 * load(plant, held_force(0.0), t, 0.0, x, v, s, rest)
+    return w - 2.0 * load_under(plant, 0.0, t, x, v, s, rest)
 
 
 @internal(forceinline=True)
-def _full_level(plant, t, x, v, carried, base, s, rest):
-    """Level that the Stribeck peak raises, before the peak, given the map's level."""
-    level = base
+def _levels(plant, t, x, v, w, base, s, rest):
+    """Level that the Stribeck peak raises, before the peak, and that of other contacts."""
+    carried = _carried(plant, t, x, v, w, s, rest)
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    for i in range(first, first + plant.integers[N_PEAKED]):
-        level += _law(plant, i, t, x, v, carried, level, s, rest)
-    return max(level, 0.0)
-
-
-@internal(forceinline=True)
-def _further_level(plant, t, x, v, carried, base, s, rest):
-    """Friction of other contacts, which the Stribeck peak does not raise."""
-    level = 0.0
-    first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    for i in range(first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]):
-        level += _law(plant, i, t, x, v, carried, base, s, rest)
-    return level
+    peaked = first + plant.integers[N_PEAKED]
+    own, further = base, 0.0
+    for i in range(first, peaked):
+        own += _law(plant, i, t, x, v, carried, own, s, rest)
+    for i in range(peaked, first + plant.integers[N_LEVEL]):
+        further += _law(plant, i, t, x, v, carried, base, s, rest)
+    return max(own, 0.0), further
 
 
 @internal(forceinline=True)
 def coulomb_level(plant, t, x, v, w, s, rest):
     """Friction level without Stribeck peak in direction s, a magnitude."""
-    base, carried = base_level(plant, x, s), _carried(plant, t, x, v, w, s, rest)
-    own = _full_level(plant, t, x, v, carried, base, s, rest)
-    return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
-
-
-@internal(forceinline=True)
-def _stribeck(plant, level, v, s):
-    """Level raised by the Stribeck peak at velocity v."""
-    if plant.numbers[EXCESS] > 0.0:
-        q = (s * v - plant.numbers[STICK_SPEED]) * plant.numbers[INVERSE_STRIBECK_SPEED]
-        q *= q
-        if q < _STRIBECK_REACH:
-            return level * (1.0 + plant.numbers[EXCESS] * math.exp(-q))
-    return level
+    own, further = _levels(plant, t, x, v, w, base_level(plant, x, s), s, rest)
+    return max(own + further, 0.0)
 
 
 @internal(forceinline=True)
 def _level_under(plant, t, x, v, slip, w, base, s, rest):
     """Friction level where the transmission carries the whole drive."""
-    carried = _carried(plant, t, x, v, w, s, rest)
-    own = _stribeck(plant, _full_level(plant, t, x, v, carried, base, s, rest), slip, s)
-    return max(own + _further_level(plant, t, x, v, carried, base, s, rest), 0.0)
+    own, further = _levels(plant, t, x, v, w, base, s, rest)
+    if plant.numbers[EXCESS] > 0.0:
+        q = (s * slip - plant.numbers[STICK_SPEED]) * plant.numbers[INVERSE_STRIBECK_SPEED]
+        q *= q
+        if q < _STRIBECK_REACH:
+            own *= 1.0 + plant.numbers[EXCESS] * math.exp(-q)
+    return max(own + further, 0.0)
 
 
 @internal
 def _level_behind(plant, t, x, v, slip, w, base, s, rest):
-    """Friction level where the transmission does not carry the inertia of the motor.
-
-    With the fraction r of the mass behind the teeth and m a = w - f v - s F, they carry
-    r w + (1 - r) (f v + s F) instead of w: F is found by secants, exact where it is
-    linear in the load.
-    """
+    """Friction level where the transmission does not carry the inertia of the motor."""
+    # With the fraction r of the mass behind the teeth and m a = w - f v - s F, they carry
+    # r w + (1 - r) (f v + s F) instead of w: F is found by secants, exact where it is
+    # linear in the load.
     share = plant.numbers[BEHIND]
     given = share * w + (1.0 - share) * plant.numbers[VISCOUS] * v
     by_friction = (1.0 - share) * s
@@ -452,17 +399,27 @@ def sliding_level(plant, t, x, v, w, s):
 @internal
 def breakaway_level(plant, t, x, w, s, rest):
     """Friction that a stuck axis can hold against motion in direction s."""
-    base, carried = base_level(plant, x, s), _carried(plant, t, x, 0.0, w, s, rest)
-    own = (1.0 + plant.numbers[EXCESS]) * _full_level(plant, t, x, 0.0, carried, base, s, rest)
-    return max(own + _further_level(plant, t, x, 0.0, carried, base, s, rest), 0.0)
+    own, further = _levels(plant, t, x, 0.0, w, base_level(plant, x, s), s, rest)
+    return max((1.0 + plant.numbers[EXCESS]) * own + further, 0.0)
+
+
+@internal(forceinline=True)
+def sliding_friction(plant, u, t, x, v, s):
+    """Friction force while sliding in direction s under a drive force."""
+    return s * sliding_level(plant, t, x, v, load_under(plant, u, t, x, v, s, 0.0), s)
+
+
+@internal(forceinline=True)
+def acceleration(plant, w, v, friction):
+    """Acceleration by the net force without friction, and friction."""
+    return (w - plant.numbers[VISCOUS] * v - friction) * plant.numbers[INVERSE_MASS]
 
 
 @internal(forceinline=True)
 def _rate(plant, t, x, v, s, u, placed, base):
     """Acceleration, given the drive, the position-dependent forces and the map's level."""
     w = placed + _motion_force(plant, t, x, v, u, s, 0.0)
-    friction = peaked_level(plant, t, x, v, v, w, base, s, 0.0)
-    return (w - plant.numbers[VISCOUS] * v - s * friction) * plant.numbers[INVERSE_MASS]
+    return acceleration(plant, w, v, s * peaked_level(plant, t, x, v, v, w, base, s, 0.0))
 
 
 @internal(forceinline=True)
@@ -475,11 +432,9 @@ def _acceleration(plant, drive, t0, tau, x, v, s):
 
 @internal
 def slide(plant, drive, t0, tau, x, v, s, k1, d):
-    """One sliding step of length d: state, stages 2 to 4, position-dependent acceleration.
-
-    Stages 2 and 3 have the same position: laws that depend only on position and time
-    are evaluated once for both.
-    """
+    """One sliding step of length d: state, stages 2 to 4, position-dependent acceleration."""
+    # Stages 2 and 3 have the same position: laws that depend only on position and time
+    # are evaluated once for both.
     half = 0.5 * d
     xm = x + half * (v + 0.25 * d * k1)
     t = t0 + tau + half
@@ -496,19 +451,15 @@ def slide(plant, drive, t0, tau, x, v, s, k1, d):
 
 @internal(forceinline=True)
 def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
-    """Estimate of the velocity error of one step from its stages; 0 if surely allowed.
-
-    Three sources of error are distinguished.  With a rate a' = lambda a the stages give
-    z = lambda d from (k3 - k2)/(k2 - k1) = z/2, and the error is z^5/120 of the
-    velocity.  With a force that varies with position like a sine of phase phi per
-    step, the error is at most d A phi^4/120 (a spring; d A phi^4/2880 if the
-    motion is given, Simpson's rule); the second difference is A phi^2/4, and phi
-    is its ratio to the first difference, A phi, or to the position-dependent force.
-    Where such a force passes through zero, the error stems from the new position, and
-    phi^2 is d^2 times the first difference over the distance moved.  Without
-    position-dependent forces only the first source remains: a linear drive is
-    integrated exactly, and an exponential one by Simpson's rule.
-    """
+    """Estimate of the velocity error of one step from its stages; 0 if surely allowed."""
+    # With a rate a' = lambda a the stages give z = lambda d from (k3 - k2)/(k2 - k1) = z/2, and
+    # the error is z^5/120 of the velocity.  With a force that varies with position like a sine of
+    # phase phi per step, it is at most d A phi^4/120 (a spring; d A phi^4/2880 if the motion is
+    # given, Simpson's rule); the second difference is A phi^2/4, and phi is its ratio to the
+    # first, A phi, or to the force.  Where such a force passes through zero, the error stems from
+    # the new position, and phi^2 is d^2 times the first difference over the distance moved.
+    # Without such forces only the first source remains: a linear drive is integrated exactly,
+    # and an exponential one by Simpson's rule.
     i = plant.integers
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
     turn, lean = abs(k3 - k2), abs(k2 - k1)
@@ -586,18 +537,11 @@ def _surface(plant, drive, t0, tau, x, v, s, kind):
 
 @internal
 def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
-    """Length of the step that ends on a switching surface.
-
-    Illinois method on the step itself.  `upper` is the value of the switching function
-    at the end of the full step (not positive); its value at the start is positive, or
-    the length is 0.
-    """
-    a, b = 0.0, d
+    """Length of the step that ends on a switching surface; `upper`: its function, at the end."""
+    a, b, fb, side = 0.0, d, upper, 0
     fa = _surface(plant, drive, t0, tau, x, v, s, kind)
-    fb = upper
     if fa <= 0.0:
         return 0.0
-    side = 0
     for _ in range(100):
         c = between(a, fa, b, fb)
         if b - a <= 1e-15 * d or fb == 0.0 or c == b:
@@ -629,16 +573,13 @@ def _decay(plant, x, v, d):
 
 @internal
 def resolve(plant, t, x, v, mode, rest, w):
-    """Mode at an instant at which the load may have jumped.
-
-    Returns the mode and the velocity: an axis that breaks away against its
-    remaining velocity (at most Sigma) loses it.
-    """
+    """Mode and velocity at an instant at which the load may have jumped."""
     if mode == 0:
         if abs(v) > plant.numbers[STICK_SPEED]:
             return (1 if v > 0.0 else -1), v
         s = 1.0 if w > 0.0 else -1.0
         if s * w > breakaway_level(plant, t, x, w, s, rest):
+            # An axis that breaks away against its remaining velocity loses it.
             return int(s), (v if s * v > 0.0 else 0.0)
         return 0, v
     s = float(mode)
@@ -663,12 +604,7 @@ def begin(plant, drive, t, x, v, mode, rest):
     if after != mode:
         w = load(plant, drive, t, 0.0, x, v, s, 0.0)
     friction = s * sliding_level(plant, t, x, v, w, s)
-    return (
-        after,
-        v,
-        friction,
-        (w - plant.numbers[VISCOUS] * v - friction) * plant.numbers[INVERSE_MASS],
-    )
+    return after, v, friction, acceleration(plant, w, v, friction)
 
 
 @internal
@@ -706,10 +642,7 @@ def record(events, count, t, before, after, nth=0):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def crowded(tau, last, h, close, pause):
-    """Update the count of successive close switches, after one at tau and one at `last`.
-
-    Returns the count, the length of the next pause, and the time at which switching resumes.
-    """
+    """Count of successive close switches, length of the next pause, and when switching resumes."""
     close = close + 1 if tau - last < CLOSE * h else 0
     if close < MOST_CLOSE:
         return close, pause, tau
@@ -771,11 +704,9 @@ def _hold_later(plant, drive, t0, tau, x, v, rest, d):
 
 @internal
 def _release(plant, drive, t0, tau, x, v, rest, d):
-    """Whether a stuck axis breaks away within d, when, and in which direction.
-
-    The excess of the load is evaluated twice, or more often if an effect varies faster,
-    and at the peak of the parabola through three values.
-    """
+    """Whether a stuck axis breaks away within d, when, and in which direction."""
+    # The excess of the load is evaluated twice, or more often if an effect varies faster,
+    # and at the peak of the parabola through three values.
     looks = max(2, math.ceil(d / plant.numbers[SHORT_TIME]))
     part = d / looks
     a, before, last = 0.0, -math.inf, -math.inf
@@ -827,11 +758,8 @@ def turning(v, v1, s, k1, k4, d, lowest):
 
 @internal(forceinline=True)
 def _ending(plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips):
-    """How a sliding step ends, and its length; _DIVIDED: try that length instead.
-
-    `varies`: whether load or level change at rest; `may`: whether it may switch at zero or in
-    the band; `divisible`: whether the step may be shorter.
-    """
+    """How a sliding step ends, and its length; _DIVIDED: try that length instead."""
+    # `may`: whether it may switch at zero or in the band; `divisible`: whether it may be shorter.
     sigma = plant.numbers[STICK_SPEED]
     inside = s * v <= sigma
     if s * v1 > sigma and not (inside and varies):
@@ -999,11 +927,8 @@ def rigid_task():
 
 @internal
 def do(plant, place, task, drive, t0, h, memory, events, count):
-    """Perform a task by the function whose address is at index `place` of the integers.
-
-    Because it is called by its address, this function is compiled once instead of into
-    each of its callers.
-    """
+    """Perform a task by the function whose address is at index `place` of the integers."""
+    # Called by its address, it is compiled once instead of into each of its callers.
     seen = spare_memory()
     _call_task(
         plant.integers[place], task, plant.numbers, plant.integers, drive.start, drive.slope,
@@ -1014,12 +939,9 @@ def do(plant, place, task, drive, t0, h, memory, events, count):
 
 @internal
 def advance(plant, drive, t0, h, memory, events, count):
-    """Move the axis over [t0, t0 + h] with one smooth piece of drive.
-
-    `memory` is changed in place; each switch is appended to `events` (rows of time,
-    mode before, mode after) and counted in `count`.  Returns velocity, friction
-    force and mode at t0.
-    """
+    """Move the axis over [t0, t0 + h]; velocity, friction force and mode at t0."""
+    # `memory` is changed in place; each switch is appended to `events` (time, mode before, mode
+    # after) and counted in `count`.
     return do(plant, TASK, ADVANCE, drive, t0, h, memory, events, count)
 
 
@@ -1064,13 +986,16 @@ def input_map(plant, t, memory, u):
 
 
 @internal
-def _piece(plant, memory, start, end, h):
-    """Drive over one piece of length h, after the lag if there is one."""
-    slope = (end - start) / h
-    if plant.numbers[LAG] <= 0.0:
-        return Drive(start, slope, 0.0, 0.0)
-    level = start - slope * plant.numbers[LAG]
-    return Drive(level, slope, memory[LAGGED] - level, 1.0 / plant.numbers[LAG])
+def _advance_piece(plant, t, start, end, h, memory, events, count):
+    """Move the axis over h, in which the drive before its lag runs from start to end."""
+    slope, lag = (end - start) / h, plant.numbers[LAG]
+    if lag <= 0.0:
+        return advance(plant, Drive(start, slope, 0.0, 0.0), t, h, memory, events, count)
+    level = start - slope * lag
+    drive = Drive(level, slope, memory[LAGGED] - level, 1.0 / lag)
+    seen = advance(plant, drive, t, h, memory, events, count)
+    memory[LAGGED] = drive_force(drive, h)
+    return seen
 
 
 @njit(cache=True, error_model="numpy")
@@ -1085,20 +1010,12 @@ def _whole_samples(delay, dt):
 
 @internal
 def sample(plant, t, dt, u0, u1, memory, events, count):
-    """One sample: the input runs from u0 to u1 (equal for a held input).
-
-    `memory` is x, v, mode, time at rest, lagged drive and the delay line (pairs
-    of start and end value, newest first); it is changed in place.  Returns
-    velocity, friction force and mode at t, under the new input.
-    """
+    """One sample: the input runs from u0 to u1; velocity, friction force and mode at t."""
+    # The delay line in `memory` holds pairs of start and end value, newest first.
     a = input_map(plant, t, memory, u0)
     b = a if u1 == u0 else input_map(plant, t, memory, u1)
     if plant.numbers[DELAY] <= 0.0:
-        drive = _piece(plant, memory, a, b, dt)
-        seen = advance(plant, drive, t, dt, memory, events, count)
-        if plant.numbers[LAG] > 0.0:
-            memory[LAGGED] = drive_force(drive, dt)
-        return seen
+        return _advance_piece(plant, t, a, b, dt, memory, events, count)
 
     # The delay is n whole samples and a fraction: the delayed input changes inside the
     # sample, which is therefore integrated in two pieces.
@@ -1112,16 +1029,12 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     if part > 0.0:
         old = HISTORY + 2 * (n + 1)
         start = memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
-        drive = _piece(plant, memory, start, memory[old + 1], part * dt)
-        seen = advance(plant, drive, t, part * dt, memory, events, count)
-        if plant.numbers[LAG] > 0.0:
-            memory[LAGGED] = drive_force(drive, part * dt)
+        seen = _advance_piece(plant, t, start, memory[old + 1], part * dt, memory, events, count)
     new = HISTORY + 2 * n
     stop = memory[new] + (memory[new + 1] - memory[new]) * (1.0 - part)
-    drive = _piece(plant, memory, memory[new], stop, (1.0 - part) * dt)
-    after = advance(plant, drive, t + part * dt, (1.0 - part) * dt, memory, events, count)
-    if plant.numbers[LAG] > 0.0:
-        memory[LAGGED] = drive_force(drive, (1.0 - part) * dt)
+    after = _advance_piece(
+        plant, t + part * dt, memory[new], stop, (1.0 - part) * dt, memory, events, count
+    )
     return seen if part > 0.0 else after
 
 
@@ -1142,35 +1055,28 @@ def drive_now(plant, t, dt, memory, u):
 
 @internal
 def settle(plant, t, dt, memory, u, inertia=0.0):
-    """Set the inner states to those of an axis at rest, or sliding steadily.
-
-    `inertia`: the part of the drive that accelerates the axis.
-    """
+    """Set the inner states to those at rest or steady sliding; `inertia`: accelerates the axis."""
     if plant.integers[STRUCTURE] == 0:
         return
-    drive = Drive(drive_now(plant, t, dt, memory, u) - inertia, 0.0, 0.0, 0.0)
+    drive = held_force(drive_now(plant, t, dt, memory, u) - inertia)
     do(plant, TASK, SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @internal
 def outputs(plant, t, dt, memory, u):
-    """Velocity, friction force and mode at the sample instant, under the new input.
-
-    The velocity differs from the one in memory only if a stuck axis breaks away
-    against its remaining velocity, which it loses.
-    """
-    drive = Drive(drive_now(plant, t, dt, memory, u), 0.0, 0.0, 0.0)
+    """Velocity, friction force and mode at the sample instant, under the new input."""
+    drive = held_force(drive_now(plant, t, dt, memory, u))
     # This task changes no state and needs no list of switches.
     return do(plant, TASK, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @njit(cache=True, error_model="numpy")
-def step(numbers, integers, memory, t, dt, u0, u1):
-    """One sample, for a caller that needs no list of switches."""
+def step(numbers, integers, memory, t, dt, u):
+    """One sample of a held input, for a caller that needs no list of switches."""
     plant = point(numbers, integers)
     events = np.empty(3)
     count = tally(events)
-    sample(plant, t, dt, u0, u1, pointer(memory), pointer(events), pointer(count))
+    sample(plant, t, dt, u, u, pointer(memory), pointer(events), pointer(count))
 
 
 @njit(cache=True, error_model="numpy")
@@ -1190,21 +1096,23 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
     """Acceleration and friction force in a given mode, without switching."""
     plant = point(numbers, integers)
     memory = np.array([x, v, float(mode), 0.0, 0.0])
-    drive = Drive(input_map(plant, t, pointer(memory), u), 0.0, 0.0, 0.0)
     s = float(mode)
-    w = load(plant, drive, t, 0.0, x, v, s, 0.0)
+    w = load_under(plant, input_map(plant, t, pointer(memory), u), t, x, v, s, 0.0)
     if mode == 0:
         return -plant.numbers[STICK_RATE] * v, w
     friction = s * sliding_level(plant, t, x, v, w, s)
-    return (w - plant.numbers[VISCOUS] * v - friction) * plant.numbers[INVERSE_MASS], friction
+    return acceleration(plant, w, v, friction), friction
 
 
 @njit(cache=True, error_model="numpy")
-def doubled(events):
-    """A copy of the list of switches with twice the room."""
+def with_room(events, count, room):
+    """The list of switches, twice as long where a sample may need more `room`."""
+    if 3 * count[LISTED] + room <= events.shape[0]:
+        return events
     longer = np.empty(2 * events.shape[0])
     for i in range(events.shape[0]):
         longer[i] = events[i]
+    count[HELD] = longer.shape[0] // 3
     return longer
 
 
@@ -1219,40 +1127,26 @@ def located(events, count):
 
 
 @njit(cache=True, error_model="numpy")
-def run(numbers, integers, memory, u, dt, first, t0, out):
-    """Simulate a whole record into `out`: rows x, v, friction, mode, a column per sample.
+def run(numbers, integers, memory, u, dt, first, room, out):
+    """Simulate a record into `out`, rows x, v, friction, mode; located switches, and how many lost.
 
-    `u` has one value per sample; `first` selects first-order hold.  `memory`
-    is changed in place and contains the state after the last sample.  Returns the
-    located switches, rows of time, mode before, mode after.
+    `first` selects first-order hold; `room`: for the switches of one sample.
     """
     plant = point(numbers, integers)
     state = pointer(memory)
     n = u.shape[0]
     # The initial mode is set without recording a switch.
-    state[MODE] = outputs(plant, t0, dt, state, u[0])[2]
-    start = memory.copy()
-    room = ROOM
-    while True:
-        events = np.empty(max(64 * ROOM, 2 * room))
-        count = tally(events)
-        for k in range(n - 1):
-            if 3 * count[LISTED] + room > events.shape[0]:
-                events = doubled(events)
-                count[HELD] = events.shape[0] // 3
-            out[0, k] = reading(plant, t0 + k * dt, state)
-            end = u[k + 1] if first else u[k]
-            out[1, k], out[2, k], out[3, k] = sample(
-                plant, t0 + k * dt, dt, u[k], end, state, pointer(events), pointer(count)
-            )
-        if count[LOST] == 0:
-            break
-        if 8 * room > MOST_ROOM:
-            raise TooManySwitchesError
-        # A sample had more switches than the list has room for: repeat with more room.
-        memory[:] = start
-        room *= 8
-    t = t0 + (n - 1) * dt
+    state[MODE] = outputs(plant, 0.0, dt, state, u[0])[2]
+    events = np.empty(64 * room)
+    count = tally(events)
+    for k in range(n - 1):
+        events = with_room(events, count, room)
+        t, end = k * dt, u[k + 1] if first else u[k]
+        out[0, k] = reading(plant, t, state)
+        out[1, k], out[2, k], out[3, k] = sample(
+            plant, t, dt, u[k], end, state, pointer(events), pointer(count)
+        )
+    t = (n - 1) * dt
     out[0, n - 1] = reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
-    return located(events, count[LISTED])
+    return located(events, count[LISTED]), count[LOST]

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.model.effects.effect import read_by
 
 #: Passes of one search loop at most: none is met before its own end.
 MOST_PASSES = 1_000_000
@@ -374,7 +375,8 @@ class _Body:
             for name, kind in self.kinds.items():
                 if is_erased(kind) and name in self.once:
                     self.bound[name] = self.erased(kind)
-            cost = self.block(self.node.body)
+            self.cost: Counter[str] = Counter()
+            self.block(self.node.body)
             self.results = set(self.returned)
             self.dead = {n for n in self.vars if n not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
@@ -396,7 +398,7 @@ class _Body:
         result = NOTHING if is_erased(returns) else returns
         head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
         if is_erased(returns):
-            return Function(self.name, "", returns, used, True, cost)
+            return Function(self.name, "", returns, used, True, self.cost)
         self.lines[:0] = [
             f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
             for n, kind in self.late.items()
@@ -406,6 +408,7 @@ class _Body:
         text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
         known = self.results.pop() if len(self.results) == 1 and self.pure else None
         reads = frozenset(self.read)
+        cost = self.cost
         return Function(self.name, text, returns, used, self.pure, cost, known, shifted, reads)
 
     def parameter(self, name: str) -> Kind:
@@ -447,21 +450,24 @@ class _Body:
         self.lines.append("    " * (self.depth + 1) + line)
         self.read.update(*(value.reads or () for value in values))
 
-    def block(self, body: list[ast.stmt]) -> Counter[str]:
-        """Statements up to the first that ends the block; what they cost at most."""
-        cost: Counter[str] = Counter()
+    def block(self, body: list[ast.stmt]) -> None:
+        """Statements up to the first that ends the block."""
+        self.ended = False
         for statement in body:
-            self.cost: Counter[str] = Counter()
-            self.ended = False
             method = getattr(self, f"do_{type(statement).__name__.lower()}", None)
             if method is None:
                 raise self.fail(statement, f"{type(statement).__name__} has no C here")
-            extra = method(statement)
-            cost += self.cost
-            if extra:
-                cost += extra
+            method(statement)
             if self.ended:
                 break
+
+    def inner(self, body: list[ast.stmt]) -> Counter[str]:
+        """A block in braces; what it costs at most."""
+        outer, self.cost = self.cost, Counter()
+        self.depth += 1
+        self.block(body)
+        self.depth -= 1
+        cost, self.cost = self.cost, outer
         return cost
 
     def do_expr(self, node: ast.Expr) -> None:
@@ -518,23 +524,11 @@ class _Body:
         self.assign(node.targets[0], value)
 
     def do_augassign(self, node: ast.AugAssign) -> None:
-        load = ast.copy_location(_loaded(node.target), node)
-        op = type(node.op)
-        if op in _SIGNS and isinstance(load, (ast.Name, ast.Subscript)):
-            target = self.value(load)
-            if target.kind == F:
-                if isinstance(load, ast.Name) and load.id in self.dead:
-                    return
-                right = self.real(self.value(node.value))
-                sign, _, group = _SIGNS[op]
-                self.cost[group] += 1
-                stored = [target] if isinstance(load, ast.Subscript) else []
-                self.emit(f"{target.text} {sign}= {right.text};", right, *stored)
-                if isinstance(node.target, ast.Subscript):
-                    self.stored(node.target)
-                return
-        whole = ast.copy_location(ast.BinOp(load, node.op, node.value), node)
-        self.assign(node.target, self.value(whole))
+        whole = ast.BinOp(_loaded(node.target), node.op, node.value)
+        value = self.value(ast.copy_location(whole, node))
+        # That a sum reads itself is no use of it.
+        value.reads = (value.reads or frozenset()) - {getattr(node.target, "id", "")}
+        self.assign(node.target, value)
 
     def assign(self, target: ast.expr, value: Value) -> None:
         """Store a value, or each of several."""
@@ -632,43 +626,26 @@ class _Body:
         self.emit(f"{constant}{self.out.declared(kind, name)} = {text};", value)
         return Value(name, kind)
 
-    def do_if(self, node: ast.If) -> Counter[str] | None:
+    def do_if(self, node: ast.If) -> None:
         test = self.truth(self.value(node.test))
         if test.known is not None:
-            cost = self.cost
-            taken = node.body if test.known else node.orelse
-            inner = self.block(taken) if taken else Counter()
-            if not taken:
-                self.ended = False
-            self.cost = cost
-            return inner
-        cost = self.cost
+            self.block(node.body if test.known else node.orelse)
+            return
         self.emit(f"if ({test.text}) {{", test)
-        self.depth += 1
-        first = self.block(node.body)
-        ended = self.ended
-        self.depth -= 1
-        other: Counter[str] = Counter()
-        self.ended = False
-        if node.orelse:
-            mark = len(self.lines)
-            self.emit("} else {")
-            self.depth += 1
-            other = self.block(node.orelse)
-            self.depth -= 1
-            if len(self.lines) == mark + 1:
-                self.lines.pop()
-        else:
-            ended = False
+        first, ended, mark = self.inner(node.body), self.ended, len(self.lines)
+        self.emit("} else {")
+        other = self.inner(node.orelse)
+        if len(self.lines) == mark + 1:
+            self.lines.pop()
         self.ended = ended and self.ended
         self.emit("}")
-        self.cost = cost
-        return first | other  # the dearer of the two, by kind
+        self.cost += first | other  # the dearer of the two, by kind
 
-    def do_for(self, node: ast.For) -> Counter[str]:
+    def do_for(self, node: ast.For) -> None:
         call = node.iter
         if isinstance(call, ast.Tuple):
-            return self._unrolled(node, [self.value(e).known for e in call.elts])
+            self._unrolled(node, [self.value(e).known for e in call.elts])
+            return
         if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "range"):
             raise self.fail(node, "for takes range(...) or numbers")
         given = [self.value(a) for a in call.args]
@@ -679,10 +656,9 @@ class _Body:
             raise self.fail(node, "the step of a range must be known")
         if None not in known:
             turns = range(*known)
-            if not turns:
-                return Counter()
-            if _calls_law(node):
-                return self._unrolled(node, list(turns))
+            if not turns or _calls_law(node):
+                self._unrolled(node, list(turns))
+                return
         if not isinstance(node.target, ast.Name):
             raise self.fail(node, "a loop counts one variable")
         name = node.target.id
@@ -694,53 +670,38 @@ class _Body:
         own = name not in self.assigned
         if not own:
             self.late[name] = INT
-        c = _c(name)
-        sign = "<" if step.known > 0 else ">"
-        move = {1: f"++{c}", -1: f"--{c}"}.get(
-            step.known, f"{c} {'+' if step.known > 0 else '-'}= {abs(step.known)}"
-        )
-        self.emit(
-            f"for ({'int32_t ' if own else ''}{c} = {start.text}; "
-            f"{c} {sign} {stop.within(_ORDER)}; {move}) {{",
-            start,
-            stop,
-        )
+        c, (sign, by), size = _c(name), "<+" if step.known > 0 else ">-", abs(step.known)
+        move = f"{by}{by}{c}" if size == 1 else f"{c} {by}= {size}"
+        first = f"{'int32_t ' if own else ''}{c} = {start.text}"
+        self.emit(f"for ({first}; {c} {sign} {stop.within(_ORDER)}; {move}) {{", start, stop)
         self.read.add(name)
-        cost = self._loop(node.body)
         passes = len(range(*known)) if None not in known else 8
-        return Counter({what: passes * n for what, n in cost.items()})
+        self._loop(node.body, passes)
 
-    def _loop(self, body: list[ast.stmt]) -> Counter[str]:
-        self.depth += 1
-        cost = self.block(body)
-        self.depth -= 1
+    def _loop(self, body: list[ast.stmt], passes: int = 1) -> None:
+        self.cost += Counter({what: passes * n for what, n in self.inner(body).items()})
         self.ended = False
         self.emit("}")
-        self.cost = Counter()
-        return cost
 
-    def _unrolled(self, node: ast.For, turns: list[Any]) -> Counter[str]:
+    def _unrolled(self, node: ast.For, turns: list[Any]) -> None:
         """The body once for every value."""
         if not isinstance(node.target, ast.Name) or None in turns:
             raise self.fail(node, "what a loop counts must be known")
         if any(isinstance(n, (ast.Break, ast.Continue)) for n in ast.walk(node)):
             raise self.fail(node, "break and continue in a loop over laws")
-        cost: Counter[str] = Counter()
         self.unrolling += 1
         for i in turns:
             self.bound[node.target.id] = Value(str(i), INT, i)
-            cost += self.block(node.body)
-        del self.bound[node.target.id]
+            self.block(node.body)
+        self.bound.pop(node.target.id, None)
         self.unrolling -= 1
-        self.cost = Counter()
-        return cost
 
-    def do_while(self, node: ast.While) -> Counter[str]:
+    def do_while(self, node: ast.While) -> None:
         self.temporaries += 1
         n = f"n{self.temporaries}"
         test = self.truth(self.value(node.test))
         self.emit(f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{", test)
-        return self._loop(node.body)
+        self._loop(node.body)
 
     # Expressions ----------------------------------------------------------------------
 
@@ -1287,13 +1248,6 @@ def _local(body: _Body, node: ast.Call) -> Value:
     return Value("[]", Pointer("p", element, False, (), size))
 
 
-def _read_parameters(python: Any) -> set[int]:
-    """Numbers of the parameters that a function reads."""
-    body = _Body.node_of(python)
-    names = [a.arg for a in body.args.args]
-    return {names.index(n.id) for n in ast.walk(body) if isinstance(n, ast.Name) and n.id in names}
-
-
 def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
     """A time or position of the kernels as a law knows it, less whole periods."""
     if not body.out.single:
@@ -1320,13 +1274,13 @@ def _law(body: _Body, node: ast.Call) -> Value:
     place = axis_step.LAWS + 2 * i.known
     address, offset = plant.kind.integers[place], plant.kind.integers[place + 1]
     name, law = body.out.laws[address]
-    read = _read_parameters(law)
+    read = read_by(law)
     time, length = body.out.periods.get((plant.kind.integers, i.known), (math.inf, math.inf))
-    if 0 in read:
+    if "t" in read:
         rest[0] = _true(body, rest[0], "t", time)
-    if 1 in read:
+    if "x" in read:
         rest[1] = _true(body, rest[1], "x", length)
-    body.out.rests |= 6 in read
+    body.out.rests |= "rest" in read
     text, kind = f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True)
     numbers = Value(text, kind, binds=_SUM, reads=plant.reads)
     return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")

@@ -23,7 +23,7 @@ from dryfric_control.model.effects.effect import Inner, law_address
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
-from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.model.responses import Events, SimulationResponse, located
 from dryfric_control.text import rotary_words, table
 from dryfric_control.units import axis_units, on_axis
 
@@ -50,6 +50,34 @@ class Arrays(NamedTuple):
     numbers: Floats
     integers: Ints
     memory: int  # length of the memory that a run needs
+
+    def started(self, x0: float, v0: float) -> Floats:
+        """Memory of an axis that starts at a position with a velocity."""
+        memory = np.zeros(self.memory)
+        memory[:2] = x0, v0
+        return memory
+
+    def step(self, memory: Floats, t: float, dt: float, u: float) -> None:
+        """Move the axis, whose memory is changed, over one sample of a held input."""
+        axis_step.step(self.numbers, self.integers, memory, t, dt, u)
+
+    def seen(self, memory: Floats, t: float, dt: float, u: float) -> tuple[float, float, int]:
+        """Velocity, friction and mode at an instant at which the input is u."""
+        found: tuple[float, float, int] = axis_step.outputs_now(
+            self.numbers, self.integers, memory, t, dt, u
+        )
+        return found
+
+    def reading(self, memory: Floats, t: float) -> float:
+        """Position, as an encoder reads it."""
+        return float(axis_step.reading_now(self.numbers, self.integers, memory, t))
+
+    def rate(self, t: float, x: float, v: float, u: float, mode: int) -> tuple[float, float]:
+        """Acceleration and friction in a mode, without switching."""
+        found: tuple[float, float] = axis_step.mode_rate(
+            self.numbers, self.integers, t, x, v, u, mode
+        )
+        return found
 
 
 @runtime_checkable
@@ -209,7 +237,7 @@ class FrictionAxis:
         changing = [effect for effect in self.effects if effect.action == "axis"]
         if not changing:
             return self
-        axis = self.replace(effects=tuple(e for e in self.effects if e.action != "axis"))
+        axis = without_effects(self, ["axis"])
         for effect in changing:
             axis = effect.alter(axis)
         return axis
@@ -326,14 +354,16 @@ class FrictionAxis:
             given = law.__name__ if isinstance(law, type) else law
             instance("law", given, Law, "such as dfc.laws.LuGre(stiffness=1e5, damping=100.0)")
             outputs[:] = law.run(self, force, dt, x0, v0, hold)
-            located = _sampled_switches(outputs[3], dt)
+            places = np.flatnonzero(np.diff(outputs[3])) + 1
+            before, after = outputs[3, [places - 1, places]].astype(np.int64)
+            events = Events(dt * places.astype(float), before, after)
         else:
             check_pace(self, dt)
-            arrays = self.arrays(dt)
-            memory = np.zeros(arrays.memory)
-            memory[:2] = x0, v0
-            located = axis_step.run(
-                arrays.numbers, arrays.integers, memory, force, dt, hold == "first", 0.0, outputs
+            a, first = self.arrays(dt), hold == "first"
+            events = located(
+                lambda room: axis_step.run(
+                    a.numbers, a.integers, a.started(x0, v0), force, dt, first, room, outputs
+                )
             )
         check_finite(outputs)
         # In place: a long record has no room for a second copy.
@@ -343,7 +373,7 @@ class FrictionAxis:
             time,
             outputs,
             force.reshape(1, -1),
-            Events.from_rows(located),
+            events,
             title=f"{self.name}: {law.__class__.__name__ if law else 'switched model'}",
             sysname=self.name,
             units=self.units,
@@ -398,24 +428,20 @@ class FrictionAxis:
             )
         # The lag is behind the other effects on the drive, and the mode behind the lag.
         before = [e for e in axis.effects if e.action == "input" and inner.lag > 0.0]
-        numbers, integers, _ = axis.replace(
-            effects=tuple(e for e in axis.effects if e not in before)
-        ).arrays(1.0)
+        arrays = axis.replace(effects=tuple(e for e in axis.effects if e not in before)).arrays(1.0)
+
+        def rate(t: float, x: Any, u: Any) -> tuple[float, float]:
+            return arrays.rate(t, x[0], x[1], x[2] if inner.lag > 0.0 else u[0], index)
 
         def update(t: float, x: Any, u: Any) -> Floats:
-            drive = x[2] if inner.lag > 0.0 else u[0]
-            rate, _ = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
-            if inner.lag <= 0.0:
-                return np.array([x[1], rate])
             drive = u[0]
             for effect in before:
                 drive = effect.law(t, x[0], x[1], drive, 0.0, 0.0, 0.0, effect.values)
-            return np.array([x[1], rate, (drive - x[2]) / inner.lag])
+            lagged = [(drive - x[2]) / inner.lag] if inner.lag > 0.0 else []
+            return np.array([x[1], rate(t, x, u)[0], *lagged])
 
         def output(t: float, x: Any, u: Any) -> Floats:
-            drive = x[2] if inner.lag > 0.0 else u[0]
-            _, friction = axis_step.mode_rate(numbers, integers, t, x[0], x[1], drive, index)
-            return np.array([_read(numbers, integers, t, x[0]), x[1], friction])
+            return np.array([_read(arrays, t, x[0]), x[1], rate(t, x, u)[1]])
 
         states = ["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"]
         name = f"{self.name}_{mode_label(index)}"
@@ -545,11 +571,11 @@ class FrictionAxis:
             raise ValueError(
                 f"at[1] = {v:g} moves against mode {index:+d}: give it the sign of the mode"
             )
-        numbers, integers, _ = self.arrays(1.0)
+        arrays = self.arrays(1.0)
         far = float(max(self.breakaway(np.array([x]), s)[0] for s in (1, -1))) or self.mass
 
         def rate(x: float, v: float, u: float) -> float:
-            return float(axis_step.mode_rate(numbers, integers, 0.0, x, v, u, index)[0])
+            return arrays.rate(0.0, x, v, u, index)[0]
 
         def by_drive(u: float) -> float:
             return _slope(lambda change: rate(x, v, u + change), 0.1 * far)
@@ -567,7 +593,7 @@ class FrictionAxis:
             _slope(lambda change: rate(x + change, v, u), reach),
             _slope(lambda change: rate(x, v + change, u), 0.1 * max(abs(v), self.stick_speed)),
             by_drive(u),
-            _slope(lambda change: _read(numbers, integers, 0.0, x + change), reach),
+            _slope(lambda change: _read(arrays, 0.0, x + change), reach),
         )
 
     def plot_friction(
@@ -653,11 +679,9 @@ def _slope(function: Callable[[float], float], reach: float) -> float:
     return float(better[1:][np.argmin(np.abs(np.diff(better)))])
 
 
-def _read(numbers: Any, integers: Any, t: float, x: float) -> float:
+def _read(arrays: Arrays, t: float, x: float) -> float:
     """Position as an encoder reads it."""
-    memory = np.zeros(axis_step.HISTORY)
-    memory[axis_step.X] = x
-    return float(axis_step.reading_now(numbers, integers, memory, t))
+    return arrays.reading(arrays.started(x, 0.0), t)
 
 
 def mode_matrices(
@@ -758,16 +782,14 @@ class AxisStepper:
         self.dt = positive("dt", dt, unit="s")
         check_pace(axis, self.dt)
         self._arrays = axis.arrays(self.dt)
-        self._memory = np.zeros(self._arrays.memory)
-        self._memory[:2] = finite("x0", x0), finite("v0", v0)
+        self._memory = self._arrays.started(finite("x0", x0), finite("v0", v0))
         self._samples = 0
         self.F = 0.0
 
     @property
     def x(self) -> float:
         """Position, as an encoder reads it [m]."""
-        a = self._arrays
-        return float(axis_step.reading_now(a.numbers, a.integers, self._memory, self.time))
+        return self._arrays.reading(self._memory, self.time)
 
     @property
     def v(self) -> float:
@@ -793,12 +815,9 @@ class AxisStepper:
             Drive force [N]; a number that is not finite raises a ValueError.
         """
         force = finite("u", u)
-        a = self._arrays
-        axis_step.step(a.numbers, a.integers, self._memory, self.time, self.dt, force, force)
+        self._arrays.step(self._memory, self.time, self.dt, force)
         self._samples += 1
-        _, self.F, _ = axis_step.outputs_now(
-            a.numbers, a.integers, self._memory, self.time, self.dt, force
-        )
+        _, self.F, _ = self._arrays.seen(self._memory, self.time, self.dt, force)
 
 
 def check_pace(axis: FrictionAxis, dt: float) -> None:
@@ -900,9 +919,9 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
     return inner
 
 
-def without_states(axis: FrictionAxis) -> FrictionAxis:
-    """Axis without delay, lag, contact and transmission: two states in every mode."""
-    return axis.replace(effects=tuple(e for e in axis.effects if e.action not in _WITH_STATE))
+def without_effects(axis: FrictionAxis, actions: Iterable[str] = _WITH_STATE) -> FrictionAxis:
+    """Axis without effects of some actions; by default without all that have states."""
+    return axis.replace(effects=tuple(e for e in axis.effects if e.action not in actions))
 
 
 def mode_label(index: int) -> str:
@@ -931,11 +950,6 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
     for power, c in enumerate(coefficients[1:], start=1):
         terms.append(f"{'+' if c >= 0 else '-'} {abs(c):.6g} x{f'^{power}' if power > 1 else ''}")
     return " ".join(terms)
-
-
-def _sampled_switches(mode: Floats, dt: float) -> Floats:
-    places = np.flatnonzero(np.diff(mode)) + 1
-    return np.column_stack([places * dt, mode[places - 1], mode[places]])
 
 
 @functools.lru_cache(maxsize=1024)

@@ -74,16 +74,12 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
     def update(t: float, x: Any, u: Any) -> Floats:
         memory = full(x)
-        axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, u[0], u[0])
+        arrays.step(memory, t, dt, u[0])
         return memory[:size]
 
     def output(t: float, x: Any, u: Any) -> Floats:
         memory = full(x)
-        read = axis_step.reading_now(arrays.numbers, arrays.integers, memory, t)
-        v, friction, mode = axis_step.outputs_now(
-            arrays.numbers, arrays.integers, memory, t, dt, u[0]
-        )
-        return np.array([read, v, friction, float(mode)])
+        return np.array([arrays.reading(memory, t), *arrays.seen(memory, t, dt, u[0])])
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
@@ -130,14 +126,11 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
 
     def update(t: float, x: Any, u: Any) -> Floats:
         after = memory(x, u)
-        axis_step.step(arrays.numbers, arrays.integers, after, t, dt, u[0], u[0])
+        arrays.step(after, t, dt, u[0])
         return after[2:3]
 
     def output(t: float, x: Any, u: Any) -> Floats:
-        _, _, mode = axis_step.outputs_now(
-            arrays.numbers, arrays.integers, memory(x, u), t, dt, u[0]
-        )
-        return np.array([float(mode)])
+        return np.array(arrays.seen(memory(x, u), t, dt, u[0])[2:], dtype=float)
 
     return Block.of(update, output, "u x v", "mode", ["mode"], dt, name)
 
@@ -153,10 +146,8 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         # An axis that breaks away against its remaining velocity loses that velocity.
         speed = 0.0 if index * speed < 0.0 else speed
         memory = np.array([position, speed, float(index), 0.0, 0.0])
-        now, friction, _ = axis_step.outputs_now(
-            arrays.numbers, arrays.integers, memory, t, dt, force
-        )
-        axis_step.step(arrays.numbers, arrays.integers, memory, t, dt, force, force)
+        now, friction, _ = arrays.seen(memory, t, dt, force)
+        arrays.step(memory, t, dt, force)
         return np.array([memory[0], memory[1], now, friction])
 
     return Block.of(None, output, "u x v mode", "x_next v_next v_now F", (), dt, mode_label(index))

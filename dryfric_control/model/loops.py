@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples
-from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.compiled.loop import (
     LONGEST_SPAN,
     READINGS,
@@ -28,11 +27,11 @@ from dryfric_control.model.axis import (
     FrictionAxis,
     check_finite,
     check_pace,
-    without_states,
+    without_effects,
 )
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.model.responses import Events, SimulationResponse
+from dryfric_control.model.responses import SimulationResponse, located
 from dryfric_control.order import check_bandwidth_and_dt
 from dryfric_control.text import stated, with_parameters
 from dryfric_control.units import same_unit
@@ -151,7 +150,7 @@ class PositionController:
             places = np.linspace(*axis.travel, 101) if axis.travel else np.zeros(1)
             level = max(axis.breakaway(places, s).max() for s in (1, -1))
             limit = 5.0 * float(level) if level > 0.0 else math.inf
-        bare = without_states(axis)
+        bare = without_effects(axis)
         sliding = bare.mode_ss(+1, dt, "zoh", at=at)
         damping = -float(bare.mode_ss(+1, at=at).A[1, 1])
         third = max(bandwidth, damping - 2.0 * bandwidth)
@@ -296,21 +295,19 @@ def simulate_loop(
     check_pace(axis, dt)
     arrays = axis.arrays(dt)
     out = np.empty((6, r.size))
-    lost, room = 1, ROOM
-    while lost:
-        if room > MOST_ROOM:
-            raise TooManySwitchesError
-        memory = np.zeros(arrays.memory)
-        memory[:2] = x0, v0
-        located, lost = controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))
-        room *= 8
+
+    def run(room: int) -> tuple[Floats, int]:
+        memory = arrays.started(x0, v0)
+        return controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))
+
+    events = located(run)
     check_finite(out)
     _warn_if_divergent(axis, motion, force, out)
     return SimulationResponse(
         np.arange(r.size) * dt,
         out,
         r.reshape(1, -1),
-        Events.from_rows(located),
+        events,
         output_labels=["x", "v", "F", "mode", "u", "y"],
         input_labels=["r"],
         title=f"{axis.name}: closed loop",

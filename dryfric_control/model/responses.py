@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.arrays import Floats, Ints
+from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.text import documented, prefixed, stated, typeset
 
@@ -40,17 +41,6 @@ class Events:
     before: Ints = stated("Mode before: 0 stuck, +1 and -1 sliding.")
     after: Ints = stated("Mode after.")
 
-    @classmethod
-    def from_rows(cls, rows: Floats) -> Events:
-        """Switches from rows of a table.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (n, 3)
-            Time [s], mode before, mode after.
-        """
-        return cls(rows[:, 0].copy(), rows[:, 1].astype(np.int64), rows[:, 2].astype(np.int64))
-
     def __len__(self) -> int:
         return len(self.time)
 
@@ -77,6 +67,18 @@ class Events:
         if len(self) > 8:
             rows.append("  ...")
         return "\n".join(rows)
+
+
+def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
+    """Switches of a run, given the room for those of one sample; it says how many had none."""
+    room = ROOM
+    while room <= MOST_ROOM:
+        rows, lost = run(room)
+        if lost == 0:
+            before, after = rows[:, 1:].T.astype(np.int64, order="C")
+            return Events(rows[:, 0].copy(), before, after)
+        room *= 8
+    raise TooManySwitchesError
 
 
 class Response(ct.TimeResponseData):

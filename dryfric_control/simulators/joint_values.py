@@ -18,7 +18,7 @@ from dryfric_control.diagnosis import Diagnosis
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.identification import Fit, replay
-from dryfric_control.model.axis import FrictionAxis, without_states
+from dryfric_control.model.axis import FrictionAxis, without_effects
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force, usual_speed
@@ -403,7 +403,7 @@ class _States(NamedTuple):
 
 def _resistance(axis: FrictionAxis, states: _States) -> Floats:
     """Force against the motion of a rigid axis, less the drive, shape (n,)."""
-    return np.asarray(states.u - net_force(without_states(axis), *states, np.sign(states.v)))
+    return np.asarray(states.u - net_force(without_effects(axis), *states, np.sign(states.v)))
 
 
 def _dissipates(effect: Any) -> bool:

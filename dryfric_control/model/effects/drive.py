@@ -147,7 +147,6 @@ class InputGain(Effect):
     slug = "input_gain"
     title = "input gain"
     action = "input"
-    depends_on_place = False
     rank = 2
     trades = ("mass", "add a known mass, or measure the force, to separate them")
     explanation = (
@@ -190,7 +189,6 @@ class DeadZone(Effect):
     slug = "dead_zone"
     title = "dead zone"
     action = "input"
-    depends_on_place = False
     rank = 11
     explanation = (
         "The drive does not respond to small commands: valve overlap, or dead time of a bridge."
@@ -244,7 +242,6 @@ class Saturation(Effect):
     slug = "saturation"
     title = "saturation"
     action = "input"
-    depends_on_place = False
     rank = 12
     explanation = "The drive force is limited: current limit, supply voltage, pressure."
     experiment = "Increase the reference step: the acceleration stops growing."

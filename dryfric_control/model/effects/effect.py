@@ -8,13 +8,14 @@ documentation all read the same class.
 
 from __future__ import annotations
 
+import dis
 import inspect
 import itertools
 import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from numba import cfunc
 
@@ -22,9 +23,13 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
-from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.text import list_in_docstring
 from dryfric_control.units import on_axis
+
+if TYPE_CHECKING:
+    from dryfric_control.model.axis import FrictionAxis as BaseAxis
+else:
+    BaseAxis = Any
 
 #: What an effect may act on; those of the first row act by a law.
 ACTIONS = (
@@ -127,26 +132,6 @@ def parameter(
     return field(default=MISSING if default is None else default, metadata=metadata)
 
 
-class BaseAxis(Protocol):
-    """What an effect reads and changes of its axis: a `FrictionAxis`."""
-
-    @property
-    def mass(self) -> float: ...
-    @property
-    def viscous(self) -> float: ...
-    @property
-    def coulomb(self) -> CoulombMap: ...
-    @property
-    def stribeck(self) -> Stribeck | None: ...
-    @property
-    def stick_speed(self) -> float: ...
-    @property
-    def travel(self) -> tuple[float, float] | None: ...
-    @property
-    def effects(self) -> tuple[Effect, ...]: ...
-    def replace(self, **changes: Any) -> Self: ...
-
-
 class Inner(NamedTuple):
     """Numbers of delay, lag, contact and transmission.
 
@@ -182,6 +167,27 @@ class Inner(NamedTuple):
     damping: float = 0.0
     load_fraction: float = 0.0
     on_load: float = 0.0
+
+
+#: What an effect depends on, by the arguments that its law reads.
+_FLAGS = {
+    "depends_on_place": {"x"},
+    "depends_on_speed": {"v", "u", "direction"},
+    "depends_on_load": {"u"},
+    "depends_on_time": {"t"},
+}
+_ARGUMENTS = ("t", "x", "v", "u", "level", "direction", "rest", "p")
+
+
+def read_by(law: Any) -> set[str]:
+    """Arguments that a law reads, all of them if nobody can see."""
+    law = getattr(law, "__func__", law)
+    code = getattr(getattr(law, "py_func", law), "__code__", None)
+    if code is None or code.co_argcount != len(_ARGUMENTS):
+        return set(_ARGUMENTS)
+    named = (i.argval for i in dis.get_instructions(code) if "FAST" in i.opname)
+    read = {one for names in named for one in ([names] if isinstance(names, str) else names)}
+    return {a for a, name in zip(_ARGUMENTS, code.co_varnames, strict=False) if name in read}
 
 
 @dataclass(frozen=True)
@@ -230,17 +236,17 @@ class Effect:
     #: Whether position, speed and mode do not determine all it does: it looks back.
     remembers: ClassVar[bool] = False
     #: Whether it reads the position; runs of an axis that does not anywhere are
-    #: the same from every place.
+    #: the same from every place.  This and the next three are read off a law.
     depends_on_place: ClassVar[bool] = True
     #: Whether a force law reads v, u or direction; one that does not costs less.
     depends_on_speed: ClassVar[bool] = True
     #: Whether a friction law reads u; one that does not costs less, and is tried by a diagnosis
     #: also where the motion is imposed.
     depends_on_load: ClassVar[bool] = True
-    #: Whether it differs between the directions of motion beyond its sign.
-    depends_on_direction: ClassVar[bool] = False
     #: Whether it changes with time.
     depends_on_time: ClassVar[bool] = False
+    #: Whether it differs between the directions of motion beyond its sign.
+    depends_on_direction: ClassVar[bool] = False
     #: Whether the Stribeck peak raises what a friction law adds; not where it is
     #: the friction of another contact, or of the same one at rest alone.
     within_peak: ClassVar[bool] = True
@@ -259,6 +265,12 @@ class Effect:
     trades: ClassVar[tuple[str, str]] = ("", "")
     law: ClassVar[Callable[..., float]]
     alter: ClassVar[Callable[..., Any]]
+
+    def __init_subclass__(cls) -> None:
+        if "law" in vars(cls):
+            read = read_by(vars(cls)["law"])
+            for flag in _FLAGS.keys() - vars(cls).keys():
+                setattr(cls, flag, not read.isdisjoint(_FLAGS[flag]))
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -48,8 +48,6 @@ class BiasForce(Effect):
     slug = "bias_force"
     title = "bias force"
     action = "force"
-    depends_on_place = False
-    depends_on_speed = False
     rank = 1
     trades = (
         "coulomb",
@@ -101,7 +99,6 @@ class ViscousAsymmetry(Effect):
     slug = "viscous_asymmetry"
     title = "viscous asymmetry"
     action = "force"
-    depends_on_place = False
     depends_on_direction = True
     rank = 17
     explanation = "Viscous friction is larger in one direction: a lip seal or a one-sided oil film."
@@ -147,7 +144,6 @@ class QuadraticDrag(Effect):
     slug = "quadratic_drag"
     title = "quadratic drag"
     action = "force"
-    depends_on_place = False
     rank = 4
     explanation = (
         "Air or liquid is displaced, so the resistance grows with the square of the velocity."
@@ -192,7 +188,6 @@ class Spring(Effect):
     title = "spring"
     action = "force"
     adds_constant = "rest"
-    depends_on_speed = False
     rank = 3
     explanation = (
         "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
@@ -329,7 +324,6 @@ class Gravity(Effect):
     slug = "gravity"
     title = "gravity on a rotary axis"
     action = "force"
-    depends_on_speed = False
     rank = 15
     explanation = (
         "The weight of the arm acts as a torque that follows the sine of its angle from hanging."
@@ -384,7 +378,6 @@ class Cogging(Effect):
     slug = "cogging"
     title = "cogging"
     action = "force"
-    depends_on_speed = False
     rank = 13
     repeats = True
     explanation = (
@@ -444,9 +437,6 @@ class TimePeriodic(Effect):
     slug = "time_periodic"
     title = "disturbance periodic in time"
     action = "force"
-    depends_on_place = False
-    depends_on_speed = False
-    depends_on_time = True
     rank = 14
     repeats = True
     explanation = "Something else excites the axis: a pump, a fan, another machine, the mains."

@@ -44,8 +44,6 @@ class CoulombAsymmetry(Effect):
     slug = "coulomb_asymmetry"
     title = "Coulomb asymmetry"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
     depends_on_direction = True
     rank = 16
     trades = BiasForce.trades
@@ -101,7 +99,6 @@ class PositionDependence(Effect):
     slug = "position_dependence"
     title = "position-dependent friction"
     action = "friction"
-    depends_on_load = False
     rank = 7
     explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
     experiment = "Crawl over the whole travel in both directions and plot the force over position."
@@ -162,7 +159,6 @@ class LoadDependence(Effect):
     slug = "load_dependence"
     title = "load-dependent friction"
     action = "friction"
-    depends_on_place = False
     within_peak = False
     rank = 10
     explanation = (
@@ -237,7 +233,6 @@ class LoadAsymmetry(Effect):
     slug = "load_asymmetry"
     title = "load-dependent friction by direction"
     action = "friction"
-    depends_on_place = False
     depends_on_direction = True
     within_peak = False
     rank = 17
@@ -298,8 +293,6 @@ class StribeckAsymmetry(Effect):
     slug = "stribeck_asymmetry"
     title = "Stribeck peak by direction"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
     depends_on_direction = True
     within_peak = False
     rank = 22
@@ -373,8 +366,6 @@ class VelocityStrengthening(Effect):
     slug = "velocity_strengthening"
     title = "velocity strengthening"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
     within_peak = False
     rank = 9.5
     explanation = (
@@ -431,9 +422,6 @@ class WarmUp(Effect):
     slug = "warm_up"
     title = "warm-up"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
-    depends_on_time = True
     rank = 12.5
     explanation = (
         "A cold machine has stiffer grease: friction falls, quickly at first and then more slowly, "
@@ -484,9 +472,6 @@ class Drift(Effect):
     slug = "drift"
     title = "friction drift"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
-    depends_on_time = True
     rank = 8
     explanation = "Friction rises or falls while the machine runs: warming grease, a drying seal."
     experiment = "Repeat the same crawl every few minutes from cold to warm."
@@ -535,8 +520,6 @@ class DwellTime(Effect):
     slug = "dwell_time"
     title = "dwell-time dependence"
     action = "friction"
-    depends_on_load = False
-    depends_on_place = False
     within_peak = False
     remembers = True
     rank = 19

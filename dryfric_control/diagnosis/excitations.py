@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect, parameter
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
 
-FloatArray = NDArray[np.float64]
-Motion = tuple[FloatArray, FloatArray]
+Motion = tuple[Floats, Floats]
 
 # Length of an experiment [s], and largest number of simulated samples.
 _DURATION, _MOST_SAMPLES = 8.0, 16_000
@@ -111,7 +110,7 @@ class Stage:
     limits: Limits
     axis: FrictionAxis
     level: float
-    t: FloatArray
+    t: Floats
 
     @classmethod
     def of(cls, axis: FrictionAxis, limits: Limits, dt: float) -> Stage:
@@ -142,17 +141,17 @@ class Stage:
         """Drive in excess of the friction [N]."""
         return max(self.limits.drive - self.level, 0.2 * self.limits.drive)
 
-    def path(self, times: Any, places: Any) -> FloatArray:
+    def path(self, times: Any, places: Any) -> Floats:
         """Piecewise linear path; times over the duration, places over `reach`."""
         x = np.interp(self.t, np.asarray(times) * self.duration, np.asarray(places))
         return np.asarray(self.middle + self.reach * x)
 
-    def still(self) -> FloatArray:
+    def still(self) -> Floats:
         """Zero feed-forward force."""
         return np.zeros(self.t.size)
 
 
-def _zigzag(stage: Stage, speed: float, reach: float) -> FloatArray:
+def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
     """Triangle at constant speed, from the middle, within `reach`."""
     way = speed * stage.t + reach
     return np.asarray(stage.middle + np.abs(np.mod(way, 4.0 * reach) - 2.0 * reach) - reach)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
@@ -21,8 +21,6 @@ from dryfric_control.store.files import replacing
 from dryfric_control.text import Result, fields_of, rotary_words
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
-
-FloatArray = NDArray[np.float64]
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
 # breakaway is no evidence), from which hypotheses differ: about two windows in thirty off
@@ -90,15 +88,15 @@ class Experiment(Result):
     name: str
     title: str
     description: str
-    t: FloatArray
-    reference: FloatArray
-    force: FloatArray | None
+    t: Floats
+    reference: Floats
+    force: Floats | None
     separates: tuple[str, ...]
     score: dict[str, float]
     tried: dict[str, float]
     cause: str
-    positions: dict[str, FloatArray]
-    drives: dict[str, FloatArray]
+    positions: dict[str, Floats]
+    drives: dict[str, Floats]
     units: tuple[str, str]
 
     def _shown(self) -> list[str]:
@@ -317,7 +315,7 @@ def _worth(parts: Sequence[float]) -> float:
     return float(np.mean([part / (1.0 + part) for part in parts]))
 
 
-def _measure(squares: FloatArray, quantum: float) -> tuple[float, float]:
+def _measure(squares: Floats, quantum: float) -> tuple[float, float]:
     """Mean log score without the worst window, and RMS in quanta."""
     ratio = np.sort(squares) / quantum**2
     return float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio)))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
@@ -21,8 +21,6 @@ from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import latest
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
-
-FloatArray = NDArray[np.float64]
 
 # All of these are set by `benchmarks/diagnosis.py`, by the records on which an experiment
 # is proposed, and constrained by tests/diagnosis/test_next_experiment.py.
@@ -60,31 +58,31 @@ class Runs:
     """
 
     windowed: Windowed
-    active: NDArray[np.bool_]
+    active: Bools
 
     @classmethod
     def of(
-        cls, u: FloatArray, dt: float, length: int, x0: FloatArray, v0: FloatArray,
-        rest: FloatArray, active: NDArray[np.bool_],
+        cls, u: Floats, dt: float, length: int, x0: Floats, v0: Floats,
+        rest: Floats, active: Bools,
     ) -> Runs:  # fmt: skip
         """Runs over windows of `length` samples each, from known states."""
         edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
         return cls(Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest), active)
 
-    def positions(self, axis: FrictionAxis) -> FloatArray:
+    def positions(self, axis: FrictionAxis) -> Floats:
         """Positions of the active windows, shape (nactive, length)."""
         out = positions(axis, self.windowed, self.active)
         return out.reshape(self.active.size, -1)[self.active]
 
 
-def unbent(errors: FloatArray) -> FloatArray:
+def unbent(errors: Floats) -> Floats:
     """Errors of windows without the straight line that another start state could explain."""
     line = np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2)
     q, _ = np.linalg.qr(line)
     return np.asarray(errors - (errors @ q) @ q.T)
 
 
-def mean_squares(errors: FloatArray) -> FloatArray:
+def mean_squares(errors: Floats) -> Floats:
     """Mean square of each window."""
     return np.asarray(np.mean(errors**2, axis=1))
 
@@ -103,13 +101,13 @@ class Trial:
         True positions.
     """
 
-    x: FloatArray
-    v: FloatArray
-    u: FloatArray
+    x: Floats
+    v: Floats
+    u: Floats
     runs: Runs
-    truth: FloatArray
+    truth: Floats
 
-    def errors(self, axis: FrictionAxis) -> FloatArray:
+    def errors(self, axis: FrictionAxis) -> Floats:
         """Position errors of an axis, shape (nwindows, length)."""
         return unbent(self.runs.positions(axis) - self.truth)
 
@@ -117,8 +115,8 @@ class Trial:
 def simulate(
     axis: FrictionAxis,
     controller: PositionController,
-    reference: FloatArray,
-    force: FloatArray,
+    reference: Floats,
+    force: Floats,
     quantum: float,
 ) -> Trial:
     """Simulate an experiment on an axis, and cut it into windows."""
@@ -154,8 +152,8 @@ class Staged:
     """
 
     excitation: Excitation
-    reference: FloatArray
-    force: FloatArray
+    reference: Floats
+    force: Floats
     axes: tuple[FrictionAxis, ...]
     trials: tuple[Trial, ...]
 
@@ -223,7 +221,7 @@ class Refit:
 
     problem: Likelihood
     known: Runs
-    positions: FloatArray
+    positions: Floats
     quantum: float
 
     @classmethod
@@ -248,7 +246,7 @@ class Refit:
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, known, known.positions(axis), quantum)
 
-    def best(self, staged: Staged, stage: Stage, trial: Trial) -> FloatArray:
+    def best(self, staged: Staged, stage: Stage, trial: Trial) -> Floats:
         """Mean square errors of a trial's windows after the best refit.
 
         Parameters
@@ -276,7 +274,7 @@ class Refit:
         first = problem.start()[: len(problem.names)]
         reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
-        def errors(z: FloatArray) -> FloatArray | None:
+        def errors(z: Floats) -> Floats | None:
             try:
                 axis = problem.axis_at(z)
                 new = trial.errors(change(stage, axis) if change else axis)
@@ -290,11 +288,11 @@ class Refit:
         count, known = trial.truth.shape[0], self.positions.shape[0]
         split = trial.truth.size
 
-        def squares(e: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def squares(e: Floats) -> tuple[Floats, Floats]:
             new = mean_squares(e[:split].reshape(count, -1)) * count
             return new, mean_squares(e[split:].reshape(known, -1)) * known
 
-        def loss(e: FloatArray, scale: float) -> float:
+        def loss(e: Floats, scale: float) -> float:
             new, old = squares(e)
             total = np.mean(np.log1p(new / scale**2))
             return float(total + (np.mean(np.log1p(old / scale**2)) if old.size else 0.0))

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import instance
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.uncertainty import half_width
@@ -30,8 +31,6 @@ from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, percent
 from dryfric_control.units import check_units
-
-FloatArray = NDArray[np.float64]
 
 # Longest piece, as a part of the travel, where speed must not be averaged away.
 _FINE = 1.0 / 160.0
@@ -73,17 +72,17 @@ class CoulombIdentification(Result, CoulombMap):
     travel: tuple[float, float]
     viscous: float | None
     mass: float | None
-    held_out: dict[int, FloatArray]
+    held_out: dict[int, Floats]
     pieces: Pieces
     units: tuple[str, str]
-    _fits: dict[int, tuple[FloatArray, FloatArray, int]]
+    _fits: dict[int, tuple[Floats, Floats, int]]
 
     @property
     def coulomb(self) -> CoulombMap:
         """The levels without their uncertainty."""
         return CoulombMap(self.plus, self.minus)
 
-    def standard_error(self, x: ArrayLike, direction: int) -> FloatArray:
+    def standard_error(self, x: ArrayLike, direction: int) -> Floats:
         """Standard error of the level.
 
         Parameters
@@ -101,9 +100,7 @@ class CoulombIdentification(Result, CoulombMap):
         basis = legendre.legvander(inner(x, self.travel), coefficients.size - 1)
         return np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis))
 
-    def band(
-        self, x: ArrayLike, direction: int, level: float = 0.9
-    ) -> tuple[FloatArray, FloatArray]:
+    def band(self, x: ArrayLike, direction: int, level: float = 0.9) -> tuple[Floats, Floats]:
         """Confidence band of the level.
 
         Parameters
@@ -282,9 +279,9 @@ def identify_coulomb(
     force = pieces.u
     if viscous is not None and mass is not None:
         force = force - viscous * pieces.v - mass * pieces.rise
-    held_out: dict[int, FloatArray] = {}
+    held_out: dict[int, Floats] = {}
     degrees: dict[int, int] = {}
-    blocks: dict[int, NDArray[np.int64]] = {}
+    blocks: dict[int, Ints] = {}
     for s, name in ((1, "positive"), (-1, "negative")):
         own = pieces.direction == s
         blocks[s] = blocks_of(pieces.only(own))
@@ -401,8 +398,8 @@ def _levels(
     fine: Pieces | None,
     travel: tuple[float, float],
     degrees: dict[int, int],
-    blocks: dict[int, NDArray[np.int64]],
-) -> dict[int, tuple[FloatArray, FloatArray, int]]:
+    blocks: dict[int, Ints],
+) -> dict[int, tuple[Floats, Floats, int]]:
     """Legendre coefficients, covariance and number of blocks by direction.
 
     The covariance comes from leaving out one block at a time, with what was

@@ -6,15 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import cholesky_banded, solve_banded
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
-
-FloatArray = NDArray[np.float64]
 
 # Longest piece of motion that is averaged, as a part of the travel.
 _PIECE = 1.0 / 80.0
@@ -54,18 +53,18 @@ class Pieces(NamedTuple):
         Time at its beginning [s].
     """
 
-    way: FloatArray
-    x: FloatArray
-    u: FloatArray
-    v: FloatArray
-    rise: FloatArray
-    direction: NDArray[np.int64]
-    slide: NDArray[np.int64]
-    begin: FloatArray
-    end: FloatArray
-    t: FloatArray
+    way: Floats
+    x: Floats
+    u: Floats
+    v: Floats
+    rise: Floats
+    direction: Ints
+    slide: Ints
+    begin: Floats
+    end: Floats
+    t: Floats
 
-    def only(self, keep: NDArray[np.bool_]) -> Pieces:
+    def only(self, keep: Bools) -> Pieces:
         """The pieces marked in `keep`."""
         return Pieces(*(column[keep] for column in self))  # type: ignore[arg-type]
 
@@ -121,7 +120,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
     return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
 
-def _smoothed(record: Record) -> tuple[FloatArray, FloatArray, float]:
+def _smoothed(record: Record) -> tuple[Floats, Floats, float]:
     """Position and speed, smoothed to know the speed to 2 %, and its noise.
 
     Noise of the speed enters the work squared, and through the loop it is in
@@ -158,19 +157,19 @@ class Level(NamedTuple):
         What round-off of the works leaves in `values`.
     """
 
-    coefficients: FloatArray
-    rows: FloatArray
-    values: FloatArray
+    coefficients: Floats
+    rows: Floats
+    values: Floats
     least: float
 
 
-def inner(x: ArrayLike, travel: tuple[float, float]) -> FloatArray:
+def inner(x: ArrayLike, travel: tuple[float, float]) -> Floats:
     """Positions on [-1, 1], those outside held at the ends."""
     low, high = travel
     return np.clip((2.0 * np.asarray(x, dtype=float) - low - high) / (high - low), -1.0, 1.0)
 
 
-def blocks_of(pieces: Pieces) -> NDArray[np.int64]:
+def blocks_of(pieces: Pieces) -> Ints:
     """Contiguous block that each piece of one direction, in order of time, belongs to.
 
     At most 20 blocks of nearly equal way.  In stick-slip a slip is never cut: what
@@ -186,7 +185,7 @@ def blocks_of(pieces: Pieces) -> NDArray[np.int64]:
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
 
-def level_of(pieces: Pieces, force: FloatArray, travel: tuple[float, float], degree: int) -> Level:
+def level_of(pieces: Pieces, force: Floats, travel: tuple[float, float], degree: int) -> Level:
     """Level of one direction by generalised least squares with Huber's loss.
 
     Parameters
@@ -220,7 +219,7 @@ def level_of(pieces: Pieces, force: FloatArray, travel: tuple[float, float], deg
     return Level(coefficients, rows * root[:, None], values * root, small)
 
 
-def _huber(rows: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
+def _huber(rows: Floats, values: Floats, least: float) -> tuple[Floats, Floats]:
     """Coefficients, and roots of the weights; errors below `least` are round-off."""
     root = np.ones(values.size)
     coefficients = np.zeros(rows.shape[1])
@@ -237,7 +236,7 @@ def _huber(rows: FloatArray, values: FloatArray, least: float) -> tuple[FloatArr
     return coefficients, root
 
 
-def _factor(pieces: Pieces, error: FloatArray, least: float) -> FloatArray:
+def _factor(pieces: Pieces, error: Floats, least: float) -> Floats:
     """Banded Cholesky factor of the covariance of the works; below `least` is round-off."""
     scale = max(1.4826 * float(np.median(np.abs(error))), least)
     error = np.clip(error, -3.0 * scale, 3.0 * scale) if scale > 0.0 else error
@@ -254,14 +253,14 @@ def _factor(pieces: Pieces, error: FloatArray, least: float) -> FloatArray:
     return np.asarray(cholesky_banded(band, lower=True))
 
 
-def highest_degree(blocks: NDArray[np.int64]) -> int:
+def highest_degree(blocks: Ints) -> int:
     """Largest degree that blocks of the way allow: three blocks a coefficient."""
     return max(0, min(HIGHEST, (int(blocks.max()) + 1) // 3 - 1))
 
 
 def choose_degree(
-    pieces: Pieces, force: FloatArray, travel: tuple[float, float], blocks: NDArray[np.int64]
-) -> tuple[FloatArray, int]:
+    pieces: Pieces, force: Floats, travel: tuple[float, float], blocks: Ints
+) -> tuple[Floats, int]:
     """Held-out RMS error of the force for each degree, and the degree to take.
 
     That is the smallest that is as good as the best: within one standard error of

@@ -11,9 +11,9 @@ from typing import Any
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.continuation import continued
@@ -48,8 +48,6 @@ from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
 from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
-
-FloatArray = NDArray[np.float64]
 
 _SAME = {"inertia": "mass"}
 # Starts by default, and where a parameter acts at breakaway: the cost has several valleys.
@@ -146,7 +144,7 @@ class Fit(Result):
     axis: FrictionAxis
     parameters: dict[str, float]
     standard_errors: dict[str, float]
-    correlation: FloatArray
+    correlation: Floats
     units: dict[str, str]
     messages: tuple[str, ...]
     random_force: tuple[float, ...]
@@ -505,7 +503,7 @@ def problem_of(
 
 def likeliest(
     problem: Likelihood,
-    points: Sequence[FloatArray],
+    points: Sequence[Floats],
     window: float = _WINDOW,
     jobs: int = 1,
     progress: bool = False,
@@ -516,7 +514,7 @@ def likeliest(
     noises = problem.start(1.0)[len(problem.names) :]
     few = FEW if len(points) > kept else SOME
 
-    def search(point: FloatArray) -> Solution:
+    def search(point: Floats) -> Solution:
         own = problem.on(problem.runs)
         return maximise(own, continued(own, np.concatenate((point, noises))), few)
 
@@ -598,7 +596,7 @@ def _check_level(level: float) -> None:
 
 def _starting_points(
     problem: Likelihood, records: Sequence[Record], starts: int, seed: int
-) -> list[FloatArray]:
+) -> list[Floats]:
     """The nominal values, the force regression, and points around them."""
     first = problem.start()[: len(problem.names)]
     points = [first]
@@ -614,7 +612,7 @@ def _starting_points(
     return points
 
 
-def _possible(problem: Likelihood, point: FloatArray, base: FloatArray) -> FloatArray:
+def _possible(problem: Likelihood, point: Floats, base: Floats) -> Floats:
     """The point, moved towards a base until there is such an axis."""
     for _ in range(8):
         try:
@@ -635,12 +633,12 @@ def _spread(parameter: Parameter, z: float) -> float:
     return max(0.3 * abs(z), 0.1 if parameter.breaks_away else 0.03)
 
 
-def _prior(parameters: Sequence[Parameter]) -> FloatArray:
+def _prior(parameters: Sequence[Parameter]) -> Floats:
     """Precision of what physics says beforehand: magnitudes within a decade."""
     return np.array([1.0 / np.log(10.0) ** 2 if p.logarithmic else 0.0 for p in parameters])
 
 
-def _limits(problem: Likelihood, z: FloatArray) -> list[str]:
+def _limits(problem: Likelihood, z: Floats) -> list[str]:
     """Parameters that a fit left at a bound other than zero."""
     found = []
     for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=False):
@@ -653,7 +651,7 @@ def _limits(problem: Likelihood, z: FloatArray) -> list[str]:
     return found
 
 
-def _far(problem: Likelihood, first: FloatArray, z: FloatArray) -> list[str]:
+def _far(problem: Likelihood, first: Floats, z: Floats) -> list[str]:
     """Base parameters that a fit left far from their start values, in one message."""
     ends = []
     for p, start, end in zip(problem.parameters, first, z, strict=True):
@@ -689,7 +687,7 @@ def _misfit(axis: FrictionAxis, found: Solution, force: float) -> list[str]:
     ]
 
 
-def _result(found: Solution, first: FloatArray, window: float, acting: bool) -> Fit:
+def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     """The fit from its end; `acting`: whether a random force acts."""
     problem, count = found.problem, first.size
     z, low, high = (part[:count] for part in (found.z, problem.low, problem.high))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
@@ -14,8 +14,6 @@ from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 from dryfric_control.text import percent
 from dryfric_control.ties import samples
-
-FloatArray = NDArray[np.float64]
 
 # A standard error beyond this part of the value leaves the value open.
 _OPEN = 0.3
@@ -31,11 +29,11 @@ def cannot_tell(
     axis: FrictionAxis,
     records: Sequence[Record],
     parameters: Sequence[Parameter],
-    values: FloatArray,
-    errors: FloatArray,
-    correlation: FloatArray,
-    away: FloatArray,
-    slopes: FloatArray,
+    values: Floats,
+    errors: Floats,
+    correlation: Floats,
+    away: Floats,
+    slopes: Floats,
 ) -> tuple[str, ...]:
     """Messages on what the records leave open, each with its cause.
 

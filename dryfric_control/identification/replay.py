@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.windows import Windows, cut
@@ -18,8 +18,6 @@ from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.text import Result, length_text, prefixed
 from dryfric_control.units import check_units
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,12 +43,12 @@ class Replay(Result):
 
     axis: FrictionAxis
     windows: Windows
-    positions: FloatArray
-    rms_by_window: FloatArray
+    positions: Floats
+    rms_by_window: Floats
     quantum: float
 
     @property
-    def errors(self) -> FloatArray:
+    def errors(self) -> Floats:
         """Simulated minus measured position at every sample, shape (n,)."""
         return np.asarray(self.positions - self.windows.record.x)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.identification.fit import FitWarning
@@ -21,8 +21,6 @@ from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import MIN_SAMPLES
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
-
-FloatArray = NDArray[np.float64]
 
 # Stribeck velocities beyond which the excess is gone (2 %), and switches below which
 # a crawl does not stick and slip.
@@ -54,7 +52,7 @@ class SlowRamp(Result):
     response: SimulationResponse
 
     @property
-    def reference(self) -> FloatArray:
+    def reference(self) -> Floats:
         """Position reference at every sample, shape (n,)."""
         return np.asarray(self.record.reference)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.parameters import choose, typical, values_of
@@ -22,8 +22,6 @@ from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above
 from dryfric_control.units import check_units
-
-FloatArray = NDArray[np.float64]
 
 _FEWEST = 5
 # Where the search starts: excess, width of the peak over the high velocities (this quantile),
@@ -50,9 +48,9 @@ class Sticks:
         Direction of that motion.
     """
 
-    begin: NDArray[np.int64]
-    end: NDArray[np.int64]
-    direction: NDArray[np.int64]
+    begin: Ints
+    end: Ints
+    direction: Ints
 
 
 @dataclass(frozen=True)

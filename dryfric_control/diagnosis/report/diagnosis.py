@@ -30,61 +30,15 @@ from dryfric_control.records.record import Record
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
 from dryfric_control.store.saved import load_object, save_object
-from dryfric_control.text import Result, plain_data
+from dryfric_control.text import Result, documented, plain_data
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Result, Findings):
     """What is wrong in a simulation, why, what a correction gains.
 
     Made by `diagnose`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The nominal axis.
-    record : Record
-        The measured record.
-    verdict : str
-        "nothing to find", "explained", "partly explained", "unexplained", or "not finished"
-        where a time limit or an interrupt cut the search off.
-    causes : tuple of Cause
-        In the order found.
-    extended : FrictionAxis
-        The axis with the causes fitted in.
-    gain : Gain
-        Error before and after, on data not used for anything else.
-    unexplained : Unexplained
-    next_experiment : Experiment or None
-        Excitation that best separates a cause from its alternatives; None where
-        nothing is left to separate.
-    messages : tuple of str
-        What the record leaves undetermined.
-    scores : dict of str to float
-        Mean held-out score of every candidate as the first cause, for the
-        report: lower is better, "" is the axis with its base parameters fitted.
-    window : float
-        Length of the free runs [s].
-    roles : ndarray of int, shape (nwindows,)
-        Half of the record, 0 or 1, that each window belongs to: it is judged with parameters
-        fitted to the other one.
-    hold : str
-        How the input runs between samples, "zero" or "first".
-    remaining : Remaining
-        The random force that is left.
-    references : dict of str to float
-        Gain of log-likelihood of the answer over the nominal axis and over a straight
-        line, which ignores the drive; empty where free runs decided.
-    varies : dict of str to dict
-        Parameters that differ from record to record: "values" and "standard_errors",
-        one a record.
-    others : tuple of Record
-        The records after the first.
-    not_tried : dict of str to str
-        Effects that could not be tried, with the reason.
-    standard_errors : dict of str to float
-        Of every parameter of `extended` that was fitted, infinite for what the records do not
-        determine.
 
     Examples
     --------

@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
 from dryfric_control.diagnosis.report.findings import Findings, plain
 from dryfric_control.diagnosis.report.wording import (
@@ -26,18 +27,21 @@ from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
 from dryfric_control.text import prefixed, rotary_words, typeset
 
-FloatArray = NDArray[np.float64]
-
 GREY = "0.65"
 #: Colour of what was found.
 FOUND = "#0072B2"
 #: Nominal axis and axis with the causes differ in colour, dash and marker.
 BEFORE = {"color": "#D55E00", "linestyle": "--"}
 AFTER = {"color": FOUND, "linestyle": "-"}
-#: What a window was used for, with the grey behind it.
-ROLES = ((1, "0.92"),)
-#: What the force residual is drawn against.
-AGAINST = ("velocity", "position", "time", "reversal")
+# Label of a position where lines of both directions are drawn.
+_BOTH_WAYS = "position [{length}]\n(marks: > forwards, < backwards)"
+#: What the force residual is drawn against: column of the evidence and its label.
+AGAINST = {
+    "velocity": ("v", "velocity [{length}/s]"),
+    "position": ("x", _BOTH_WAYS),
+    "time": ("t", "Time [s]"),
+    "reversal": ("since_reversal", "time since reversal [s]"),
+}
 PANELS = 5 + len(AGAINST)
 
 # Free runs shown in the close-up of the position, and the least error for its scale: 0.1 um.
@@ -61,6 +65,12 @@ _LEVEL_POINTS = 49
 # Marks on the scale of the bars of candidates, as many as there is room for, and its name.
 _MARKS_OF_GAIN = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 _MOST_TICKS = 6
+_BAR_STYLES = {
+    "named a cause": {"color": FOUND},
+    "small correction": {"color": "#009E73", "hatch": "..."},
+    "alternative": {"color": "#56B4E9", "hatch": "///"},
+    "other candidate": {"color": "0.8"},
+}
 MEASURE = "gain of log-likelihood, one-step predictions"
 # Where no candidate earns a bar.
 _NO_BAR = (
@@ -94,6 +104,14 @@ def sides(d: Findings) -> tuple[Evidence, Evidence | None]:
     return before, None if same else evidence(d.extended, d.record, d.window, d.hold, hide)
 
 
+def shown(
+    before: Evidence, after: Evidence | None, first: str = "nominal"
+) -> list[tuple[Evidence, dict[str, Any], str]]:
+    """The sides there are, each with its style and its name."""
+    both = ((before, BEFORE, first), (after, AFTER, "with the causes"))
+    return [(side, style, name) for side, style, name in both if side is not None]
+
+
 def _page(d: Findings) -> NDArray[Any]:
     import matplotlib.pyplot as plt
 
@@ -101,17 +119,12 @@ def _page(d: Findings) -> NDArray[Any]:
     said = summary_lines(d)[1:]
     if d.others:
         said.append(f"curves: {shown_record(d)}")
-    lines = [
-        "\n".join(
-            textwrap.wrap(
-                typeset(line),
-                _TEXT_WIDTH,
-                subsequent_indent=(10 if line.startswith(" ") else 5) * " ",
-            )
+    text = "\n".join(
+        textwrap.fill(
+            typeset(line), _TEXT_WIDTH, subsequent_indent=" " * (10 if line[0] == " " else 5)
         )
         for line in said
-    ]
-    text = "\n".join(lines)
+    )
     # The page grows with the text: no line is lost.
     rows = text.count("\n") + 1
     names = records_text(d)
@@ -153,8 +166,7 @@ def draw_difference(
     edges = windows.edges[first : min(first + _SHOWN, len(windows)) + 1]
     part = slice(edges[0], edges[-1])
     gaps = edges[1:-1] - edges[0]
-    lines = [(before, BEFORE, "nominal")] if nominal or after is None else []
-    lines += [(after, AFTER, "with the causes")] if after is not None else []
+    lines = shown(before, after)[0 if nominal else -1 :]
     most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
     factor, unit = prefixed(max(0.1 * max(most, windows.floor), _LEAST_SHOWN), d.axis.units[0])
     for one, style, name in lines:
@@ -172,7 +184,7 @@ def draw_difference(
 
 def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
     """Friction over velocity, nominal and with the causes, and what was measured."""
-    last = before if after is None else after
+    last = after or before
     length, force = d.axis.units
     measured = friction_over_velocity(last.axis, last.v, last.x) - last.residual
     some = slice(None, None, max(1, measured.size // _DOTS))
@@ -189,9 +201,8 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
             last.v[some], measured[some], ".", color=GREY, ms=1.5, rasterized=True,
             label="measured, net of inertia and other effects",
         )  # fmt: skip
-        draw_curve(before.axis, one, reach, span, "nominal", lw=1.6, **BEFORE)
-        if after is not None:
-            draw_curve(after.axis, one, reach, span, "with the causes", lw=1.4, **AFTER)
+        for (side, style, name), width in zip(shown(before, after), (1.6, 1.4), strict=False):
+            draw_curve(side.axis, one, reach, span, name, lw=width, **style)
         one.axhline(0.0, color="0.7", lw=0.6, zorder=0)
         one.set_xlim(-reach if one is ax else 0.0, reach)
     levels = friction_over_velocity(last.axis, np.array([fastest, -fastest]), np.mean(span))
@@ -217,21 +228,17 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     least = 0.1 * (d.gain.floor if d.gain.floor > 0.0 else float(before.error_by_window.max()))
     factor, unit = prefixed(max(d.gain.floor, least), d.axis.units[0])
     ends = np.append(windows.start_times, windows.record.t[-1] + windows.record.dt)
-    for role, shade in ROLES:
-        label: str | None = "judged by a fit to the rest, and the rest by a fit to these"
-        for i in np.flatnonzero(d.roles == role):
-            ax.axvspan(ends[i], ends[i + 1], color=shade, lw=0, zorder=0, label=label)
-            label = None
-    # A motionless window has hardly any error: it is drawn at the lower edge.
-    ax.semilogy(
-        middle, np.maximum(before.error_by_window, least) / factor, **BEFORE, marker="o",
-        mfc="white", ms=3.5, lw=0.9, label="nominal",
-    )  # fmt: skip
-    if after is not None:
-        ax.semilogy(
-            middle, np.maximum(after.error_by_window, least) / factor, **AFTER, marker="o", ms=3,
-            lw=0.9, label="with the causes",
-        )  # fmt: skip
+    judged = np.flatnonzero(d.roles == 1)
+    for i in judged:
+        # An underscore keeps all but the first out of the legend.
+        label = "judged by a fit to the rest, and the rest by a fit to these"
+        label = label if i == judged[0] else f"_{label}"
+        ax.axvspan(ends[i], ends[i + 1], color="0.92", lw=0, zorder=0, label=label)
+    marks: tuple[dict[str, Any], ...] = ({"mfc": "white", "ms": 3.5}, {"ms": 3})
+    for (side, style, name), mark in zip(shown(before, after), marks, strict=False):
+        # A motionless window has hardly any error: it is drawn at the lower edge.
+        error = np.maximum(side.error_by_window, least) / factor
+        ax.semilogy(middle, error, **style, **mark, marker="o", lw=0.9, label=name)
     if d.gain.floor > 0.0:
         ax.axhline(d.gain.floor / factor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
     ax.set_xlim(ends[0], ends[-1])
@@ -244,52 +251,40 @@ def draw_residual(
     before: Evidence, after: Evidence | None, by: str, ax: Any, labels: bool = True,
     wide: bool = False,
 ) -> None:  # fmt: skip
-    """Force residual against one of `AGAINST`; ValueError for anything else.
-
-    With `wide` the legend runs on over the neighbours.
-    """
-    if by not in AGAINST:
-        raise ValueError(f"by must be one of {AGAINST}, got {by!r}")
+    """Force residual against one of `AGAINST`; with `wide` the legend runs over the neighbours."""
     length, force = before.axis.units
-
-    def place(shown: Evidence) -> FloatArray:
-        return {
-            "velocity": shown.v,
-            "position": shown.x,
-            "time": shown.t,
-            "reversal": shown.since_reversal,
-        }[by]
-
+    column, name_of_place = AGAINST[by]
+    place = getattr(before, column)
     ax.plot(
-        place(before), before.residual, ".", color=GREY, ms=1.5, rasterized=True,
+        place, before.residual, ".", color=GREY, ms=1.5, rasterized=True,
         label="force residual, nominal model",
     )  # fmt: skip
     ax.axhline(0.0, color="k", lw=0.6)
-    bins: FloatArray | int = _BINS
-    if by == "reversal":
-        bins = _reversal_bins(place(before))
+    bins: Floats | int = _BINS
+    known = place[np.isfinite(place) & (place > 0.0)]
+    if by == "reversal" and known.size >= 10:
+        bins = np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
     elif by in ("position", "time"):
         # Narrow ones: wide ones beat with the pitch of cogging, or with a motion.
-        bins = max(_BINS, min(10 * _BINS, before.residual.size // 25))
-    for shown, style, name in ((before, BEFORE, "its median"), (after, AFTER, "with the causes")):
-        if shown is None:
-            continue
-        if by == "position":
-            _draw_both_ways(shown, bins, style, name, ax)
-            continue
-        found = binned(shown.residual, place(shown), bins)
-        ax.plot(found.centre, found.median, **style, lw=1.6, label=name, gid=_MEDIAN)
-    if by == "reversal" and np.any(place(before) > 0.0):
+        bins = max(_BINS, min(10 * _BINS, place.size // 25) // (2 if by == "position" else 1))
+    for side, style, name in shown(before, after, "its median"):
+        # Over position one line for both directions would jump between their branches.
+        for way in (1, -1) if by == "position" else (0,):
+            here = side.v * way > 0.0 if way else slice(None)
+            found = binned(side.residual[here], getattr(side, column)[here], bins)
+            marks: dict[str, Any] = {"lw": 1.6, "label": name}
+            if way:
+                every = max(1, found.centre.size // 6)
+                marks = {"lw": 1.4, "marker": _MARKS[way], "ms": 5}
+                marks["markevery"] = (every // 2, every)
+                # An underscore keeps the second one out of the legend.
+                marks["label"] = name if way > 0 else f"_{name} backwards"
+            ax.plot(found.centre, found.median, **style, **marks, gid=_MEDIAN)
+    if by == "reversal" and known.size:
         ax.set_xscale("log")
         ax.set_xticks([], minor=True)
     _fit_force(before, ax)
-    names = {
-        "velocity": f"velocity [{length}/s]",
-        "position": f"position [{length}]\n(marks: > forwards, < backwards)",
-        "time": "Time [s]",
-        "reversal": "time since reversal [s]",
-    }
-    ax.set_xlabel(names[by])
+    ax.set_xlabel(name_of_place.format(length=length))
     if labels:
         ax.set_ylabel(f"force residual [{force}]")
     if labels and not wide:
@@ -303,26 +298,6 @@ def draw_residual(
         ).set_in_layout(False)  # fmt: skip
 
 
-def _draw_both_ways(
-    shown: Evidence, bins: FloatArray | int, style: dict[str, str], name: str, ax: Any
-) -> None:
-    """Medians over position, one line for each direction.
-
-    One line for both would jump between their branches.
-    """
-    for way, _ in WAYS:
-        here = shown.v * way > 0.0
-        number = max(_BINS, bins // 2) if isinstance(bins, int) else bins
-        found = binned(shown.residual[here], shown.x[here], number)
-        # An underscore keeps the second one out of the legend.
-        label = name if way > 0 else f"_{name} backwards"
-        every = max(1, found.centre.size // 6)
-        ax.plot(
-            found.centre, found.median, **style, lw=1.4, marker=_MARKS[way], ms=5,
-            markevery=(every // 2, every), label=label, gid=_MEDIAN,
-        )  # fmt: skip
-
-
 def _fit_force(before: Evidence, ax: Any) -> None:
     """Scale of the force: the dots but the wildest, zero, and every median."""
     seen = [np.zeros(1)]
@@ -334,13 +309,6 @@ def _fit_force(before: Evidence, ax: Any) -> None:
     low, high = float(np.min(np.concatenate(seen))), float(np.max(np.concatenate(seen)))
     room = 0.1 * max(high - low, 1e-12 * max(abs(high), abs(low), 1e-12))
     ax.set_ylim(low - room, high + room)
-
-
-def _reversal_bins(since: FloatArray) -> FloatArray | int:
-    known = since[np.isfinite(since) & (since > 0.0)]
-    if known.size < 10:
-        return _BINS
-    return np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
 
 
 def draw_levels(d: Findings, ax: Any) -> None:
@@ -360,7 +328,7 @@ def draw_levels(d: Findings, ax: Any) -> None:
     ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
     ax.margins(x=0.01)
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(f"position [{length}]\n(marks: > forwards, < backwards)")
+    ax.set_xlabel(_BOTH_WAYS.format(length=length))
     ax.set_ylabel(f"Coulomb level [{force}]")
     legend_above(ax)
 
@@ -381,14 +349,13 @@ def draw_remaining(d: Findings, ax: Any) -> None:
 
 def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> None:
     """Autocorrelation of the force residual and the band of white noise."""
-    last = before if after is None else after
+    last = after or before
     ax.fill_between(
         last.lags, -last.white, last.white, color="0.85", lw=0, label="95 % of white noise"
     )
     ax.axhline(0.0, color="k", lw=0.6)
-    ax.plot(before.lags, before.autocorrelation, **BEFORE, lw=1.4, label="nominal")
-    if after is not None:
-        ax.plot(after.lags, after.autocorrelation, **AFTER, lw=1.2, label="with the causes")
+    for (side, style, name), width in zip(shown(before, after), (1.4, 1.2), strict=False):
+        ax.plot(side.lags, side.autocorrelation, **style, lw=width, label=name)
     ax.set_ylim(-1.05, 1.05)
     ax.set_xlabel("lag [s]")
     ax.set_ylabel("autocorrelation [1]")
@@ -397,12 +364,9 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
 
 
 def falls(d: Findings) -> dict[str, float]:
-    """What every candidate gains alone, by id, the most first: `MEASURE`.
-
-    Against the axis with its base parameters fitted, or where that was not tried
-    the worst candidate.
-    """
+    """What every candidate gains alone, by id, the most first: `MEASURE`."""
     table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
+    # Where the axis with its base parameters fitted was not tried, the worst candidate.
     reference = d.scores.get("", max(table.values(), default=0.0))
     return {
         slug: gain_of(d, reference - table[slug]) for slug in sorted(table, key=table.__getitem__)
@@ -422,26 +386,32 @@ def no_bar_text(d: Findings) -> str:
     return f"{_NO_BAR} In combination: {' + '.join(cause.title for cause in d.causes)}."
 
 
-def top(d: Findings, named: set[str]) -> dict[str, float]:
+def _kinds(d: Findings) -> dict[str, str]:
+    """What each candidate that the diagnosis names is, a key of `_BAR_STYLES`."""
+    kinds = {slug: "alternative" for cause in d.causes for slug in cause.alternatives}
+    kinds |= {cause.effect: "small correction" for cause in d.small_corrections}
+    return kinds | {cause.effect: "named a cause" for cause in d.main_causes}
+
+
+def _top(d: Findings) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
-    times = falls(d)
+    times, named = falls(d), _kinds(d)
     best = [slug for slug, value in times.items() if value >= LEAST][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
 
 def others_text(d: Findings) -> str:
     """Candidates without a bar, in one line."""
-    times = falls(d)
-    named = {slug for cause in d.causes for slug in (cause.effect, *cause.alternatives)}
-    shown = top(d, named)
-    better = [slug for slug, value in times.items() if slug not in shown and value >= LEAST]
-    rest = [slug for slug in times if slug not in shown and slug not in better]
+    top = _top(d)
+    hidden = {slug: value for slug, value in falls(d).items() if slug not in top}
+    better = {slug: value for slug, value in hidden.items() if value >= LEAST}
+    rest = [title_of(slug) for slug in hidden if slug not in better]
     lines = []
     if better:
-        reach = plain(max(times[slug] for slug in better))
-        lines.append(f"Next, at most {reach}: {', '.join(map(title_of, better))}.")
+        names = ", ".join(map(title_of, better))
+        lines.append(f"Next, at most {plain(max(better.values()))}: {names}.")
     if rest:
-        lines.append(f"No better on their own: {', '.join(map(title_of, rest))}.")
+        lines.append(f"No better on their own: {', '.join(rest)}.")
     return " ".join(lines)
 
 
@@ -451,36 +421,28 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     if not any_bar(d):
         words = "no candidate had to be tried"
         if falls(d):
-            words = "\n".join(textwrap.wrap(rotary_words(no_bar_text(d), d.axis.units[1]), 44))
+            words = textwrap.fill(rotary_words(no_bar_text(d), d.axis.units[1]), 44)
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
     rank = {cause.effect: i for i, cause in enumerate(d.main_causes, start=1)}
-    small = {cause.effect for cause in d.small_corrections}
-    rivals = {slug for cause in d.causes for slug in cause.alternatives} - set(rank) - small
-    labelled: set[str] = set()
-    times = top(d, {*rank, *small, *rivals})
+    kinds, labelled = _kinds(d), set()
+    times = _top(d)
     for row, (slug, value) in enumerate(times.items()):
-        if slug in rank:
-            what, style = "named a cause", {"color": FOUND}
-        elif slug in small:
-            what, style = "small correction", {"color": "#009E73", "hatch": "..."}
-        elif slug in rivals:
-            what, style = "alternative", {"color": "#56B4E9", "hatch": "///"}
-        else:
-            what, style = "other candidate", {"color": "0.8"}
         if value < LEAST:
             # Alone it does no better than other base parameters: no bar to the left,
             # which would read as if it did harm beside the others.
             if len(d.causes) > 1:
                 ax.text(1.0, row, " useful only in combination", fontsize=7, va="center")
             continue
+        kind = kinds.get(slug, "other candidate")
         # An underscore keeps a second one of a kind out of the legend.
-        label = f"_{what}" if what in labelled else what
-        labelled.add(what)
+        label = f"_{kind}" if kind in labelled else kind
+        labelled.add(kind)
         ax.barh(
-            row, value - 1.0, left=1.0, height=0.75, edgecolor="white", lw=0.5, label=label, **style
-        )
+            row, value - 1.0, left=1.0, height=0.75, edgecolor="white", lw=0.5, label=label,
+            **_BAR_STYLES[kind],
+        )  # fmt: skip
     names = {slug: rotary_words(title_of(slug), d.axis.units[1]) for slug in times}
     ax.set_yticks(
         range(len(times)),

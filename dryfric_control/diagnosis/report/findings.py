@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,10 +18,12 @@ from dryfric_control.records.bad_readings import Masks
 from dryfric_control.records.record import Record
 from dryfric_control.text import (
     Result,
+    documented,
     fields_of,
     length_text,
     percent,
     rotary_words,
+    stated,
     table,
     wrapped,
 )
@@ -29,7 +31,6 @@ from dryfric_control.text import (
 if TYPE_CHECKING:
     from dryfric_control.diagnosis.experiment import Experiment
 
-VERDICTS = ("nothing to find", "explained", "partly explained", "unexplained", "not finished")
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
@@ -40,36 +41,10 @@ LATE = (
 )
 
 
+@documented
 @dataclass(frozen=True, repr=False)
 class Cause(Result):
     """One physical cause of what the simulation gets wrong.
-
-    Attributes
-    ----------
-    effect : str
-        Id of the effect; "inertia", "viscous", "coulomb" for a wrong base
-        parameter.
-    title : str
-        Its name in words.
-    parameters : dict of str to float
-        Fitted values.
-    standard_errors : dict of str to float
-        Standard errors from blocks of the record, infinite where it
-        leaves a parameter undetermined.
-    units : dict of str to str
-        Units of the parameters.
-    held_out_gain : float
-        Fall of the mean log score log(1 + (error/noise)^2 / 4) of free runs that
-        the fit did not see, when this cause joins the others; where the likelihood
-        decided, twice its gain per sample, which is of one-step predictions.
-    interval : tuple of float
-        90 % interval of `held_out_gain`.
-    alternatives : tuple of str
-        Effects that explain this record equally well in its place.
-    explanation : str
-        What it is physically.
-    experiment : str
-        What would expose it alone.
 
     Examples
     --------
@@ -85,16 +60,20 @@ class Cause(Result):
     bias force (bias_force): force = 2.00 +- 0.10 N; alternatives: spring
     """
 
-    effect: str
-    title: str
-    parameters: dict[str, float]
-    standard_errors: dict[str, float]
-    units: dict[str, str]
-    held_out_gain: float
-    interval: tuple[float, float]
-    alternatives: tuple[str, ...]
-    explanation: str
-    experiment: str
+    effect: str = stated("Id of the effect; inertia, viscous or coulomb for a base parameter.")
+    title: str = stated("Its name in words.")
+    parameters: dict[str, float] = stated("Fitted values.")
+    standard_errors: dict[str, float] = stated("From blocks of the record; infinite: undetermined.")
+    units: dict[str, str] = stated("Units of the parameters.")
+    held_out_gain: float = stated(
+        "Fall of the mean log score log(1 + (error/noise)^2 / 4) of free runs that the fit did not "
+        "see, when this cause joins the others; where the likelihood decided, twice its gain per "
+        "sample, which is of one-step predictions."
+    )
+    interval: tuple[float, float] = stated("90 % interval of `held_out_gain`.")
+    alternatives: tuple[str, ...] = stated("Effects that explain this record equally well.")
+    explanation: str = stated("What it is physically.")
+    experiment: str = stated("What would expose it alone.")
 
     def _shown(self) -> list[str]:
         return [cause_text(self)]
@@ -125,26 +104,13 @@ class Causes(tuple[Cause, ...]):
 
 @dataclass(frozen=True, repr=False)
 class Gain(Result):
-    """Error of free runs on data that neither selection nor fit has seen.
+    """Error of free runs on data that neither selection nor fit has seen."""
 
-    Attributes
-    ----------
-    before, after : float
-        RMS error of position of the nominal and of the extended axis.
-    floor : float
-        The same for the extended axis run on a record that it made itself,
-        read by the same encoder.
-    interval : tuple of float
-        90 % block-bootstrap interval of `ratio`.
-    unit : str
-        Unit of the errors.
-    """
-
-    before: float
-    after: float
-    floor: float
-    interval: tuple[float, float]
-    unit: str
+    before: float  # RMS error of position, nominal axis
+    after: float  # with the causes
+    floor: float  # of the extended axis on a record that it made itself, read by the same encoder
+    interval: tuple[float, float]  # 90 % block-bootstrap interval of `ratio`
+    unit: str  # of the errors
 
     @property
     def ratio(self) -> float:
@@ -168,18 +134,7 @@ class Gain(Result):
 
     @property
     def left(self) -> float:
-        """Share of the error above the noise floor that is left, 0 to 1.
-
-        Notes
-        -----
-        sqrt((after^2 - floor^2) / (before^2 - floor^2))
-
-        Examples
-        --------
-        >>> from dryfric_control.diagnosis import Gain
-        >>> round(Gain(1e-3, 3e-5, 1e-5, (20.0, 50.0), "m").left, 3)
-        0.028
-        """
+        """Share of the error above the noise floor that is left, 0 to 1."""
         if self.after >= self.before:
             return 1.0
         rest = max(self.after**2 - self.floor**2, 0.0)
@@ -192,22 +147,11 @@ class Gain(Result):
 
 @dataclass(frozen=True, repr=False)
 class Unexplained(Result):
-    """Structure that is left when the found causes are in the model.
+    """Structure that is left when the found causes are in the model."""
 
-    Attributes
-    ----------
-    fraction : float
-        Share of the error above the noise floor that is left, `Gain.left`; 0 where what is
-        left is no more than noise.
-    significant : bool
-        Whether what is left is more than the noise floor makes.
-    where : tuple of str
-        Where it occurs: position, velocity, time, time since reversal, in words.
-    """
-
-    fraction: float
-    significant: bool
-    where: tuple[str, ...]
+    fraction: float  # `Gain.left`; 0 where what is left is no more than noise
+    significant: bool  # whether it is more than the noise floor makes
+    where: tuple[str, ...]  # position, velocity, time or time since reversal, in words
 
     def __float__(self) -> float:
         return self.fraction
@@ -222,25 +166,48 @@ class Unexplained(Result):
 class Findings:
     """What a diagnosis found, without words and figures; see `Diagnosis`."""
 
-    axis: FrictionAxis
-    record: Record
-    verdict: str
-    causes: tuple[Cause, ...]
-    extended: FrictionAxis
-    gain: Gain
-    unexplained: Unexplained
-    next_experiment: Experiment | None
-    messages: tuple[str, ...]
-    scores: dict[str, float]
-    window: float
-    roles: NDArray[np.int64]
-    hold: str = "zero"
-    remaining: Remaining = field(default_factory=Remaining)
-    references: dict[str, float] = field(default_factory=dict)
-    varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
-    others: tuple[Record, ...] = ()
-    not_tried: dict[str, str] = field(default_factory=dict)
-    standard_errors: dict[str, float] = field(default_factory=dict)
+    axis: FrictionAxis = stated("The nominal axis.")
+    record: Record = stated("The measured record.")
+    verdict: str = stated(
+        '"nothing to find", "explained", "partly explained", "unexplained", or "not finished" '
+        "where a time limit or an interrupt cut the search off."
+    )
+    causes: tuple[Cause, ...] = stated("In the order found.")
+    extended: FrictionAxis = stated("The axis with the causes fitted in.")
+    gain: Gain = stated("Error before and after, on data not used for anything else.")
+    unexplained: Unexplained = stated("Structure that is left.")
+    next_experiment: Experiment | None = stated(
+        "Excitation that best separates a cause from its alternatives, if any is left to separate."
+    )
+    messages: tuple[str, ...] = stated("What the record leaves undetermined.")
+    scores: dict[str, float] = stated(
+        "Mean held-out score of every candidate as the first cause, for the report: lower is "
+        'better, "" is the axis with its base parameters fitted.'
+    )
+    window: float = stated("Length of the free runs [s].")
+    roles: NDArray[np.int64] = stated(
+        "Half of the record, 0 or 1, that each window belongs to: it is judged with parameters "
+        "fitted to the other one."
+    )
+    hold: str = stated('How the input runs between samples, "zero" or "first".', "zero")
+    remaining: Remaining = stated("The random force that is left.", default_factory=Remaining)
+    references: dict[str, float] = stated(
+        "Gain of log-likelihood of the answer over the nominal axis and over a straight line, "
+        "which ignores the drive; empty where free runs decided.",
+        default_factory=dict,
+    )
+    varies: dict[str, dict[str, list[float]]] = stated(
+        'Parameters that differ from record to record: "values" and "standard_errors", one a '
+        "record.",
+        default_factory=dict,
+    )
+    others: tuple[Record, ...] = stated("The records after the first.", ())
+    not_tried: dict[str, str] = stated(
+        "Effects that could not be tried, with the reason.", default_factory=dict
+    )
+    standard_errors: dict[str, float] = stated(
+        "Of every fitted parameter of `extended`; infinite: undetermined.", default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "causes", Causes(self.causes))

@@ -67,13 +67,15 @@ def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
     r = d.record
+    references = [("reference", "gain of log-likelihood over it")]
+    references += [(name, f"{gain:+.0f}") for name, gain in d.references.items()]
     return _TEMPLATES.get_template("page.html").render(
         _found(d),
         axis=d.axis.name,
         record=wording.records_text(d) or "record",
         pictures=_pictures(d, before, after),
         steps=wording.next_steps(d),
-        references=Markup(table(_reference_rows(d), as_html=True)) if d.references else "",
+        references=Markup(table(references, as_html=True)) if d.references else "",
         evidence=Markup(table(_evidence_rows(d, before, after), as_html=True)),
         acting=Markup(table(_acting_rows(d), as_html=True)),
         extended_by_effects=bool(d.extended.effects),
@@ -124,8 +126,8 @@ def _provenance(d: Findings) -> str:
     r = d.record
     unit = d.axis.units[0]
     quantum = f", encoder quantum {length_text(r.quantum, unit)}" if r.quantum else ""
-    shown = wording.shown_record(d)
-    of = f"{shown[0].upper()}{shown[1:]}: " if shown else ""
+    of = wording.shown_record(d)
+    of = f"{of[0].upper()}{of[1:]}: " if of else ""
     return (
         f"{of}{len(r)} samples in {r.duration:.4g} s, range {length_text(r.range, unit)}{quantum}; "
         f"free runs of {d.window:.3g} s; dryfric-control {__version__}."
@@ -147,59 +149,47 @@ def _svg(draw: Callable[[Any], None]) -> bytes:
     return buffer.getvalue()
 
 
-def _picture(draw: Callable[[Any], None], alt: str, caption: str) -> dict[str, str]:
-    data = base64.b64encode(_svg(draw)).decode("ascii")
-    return {"svg": data, "alt": alt, "caption": caption}
-
-
-def _medians(before: Evidence, after: Evidence | None) -> str:
-    unit = before.axis.units[0]
-    words = f"median {length_text(float(np.median(before.error_by_window)), unit)} nominal"
-    if after is not None:
-        found = length_text(float(np.median(after.error_by_window)), unit)
-        words += f", {found} with the causes"
-    return words
-
-
 def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dict[str, str]]:
-    def residual(by: str) -> Callable[[Any], None]:
-        return lambda ax: figures.draw_residual(before, after, by, ax)
-
-    shown = wording.shown_record(d)
-    # Of several records the curves are of one: each caption says of which.
-    which = f" {shown[0].upper()}{shown[1:]}." if shown else ""
+    """Panels with their words, for those who see them and those who do not."""
+    found: list[dict[str, str]] = []
     force = before.axis.units[1]
-    rms = f"RMS {before.force_rms:.3g} {force} nominal"
+    # Of several records the curves are of one: each caption says of which.
+    of = wording.shown_record(d)
+    which = f" {of[0].upper()}{of[1:]}." if of else ""
+
+    def add(alt: str, caption: str, draw: Callable[..., None], *given: Any, **options: Any) -> None:
+        svg = base64.b64encode(_svg(lambda ax: draw(*given, ax, **options))).decode("ascii")
+        found.append({"svg": svg, "alt": alt, "caption": caption})
+
+    def by_side(text: Callable[[Evidence], str]) -> str:
+        sides = figures.shown(before, after)
+        return ", ".join(f"{text(side)} {name}" for side, _, name in sides)
+
+    add(
+        "Friction over velocity, nominal and with the causes, over the measured friction.",
+        "Friction over velocity; a band where it depends on position. Dots: measured "
+        f"force, net of inertia and other effects.{which}",
+        figures.draw_friction_curves, d, before, after,
+    )  # fmt: skip
+    add(
+        f"RMS error of every free run over time, median {by_side(_median)}.",
+        "Error of free runs, each from its most likely start. Grey: data used to judge or "
+        f"measure; white: data used to fit.{which}",
+        figures.draw_errors, d, before, after,
+    )  # fmt: skip
+    add(
+        "Simulated minus measured position over time, where the errors are among the largest.",
+        "Simulated minus measured position where the errors are among the largest. Dotted: "
+        f"restarts of the free runs.{which}",
+        figures.draw_difference, d, before, after,
+    )  # fmt: skip
     if after is not None:
-        rms += f", {after.force_rms:.3g} {force} with the causes"
-    pictures = [
-        _picture(
-            lambda ax: figures.draw_friction_curves(d, before, after, ax),
-            "Friction over velocity, nominal and with the causes, over the measured friction.",
-            "Friction over velocity; a band where it depends on position. Dots: measured "
-            f"force, net of inertia and other effects.{which}",
-        ),
-        _picture(
-            lambda ax: figures.draw_errors(d, before, after, ax),
-            f"RMS error of every free run over time, {_medians(before, after)}.",
-            "Error of free runs, each from its most likely start. Grey: data used to judge or "
-            f"measure; white: data used to fit.{which}",
-        ),
-        _picture(
-            lambda ax: figures.draw_difference(d, before, after, ax),
-            "Simulated minus measured position over time, where the errors are among the largest.",
-            "Simulated minus measured position where the errors are among the largest. Dotted: "
-            f"restarts of the free runs.{which}",
-        ),
-    ]
-    if after is not None:
-        pictures.append(
-            _picture(
-                lambda ax: figures.draw_difference(d, before, after, ax, nominal=False),
-                "Simulated minus measured position with the causes, on its own scale.",
-                f"The same with the causes, on a scale of its own.{which}",
-            )
-        )
+        add(
+            "Simulated minus measured position with the causes, on its own scale.",
+            f"The same with the causes, on a scale of its own.{which}",
+            figures.draw_difference, d, before, after, nominal=False,
+        )  # fmt: skip
+    rms = f"RMS {by_side(lambda side: f'{side.force_rms:.3g} {force}')}"
     hidden = wording.hidden_text(d, before.hidden)
     what = {
         "velocity": "Force residual over velocity: the force that the model needs in "
@@ -212,79 +202,65 @@ def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dic
     for by, caption in what.items():
         over = by.replace("reversal", "time since reversal")
         words = f"Force residual against {over}; {rms}."
-        pictures.append(_picture(residual(by), words, caption.rstrip() + which))
+        add(words, caption.rstrip() + which, figures.draw_residual, before, after, by)
     table = wording.level_table(d)
     if wording.level_varies(table):
-        unit = d.axis.units
-        pictures.append(
-            _picture(
-                lambda ax: figures.draw_levels(d, ax),
-                "Coulomb level over position; nominal: "
-                f"{wording.level_text(table, 'believed', unit)}; with the causes: "
-                f"{wording.level_text(table, 'found', unit)}.",
-                "Coulomb level with every effect that changes it, without Stribeck peak and load, "
-                "over the range that the record covers. Marks show the direction: > forwards (x "
-                f"grows), < backwards.{which}",
-            )
+        nominal, extended = (
+            wording.level_text(table, side, d.axis.units) for side in ("believed", "found")
         )
+        add(
+            f"Coulomb level over position; nominal: {nominal}; with the causes: {extended}.",
+            "Coulomb level with every effect that changes it, without Stribeck peak and load, "
+            "over the range that the record covers. Marks show the direction: > forwards (x "
+            f"grows), < backwards.{which}",
+            figures.draw_levels, d,
+        )  # fmt: skip
     times = figures.falls(d)
     if figures.any_bar(d):
         best = next(iter(times))
-        pictures.append(
-            _picture(
-                lambda ax: figures.draw_candidates(d, ax),
-                f"Bars: {figures.MEASURE}, of each candidate alone; the "
-                f"longest: {titles_of(best)}, {plain(times[best])}.",
-                f"{figures.MEASURE.capitalize()}: the best candidates, each as the only cause, "
-                "compared with an axis whose mass, viscous friction and Coulomb level alone are "
-                f"refitted (below {LEAST:g}: chance). {figures.others_text(d)}",
-            )
-        )
+        add(
+            f"Bars: {figures.MEASURE}, of each candidate alone; the "
+            f"longest: {titles_of(best)}, {plain(times[best])}.",
+            f"{figures.MEASURE.capitalize()}: the best candidates, each as the only cause, "
+            "compared with an axis whose mass, viscous friction and Coulomb level alone are "
+            f"refitted (below {LEAST:g}: chance). {figures.others_text(d)}",
+            figures.draw_candidates, d,
+        )  # fmt: skip
     elif times:
-        pictures.append({"svg": "", "alt": "", "caption": figures.no_bar_text(d)})
-    pictures.append(
-        _picture(
-            lambda ax: figures.draw_autocorrelation(before, after, ax),
-            "Autocorrelation of the force residual over the lag, with the band of white noise.",
-            "White noise stays within the band, except at the shortest lags, where smoothing "
-            f"correlates it.{which}",
-        )
-    )
+        found.append({"svg": "", "alt": "", "caption": figures.no_bar_text(d)})
+    add(
+        "Autocorrelation of the force residual over the lag, with the band of white noise.",
+        "White noise stays within the band, except at the shortest lags, where smoothing "
+        f"correlates it.{which}",
+        figures.draw_autocorrelation, before, after,
+    )  # fmt: skip
     left = d.remaining
     if left.frequency and left.rms > 0.0:
-        pictures.append(
-            _picture(
-                lambda ax: figures.draw_remaining(d, ax),
-                f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
-                "Spectrum of the random force that is left with the causes in the model. A peak "
-                f"indicates a periodic cause, a rise towards low frequencies a slow one.{which}",
-            )
-        )
-    return pictures
+        add(
+            f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
+            "Spectrum of the random force that is left with the causes in the model. A peak "
+            f"indicates a periodic cause, a rise towards low frequencies a slow one.{which}",
+            figures.draw_remaining, d,
+        )  # fmt: skip
+    return found
 
 
-def _reference_rows(d: Findings) -> list[tuple[str, ...]]:
-    """What the answer was compared with."""
-    rows = [(name, f"{gain:+.0f}") for name, gain in d.references.items()]
-    return [("reference", "gain of log-likelihood over it"), *rows]
+def _median(side: Evidence) -> str:
+    """Median error of the free runs."""
+    return length_text(float(np.median(side.error_by_window)), side.axis.units[0])
 
 
 def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> list[tuple[str, ...]]:
     length, force = before.axis.units
-    sides = [before] if after is None else [before, after]
-    return [
-        (wording.shown_record(d) or "whole record", "nominal", "with the causes")[: len(sides) + 1],
-        (
-            rotary_words("force residual, RMS", force),
-            *(f"{s.force_rms:.3g} {force}" for s in sides),
-        ),
-        ("free runs, RMS error", *(length_text(s.position_rms, length) for s in sides)),
-        (
-            "free runs, median error",
-            *(length_text(float(np.median(s.error_by_window)), length) for s in sides),
-        ),
-        ("stick/slip mismatch *", *(percent(s.disagreement) for s in sides)),
-    ]
+    sides = figures.shown(before, after)
+    rows: dict[str, Callable[[Evidence], str]] = {
+        rotary_words("force residual, RMS", force): lambda side: f"{side.force_rms:.3g} {force}",
+        "free runs, RMS error": lambda side: length_text(side.position_rms, length),
+        "free runs, median error": _median,
+        "stick/slip mismatch *": lambda side: percent(side.disagreement),
+    }
+    head = (wording.shown_record(d) or "whole record", *(name for *_, name in sides))
+    return [head, *((name, *(text(side) for side, *_ in sides)) for name, text in rows.items())]
 
 
 def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
@@ -298,7 +274,7 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
         before, after = (wording.viscous_coefficient(axis, sign) for axis in (believed, found))
         rows.append((f"viscous friction {way}", before, after, f"{force} s/{length}"))
     table = wording.level_table(d)
-    places = range(3) if wording.level_moves(table) else (1,)
+    places = range(3) if wording.level_varies(table, in_place=True) else (1,)
     for _, way in wording.WAYS:
         for i in places:
             where = f" at x = {table['x'][i]:.3g} {length}" if len(places) > 1 else ""

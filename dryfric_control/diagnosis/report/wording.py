@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.gain_or_base import GAIN
 from dryfric_control.diagnosis.report.findings import (
     LATE,
@@ -29,7 +30,6 @@ _BY_A_FORCE = (
     'which value is right, such as known=("mass",).'
 )
 
-FloatArray = NDArray[np.float64]
 
 # Relative change of a base parameter that is reported although no cause names it.
 _MOVED = 0.01
@@ -39,10 +39,8 @@ WAYS = ((1, "forwards"), (-1, "backwards"))
 
 
 def gain_of(d: Findings, fall: float) -> float:
-    """Gain of log-likelihood that a fall of the mean score of a sample is.
-
-    One step errs hardly less with a cause than without: all of them together show it.
-    """
+    """Gain of log-likelihood that a fall of the mean score of a sample is."""
+    # One step errs hardly less with a cause than without: all of them together show it.
     return 0.5 * sum(map(len, (d.record, *d.others))) * fall
 
 
@@ -58,20 +56,8 @@ def check_text(d: Findings) -> str:
     return "nothing, as long as it moves as in this record; other motions are not tested."
 
 
-def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> FloatArray:
-    """Coulomb level at positions in one direction, with every effect that changes it.
-
-    Friction of the axis as it begins to slide there at time zero, without load and
-    Stribeck peak.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-    ...                         effects=(dfc.effects.CoulombAsymmetry(force=1.0),))
-    >>> levels(axis, [0.0], 1).tolist(), levels(axis, [0.0], -1).tolist()
-    ([9.0], [7.0])
-    """
+def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> Floats:
+    """Coulomb level in one direction at time zero, without load and Stribeck peak, shape (n,)."""
     acting = axis.effective()
     alone = acting.replace(
         stribeck=None, effects=tuple(e for e in acting.effects if e.action == "friction")
@@ -82,49 +68,25 @@ def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> FloatArray:
 
 
 def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
-    """Viscous coefficient in one direction.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-    ...                         effects=(dfc.effects.ViscousAsymmetry(viscous=-3.0),))
-    >>> round(viscous_coefficient(axis, 1), 9), round(viscous_coefficient(axis, -1), 9)
-    (12.0, 18.0)
-    """
+    """Viscous coefficient in one direction."""
     acting = axis.effective()
     return acting.viscous + sum(effect.viscous_in(direction) for effect in acting.effects)
 
 
 def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
-    """Coulomb levels at `points` positions over the range of the record.
-
-    Lists "x" and, of each side "believed" and "found", "forwards" and "backwards".
-    """
+    """Coulomb levels, by side and direction, at "x", positions over the range of the record."""
     x = np.linspace(float(d.record.x.min()), float(d.record.x.max()), points)
     sides = {"believed": d.axis, "found": d.extended}
-    table: dict[str, Any] = {"x": x.tolist()}
-    for side, axis in sides.items():
-        table[side] = {way: levels(axis, x, s).tolist() for s, way in WAYS}
-    return table
+    return {"x": x.tolist()} | {
+        side: {way: levels(axis, x, s).tolist() for s, way in WAYS} for side, axis in sides.items()
+    }
 
 
-def level_varies(table: dict[str, Any]) -> bool:
-    """Whether a table's level depends on position or direction, on either side."""
-    return any(
-        np.ptp([*table[side]["forwards"], *table[side]["backwards"]])
-        > 1e-9 * max(table[side]["forwards"])
-        for side in ("believed", "found")
-    )
-
-
-def level_moves(table: dict[str, Any]) -> bool:
-    """Whether a table's level depends on position, on either side."""
-    return any(
-        np.ptp(table[side][way]) > 1e-9 * max(table[side][way])
-        for side in ("believed", "found")
-        for _, way in WAYS
-    )
+def level_varies(table: dict[str, Any], in_place: bool = False) -> bool:
+    """Whether a table's level depends on position, or else on position or direction."""
+    levels = np.array([[table[side][way] for _, way in WAYS] for side in ("believed", "found")])
+    parts = levels.reshape(4 if in_place else 2, -1)
+    return bool(np.any(np.ptp(parts, axis=1) > 1e-9 * parts.max(axis=1)))
 
 
 def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
@@ -263,10 +225,7 @@ def hidden_text(d: Findings, share: float) -> str:
 
 
 def records_text(d: Findings) -> str:
-    """Names of the records that were diagnosed together; how many, where they have none.
-
-    The first is the one that figures show.
-    """
+    """Names of the records that were diagnosed together, the first the one that figures show."""
     names = [one.name for one in (d.record, *d.others) if one.name]
     if not d.others:
         return names[0] if names else ""

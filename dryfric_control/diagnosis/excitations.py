@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, positive
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import Effect, parameter
+from dryfric_control.model.effects import BiasForce
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
 
@@ -27,31 +26,11 @@ ADDED_MASS, KNOWN_FORCE = 0.5, 0.5
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of travel, drive and speed for an experiment.
+    """Limits of travel, drive and speed for an experiment."""
 
-    Parameters
-    ----------
-    travel : tuple of float
-        Lowest and highest position [m].
-    drive : float
-        Largest drive force [N].
-    speed : float
-        Largest speed [m/s].
-
-    Raises
-    ------
-    ValueError
-        If a value is out of its range.
-
-    Examples
-    --------
-    >>> Limits(travel=(0.0, 0.3), drive=40.0, speed=0.5).span
-    0.3
-    """
-
-    travel: tuple[float, float]
-    drive: float
-    speed: float
+    travel: tuple[float, float]  # lowest and highest position [m]
+    drive: float  # largest drive force [N]
+    speed: float  # largest speed [m/s]
 
     def __post_init__(self) -> None:
         try:
@@ -65,26 +44,9 @@ class Limits:
         positive("limits.drive", self.drive, unit="N")
         positive("limits.speed", self.speed, unit="m/s")
 
-    @property
-    def span(self) -> float:
-        """Length of the travel [m]."""
-        return self.travel[1] - self.travel[0]
-
     @classmethod
     def of(cls, axis: FrictionAxis, record: Record) -> Limits:
-        """Limits from a record, and from the travel of its axis.
-
-        Parameters
-        ----------
-        axis : FrictionAxis
-            Its `travel` has priority over that of the record, if it has one.
-        record : Record
-            A record of the machine.
-
-        Returns
-        -------
-        Limits
-        """
+        """Travel of the axis, or else of the record, and the largest drive and speed in it."""
         return cls(
             axis.travel or (float(record.x.min()), float(record.x.max())),
             float(np.abs(record.u).max()),
@@ -94,57 +56,32 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stage:
-    """The axis and the limits for which an excitation is designed.
-
-    Attributes
-    ----------
-    limits : Limits
-    axis : FrictionAxis
-        The axis from which distances and forces are chosen.
-    level : float
-        Coulomb level in the middle of the travel [N].
-    t : ndarray, shape (n,)
-        Time [s].
-    """
+    """The axis and the limits for which an excitation is designed."""
 
     limits: Limits
-    axis: FrictionAxis
-    level: float
-    t: Floats
+    axis: FrictionAxis  # from which distances and forces are chosen
+    t: Floats  # time [s], shape (n,)
+    duration: float  # length of the experiment [s]
+    middle: float  # of the travel [m]
+    reach: float  # largest distance of motions from the middle [m]
+    level: float  # Coulomb level in the middle [N]
+    spare: float  # drive in excess of the friction [N]
+    added_mass: float  # clamped on [kg]
+    known_force: float  # added [N]
 
     @classmethod
     def of(cls, axis: FrictionAxis, limits: Limits, dt: float) -> Stage:
         """Stage for an axis within limits, sampled at `dt`."""
         axis = axis.effective()
-        middle = 0.5 * sum(limits.travel)
+        low, high = limits.travel
+        middle, drive = 0.5 * (low + high), limits.drive
         level = 0.5 * float(np.sum([axis.coulomb(np.array([middle]), s) for s in (1, -1)]))
-        n = min(samples(_DURATION, dt), _MOST_SAMPLES)
-        return cls(limits, axis, level, np.asarray(dt * np.arange(n)))
-
-    @property
-    def duration(self) -> float:
-        """Length of the experiment [s]."""
-        return float(self.t[-1])
-
-    @property
-    def middle(self) -> float:
-        """Middle of the travel [m]."""
-        return 0.5 * sum(self.limits.travel)
-
-    @property
-    def reach(self) -> float:
-        """Largest distance of motions from the middle [m]."""
-        return (0.5 - _MARGIN) * self.limits.span
-
-    @property
-    def spare(self) -> float:
-        """Drive in excess of the friction [N]."""
-        return max(self.limits.drive - self.level, 0.2 * self.limits.drive)
-
-    def path(self, times: Any, places: Any) -> Floats:
-        """Piecewise linear path; times over the duration, places over `reach`."""
-        x = np.interp(self.t, np.asarray(times) * self.duration, np.asarray(places))
-        return np.asarray(self.middle + self.reach * x)
+        t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MOST_SAMPLES)))
+        return cls(
+            limits, axis, t, float(t[-1]), middle, (0.5 - _MARGIN) * (high - low), level,
+            spare=max(drive - level, 0.2 * drive), added_mass=ADDED_MASS * axis.mass,
+            known_force=KNOWN_FORCE * min(max(level, 0.05 * drive), drive),
+        )  # fmt: skip
 
     def still(self) -> Floats:
         """Zero feed-forward force."""
@@ -226,17 +163,13 @@ def _braking(stage: Stage, scale: float) -> Motion:
 
 
 def _rests(stage: Stage, scale: float) -> Motion:
-    # Times at rest [s] for a duration of 8 s; all ramps are equally slow.
-    rests = np.array([0.02, 0.1, 0.3, 0.6, 1.2, 2.0])
-    ramp = (stage.duration - rests.sum() * stage.duration / 8.0) / rests.size
-    times, places, here = [0.0], [0.0], 0.0
+    # For a duration of 8 s; all ramps are equally slow.
+    rests = stage.duration / 8.0 * np.array([0.02, 0.1, 0.3, 0.6, 1.2, 2.0])
+    ramp = (stage.duration - rests.sum()) / rests.size
     way = scale * min(0.5, 0.1 * stage.limits.speed * ramp / stage.reach)
-    for i, rest in enumerate(rests):
-        times += [times[-1] + rest * stage.duration / 8.0]
-        times += [times[-1] + ramp]
-        places += [here, way if i % 2 == 0 else 0.0]
-        here = places[-1]
-    return stage.path(np.array(times) / stage.duration, places), stage.still()
+    times = np.cumsum([0.0, *np.ravel([(rest, ramp) for rest in rests])])
+    path = np.interp(stage.t, times, way * (np.arange(times.size) // 2 % 2))
+    return stage.middle + stage.reach * path, stage.still()
 
 
 def _force_steps(stage: Stage, scale: float) -> Motion:
@@ -284,70 +217,38 @@ def _coasting(stage: Stage, scale: float) -> Motion:
     return stage.axis.simulate(force, dt, x0=stage.middle).y[0].copy(), force
 
 
-@dataclass(frozen=True)
-class KnownForce(Effect):
+class KnownForce(BiasForce):
     """Known force added on the bench; no candidate of a diagnosis."""
-
-    force: float = parameter("N", "force, positive with x")
 
     slug = "known_force"
     title = "known force"
-    action = "force"
-    depends_on_speed = False
-
-    @staticmethod
-    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
-        return p[0]
-
-
-def _added_mass(stage: Stage) -> float:
-    return ADDED_MASS * stage.axis.mass
-
-
-def _added_force(stage: Stage) -> float:
-    level = max(stage.level, 0.05 * stage.limits.drive)
-    return KNOWN_FORCE * min(level, stage.limits.drive)
 
 
 def _heavier(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
     own = axis.effective()
-    return own.replace(mass=own.mass + _added_mass(stage))
+    return own.replace(mass=own.mass + stage.added_mass)
 
 
 def _pulled(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
-    return axis.replace(effects=(*axis.effects, KnownForce(force=_added_force(stage))))
+    return axis.replace(effects=(*axis.effects, KnownForce(force=stage.known_force)))
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """One experiment of the set.
-
-    Attributes
-    ----------
-    name : str
-        Short name.
-    title : str
-        Title.
-    description : str
-        Instructions in plain words; {mass} and {force} are replaced by what is added.
-    motion : callable
-        ``motion(stage, scale)`` returns reference and feed-forward force.
-    change : callable or None
-        ``change(stage, axis)`` returns the axis with a known change of the bench,
-        such as a mass clamped on.
-    """
+    """One experiment of the set."""
 
     name: str
     title: str
-    description: str
-    motion: Callable[[Stage, float], Motion]
+    description: str  # instructions; {mass} and {force} are replaced by what is added
+    motion: Callable[[Stage, float], Motion]  # reference and feed-forward force at a size
+    # The axis with a known change of the bench, such as a mass clamped on.
     change: Callable[[Stage, FrictionAxis], FrictionAxis] | None = None
 
     def words(self, stage: Stage) -> str:
         """The description with the numbers of a stage."""
         mass, force = (stage.axis.unit(unit) for unit in ("kg", "N"))
         return self.description.format(
-            mass=f"{_added_mass(stage):.3g} {mass}", force=f"{_added_force(stage):.3g} {force}"
+            mass=f"{stage.added_mass:.3g} {mass}", force=f"{stage.known_force:.3g} {force}"
         )
 
 

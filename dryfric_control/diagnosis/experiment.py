@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dryfric_control.arrays import Floats
+from dryfric_control.checks import instance
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
@@ -18,7 +19,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import replacing
-from dryfric_control.text import Result, fields_of, rotary_words
+from dryfric_control.text import Result, documented, fields_of, rotary_words, stated
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
 
@@ -30,40 +31,12 @@ _SEPARATE = 0.1
 _SEEN = 1.0
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
     """The experiment that best separates equally good causes.
 
     Made by `next_experiment`.
-
-    Attributes
-    ----------
-    name : str
-        Short name of the excitation; "change_of_bench" if none of the set
-        separates the causes.
-    title : str
-        Title of the excitation.
-    description : str
-        Instructions for the bench.
-    t, reference : ndarray, shape (n,)
-        Time [s] and position reference [m] for the position loop; empty for a
-        change of the bench.
-    force : ndarray, shape (n,), or None
-        Force added to the loop's drive [N], if any.
-    separates : tuple of str
-        Alternatives that this experiment separates from the named cause.
-    score : dict of str to float
-        For every alternative: remaining windowed error between it and the named cause
-        after the best refit, RMS in encoder quanta; 0 if they are not separated.
-    tried : dict of str to float
-        For every excitation that keeps the limits: the same error before any refit,
-        smallest over the alternatives.
-    cause : str
-        The named cause.
-    positions, drives : dict of str to ndarray, shape (n,)
-        Position [m] and drive force [N] that each hypothesis predicts.
-    units : tuple of str
-        Units of position and force.
 
     Examples
     --------
@@ -85,19 +58,27 @@ class Experiment(Result):
     True
     """
 
-    name: str
-    title: str
-    description: str
-    t: Floats
-    reference: Floats
-    force: Floats | None
-    separates: tuple[str, ...]
-    score: dict[str, float]
-    tried: dict[str, float]
-    cause: str
-    positions: dict[str, Floats]
-    drives: dict[str, Floats]
-    units: tuple[str, str]
+    name: str = stated(
+        'Short name of the excitation; "change_of_bench" if none of the set separates the causes.'
+    )
+    title: str = stated("Title of the excitation.")
+    description: str = stated("Instructions for the bench.")
+    t: Floats = stated("Time [s]; empty for a change of the bench.")
+    reference: Floats = stated("Position reference [m] for the position loop.")
+    force: Floats | None = stated("Force added to the loop's drive [N], if any.")
+    separates: tuple[str, ...] = stated("Alternatives that it separates from the named cause.")
+    score: dict[str, float] = stated(
+        "For every alternative: remaining windowed error between it and the named cause after the "
+        "best refit, RMS in encoder quanta; 0 if they are not separated."
+    )
+    tried: dict[str, float] = stated(
+        "For every excitation that keeps the limits: the same error before any refit, smallest "
+        "over the alternatives."
+    )
+    cause: str = stated("The named cause.")
+    positions: dict[str, Floats] = stated("Position [m] that each hypothesis predicts.")
+    drives: dict[str, Floats] = stated("Drive force [N] that each hypothesis predicts.")
+    units: tuple[str, str] = stated("Units of position and force.")
 
     def _shown(self) -> list[str]:
         return [self.summary()]
@@ -261,7 +242,7 @@ def next_experiment(
     axes = [axis, *rivals]
     refits = [Refit.of(one, record, quantum) for one in axes]
     tried: dict[str, float] = {}
-    best: tuple[float, Staged, list[float], list[float]] | None = None
+    best: tuple[float, Staged, list[Distance]] | None = None
     for changed in (False, True):
         stages = [
             found
@@ -271,23 +252,23 @@ def next_experiment(
         ]
         raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
         for one, pairs in zip(stages, raw, strict=True):
-            tried[one.excitation.name] = min(rms for _, rms in pairs)
+            tried[one.excitation.name] = min(pair.rms for pair in pairs)
         # A refit can only bring hypotheses closer: the distance before it is an upper bound,
         # so that the search in this order can stop early.
-        upper = [_worth([part for part, _ in pairs]) for pairs in raw]
+        upper = list(map(_worth, raw))
         for k in ranked(-np.array(upper)):
             if best is not None and not above(upper[k], best[0]):
                 break
-            parts, scores = _after_refit(stages[k], stage, refits, raw[k], quantum)
-            worth = _worth(parts)
+            left = _after_refit(stages[k], stage, refits, raw[k], quantum)
+            worth = _worth(left)
             if best is None or above(worth, best[0]):
-                best = (worth, stages[k], parts, scores)
-        if best is not None and all(map(_separate, *best[2:])):
+                best = (worth, stages[k], left)
+        if best is not None and all(pair.separate for pair in best[2]):
             break
-    if best is None or not any(map(_separate, *best[2:])):
+    if best is None or not any(pair.separate for pair in best[2]):
         return _change_of_bench(names, tried, axis.units)
-    _, chosen, parts, scores = best
-    separate = list(map(_separate, parts, scores))
+    _, chosen, left = best
+    score = {name: pair.rms * pair.separate for name, pair in zip(names[1:], left, strict=True)}
     return Experiment(
         name=chosen.excitation.name,
         title=chosen.excitation.title,
@@ -295,8 +276,8 @@ def next_experiment(
         t=stage.t,
         reference=chosen.reference,
         force=chosen.force if np.any(chosen.force) else None,
-        separates=tuple(n for n, is_ in zip(names[1:], separate, strict=True) if is_),
-        score={n: s if is_ else 0.0 for n, s, is_ in zip(names[1:], scores, separate, strict=True)},
+        separates=tuple(name for name, rms in score.items() if rms),
+        score=score,
         tried=tried,
         cause=names[0],
         positions={n: trial.x for n, trial in zip(names, chosen.trials, strict=True)},
@@ -305,57 +286,57 @@ def next_experiment(
     )
 
 
-def _separate(part: float, score: float) -> bool:
-    """Whether two hypotheses differ by enough to be separated."""
-    return part > _SEPARATE and score > _SEEN
+class Distance(NamedTuple):
+    """How far two hypotheses are from each other in an experiment."""
+
+    part: float  # mean log score without the worst window
+    rms: float  # in quanta
+
+    @classmethod
+    def of(cls, squares: Floats, quantum: float) -> Distance:
+        """Distance that the mean squares of the windows are."""
+        ratio = np.sort(squares) / quantum**2
+        return cls(float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio))))
+
+    @property
+    def separate(self) -> bool:
+        """Whether that is enough to separate them."""
+        return self.part > _SEPARATE and self.rms > _SEEN
 
 
-def _worth(parts: Sequence[float]) -> float:
+def _worth(pairs: Sequence[Distance]) -> float:
     """Merit of an experiment; saturates, so that pairs not separated yet count most."""
-    return float(np.mean([part / (1.0 + part) for part in parts]))
+    return float(np.mean([pair.part / (1.0 + pair.part) for pair in pairs]))
 
 
-def _measure(squares: Floats, quantum: float) -> tuple[float, float]:
-    """Mean log score without the worst window, and RMS in quanta."""
-    ratio = np.sort(squares) / quantum**2
-    return float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio)))
-
-
-def _apart(one: Staged, rival: int, quantum: float) -> tuple[float, float]:
+def _apart(one: Staged, rival: int, quantum: float) -> Distance:
     """Distance of a rival from the named cause without refit, smaller of both directions."""
     return min(
-        _measure(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
+        Distance.of(mean_squares(one.trials[truth].runs.errors(one.axes[other])), quantum)
         for truth, other in ((0, rival), (rival, 0))
     )
 
 
 def _after_refit(
-    one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[tuple[float, float]],
-    quantum: float,
-) -> tuple[list[float], list[float]]:  # fmt: skip
+    one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
+) -> list[Distance]:
     """Distance of every rival from the named cause, with the other hypothesis refitted."""
-    parts, scores = [], []
-    for rival, first in enumerate(raw, start=1):
-        worst = first
+    found = []
+    for rival, worst in enumerate(raw, start=1):
         for truth, other in ((0, rival), (rival, 0)):
-            if worst[0] <= _SEPARATE:
-                break
-            squares = refits[other].best(one, stage, one.trials[truth])
-            worst = min(worst, _measure(squares, quantum))
-        parts.append(worst[0])
-        scores.append(worst[1])
-    return parts, scores
+            if worst.part > _SEPARATE:
+                squares = refits[other].best(one, stage, one.trials[truth])
+                worst = min(worst, Distance.of(squares, quantum))
+        found.append(worst)
+    return found
 
 
 def _change_of_bench(
     names: Sequence[str], tried: dict[str, float], units: tuple[str, str]
 ) -> Experiment:
     """The answer where no motion within the limits separates the causes."""
-    own = [
-        f"{title_of(name)}: {known.experiment}"
-        for name in names
-        if (known := class_of(name)) is not None
-    ]
+    effects = {title_of(name): class_of(name) for name in names}
+    own = [f"{title}: {known.experiment}" for title, known in effects.items() if known is not None]
     changes = [e.title for e in EXCITATIONS if e.change is not None and e.name in tried]
     nor = f", nor does {' or '.join(changes)}" if changes else ""
     why = (
@@ -383,27 +364,18 @@ def _change_of_bench(
 
 
 def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[FrictionAxis, ...]:
-    if not isinstance(axis, FrictionAxis):
-        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
-    if isinstance(rivals, FrictionAxis):
-        rivals = (rivals,)
-    try:
-        rivals = tuple(rivals)
-    except TypeError:
-        raise ValueError(
-            f"rivals must be a sequence of FrictionAxis, got {type(rivals).__name__}"
-        ) from None
-    for one in rivals:
-        if not isinstance(one, FrictionAxis):
-            raise ValueError(f"rivals must hold FrictionAxis, got {type(one).__name__}")
-    if not isinstance(record, Record):
-        raise ValueError(
-            f"record must be a Record, got {type(record).__name__}: use dfc.read_record(...) or "
-            "dfc.Record(t=..., u=..., x=...)"
-        )
+    """The rivals, and every argument of its kind."""
+    instance("axis", axis, FrictionAxis)
+    rivals = (rivals,) if isinstance(rivals, FrictionAxis) else rivals
+    if not isinstance(rivals, Iterable):
+        raise ValueError(f"rivals must be a sequence of FrictionAxis, got {rivals!r}")
+    rivals = tuple(rivals)
+    for i, one in enumerate(rivals):
+        instance(f"rivals[{i}]", one, FrictionAxis)
+    instance("record", record, Record, "from dfc.read_record(...) or dfc.Record(t, u, x)")
     check_units(axis, record)
-    if limits is not None and not isinstance(limits, Limits):
-        raise ValueError(f"limits must be Limits(travel=..., drive=..., speed=...), got {limits!r}")
+    if limits is not None:
+        instance("limits", limits, Limits, "Limits(travel=..., drive=..., speed=...)")
     return rivals
 
 

@@ -17,21 +17,17 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint
 from dryfric_control.store.saved import from_plain, to_plain
-from dryfric_control.text import Result, length_text
+from dryfric_control.text import Result, documented, length_text, stated
 
 _BASE = ("mass", "viscous", "coulomb")
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     """Diagnoses of joints by name, with a table of what was found.
 
     Made by `diagnose_joints`; a mapping that `to_mjcf` and its like take as it is.
-
-    Attributes
-    ----------
-    diagnoses : dict of str to Diagnosis
-        The diagnosis of each joint.
 
     Examples
     --------
@@ -46,7 +42,7 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     (['elbow'], 'nothing to find')
     """
 
-    diagnoses: dict[str, Diagnosis]
+    diagnoses: dict[str, Diagnosis] = stated("The diagnosis of each joint.")
 
     def __getitem__(self, joint: str) -> Diagnosis:
         return self.diagnoses[joint]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from dryfric_control.arrays import Bools, Floats
 from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
-from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
+from dryfric_control.diagnosis.excitations import Excitation, Stage
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import Parameter, values_of
 from dryfric_control.estimation.windows import cut, positions
@@ -47,35 +47,29 @@ _PARTS, _RIDGE = (1.0, 0.4, 0.1), 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Free runs over windows of one length, from given states.
-
-    Attributes
-    ----------
-    windowed : Windowed
-        The windows.
-    active : ndarray of bool, shape (nwindows,)
-        Windows that are used.
-    """
+    """Free runs over windows of one length, from given states, and what they are held against."""
 
     windowed: Windowed
-    active: Bools
-
-    @classmethod
-    def of(
-        cls, u: Floats, dt: float, length: int, x0: Floats, v0: Floats,
-        rest: Floats, active: Bools,
-    ) -> Runs:  # fmt: skip
-        """Runs over windows of `length` samples each, from known states."""
-        edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
-        return cls(Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest), active)
+    active: Bools  # windows that are used
+    truth: Floats  # positions there, shape (nactive, length)
 
     def positions(self, axis: FrictionAxis) -> Floats:
         """Positions of the active windows, shape (nactive, length)."""
         out = positions(axis, self.windowed, self.active)
         return out.reshape(self.active.size, -1)[self.active]
 
+    def errors(self, axis: FrictionAxis) -> Floats:
+        """Position errors of an axis, shape (nactive, length)."""
+        return _unbent(self.positions(axis) - self.truth)
 
-def unbent(errors: Floats) -> Floats:
+
+def _windowed(u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats) -> Windowed:
+    """Windows of `length` samples each, from known states."""
+    edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
+    return Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest)
+
+
+def _unbent(errors: Floats) -> Floats:
     """Errors of windows without the straight line that another start state could explain."""
     line = np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2)
     q, _ = np.linalg.qr(line)
@@ -89,36 +83,18 @@ def mean_squares(errors: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One excitation, simulated with one hypothesis as the truth.
-
-    Attributes
-    ----------
-    x, v, u : ndarray, shape (n,)
-        Position, velocity, and drive force as commanded.
-    runs : Runs
-        Its windows, each starting from the true state.
-    truth : ndarray, shape (nwindows, length)
-        True positions.
-    """
+    """One excitation, simulated with one hypothesis as the truth."""
 
     x: Floats
     v: Floats
-    u: Floats
-    runs: Runs
-    truth: Floats
-
-    def errors(self, axis: FrictionAxis) -> Floats:
-        """Position errors of an axis, shape (nwindows, length)."""
-        return unbent(self.runs.positions(axis) - self.truth)
+    u: Floats  # drive force as commanded
+    runs: Runs  # its windows, each starting from the true state
 
 
 def simulate(
-    axis: FrictionAxis,
-    controller: PositionController,
-    reference: Floats,
-    force: Floats,
+    axis: FrictionAxis, controller: PositionController, reference: Floats, force: Floats,
     quantum: float,
-) -> Trial:
+) -> Trial:  # fmt: skip
     """Simulate an experiment on an axis, and cut it into windows."""
     with warnings.catch_warnings():
         # The caller rejects a trial that exceeds its limits.
@@ -133,62 +109,39 @@ def simulate(
     count = x.size // length
     starts = length * np.arange(count)
     rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
-    runs = Runs.of(u, dt, length, x[starts], v[starts], rest, np.ones(count, bool))
-    return Trial(x, v, u, runs, x[: count * length].reshape(count, length))
+    windowed = _windowed(u, dt, length, x[starts], v[starts], rest)
+    truth = x[: count * length].reshape(count, length)
+    return Trial(x, v, u, Runs(windowed, np.ones(count, bool), truth))
 
 
 @dataclass(frozen=True, eq=False)
 class Staged:
-    """An excitation scaled to the limits, simulated with every hypothesis.
-
-    Attributes
-    ----------
-    excitation : Excitation
-    reference, force : ndarray, shape (n,)
-    axes : tuple of FrictionAxis
-        The hypotheses, with the change of the bench, if any.
-    trials : tuple of Trial
-        One for each hypothesis.
-    """
+    """An excitation scaled to the limits, simulated with every hypothesis."""
 
     excitation: Excitation
     reference: Floats
     force: Floats
-    axes: tuple[FrictionAxis, ...]
-    trials: tuple[Trial, ...]
-
-
-def loop_gains(axis: FrictionAxis, limits: Limits, dt: float) -> PositionController:
-    """The position controller that all experiments use."""
-    own = axis.effective()
-    bandwidth = min(_PACE / dt, _BRISK)
-    return PositionController.from_bandwidth(own, bandwidth, dt, limits.drive)
+    axes: tuple[FrictionAxis, ...]  # the hypotheses, with the change of the bench, if any
+    trials: tuple[Trial, ...]  # one for each
 
 
 def staged(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
-    """An excitation at the largest size that keeps the limits with every hypothesis.
-
-    Returns
-    -------
-    Staged or None
-        None if even the smallest size exceeds the limits.
-    """
+    """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
     limits = stage.limits
     low, high = limits.travel
     changed = axes
     if excitation.change is not None:
         changed = [excitation.change(stage, axis) for axis in axes]
-    gains = loop_gains(stage.axis, limits, dt)
+    bandwidth = min(_PACE / dt, _BRISK)
+    gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
         reference, force = excitation.motion(stage, size)
         left = limits.drive - float(np.abs(force).max())
         if left <= 0.0:
             continue
-        controller = PositionController(
-            gains.kp, gains.ki, gains.kd, dt, left, gains.filter_time, gains.span
-        )
+        controller = replace(gains, limit=left)
         trials = []
         for axis in changed:
             try:
@@ -206,22 +159,10 @@ def staged(
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Refit of a hypothesis, constrained by the known record.
+    """Refit of a hypothesis, constrained by the known record."""
 
-    Attributes
-    ----------
-    problem : Likelihood
-        The hypothesis with its parameters free.
-    known : Runs
-        Windows of the known record.
-    positions : ndarray, shape (nknown, length)
-        Prediction of the hypothesis there, before the refit.
-    quantum : float
-    """
-
-    problem: Likelihood
-    known: Runs
-    positions: Floats
+    problem: Likelihood  # the hypothesis with its parameters free
+    known: Runs  # windows of the known record, held against the prediction before the refit
     quantum: float
 
     @classmethod
@@ -239,101 +180,70 @@ class Refit:
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
-        known = Runs.of(
+        windowed = _windowed(
             record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
-            windows.rest[:count], active,
+            windows.rest[:count],
         )  # fmt: skip
+        known = Runs(windowed, active, np.empty(0))
         problem = Likelihood(axis, names, [prepare(record)])
-        return cls(problem, known, known.positions(axis), quantum)
+        return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 
     def best(self, staged: Staged, stage: Stage, trial: Trial) -> Floats:
-        """Mean square errors of a trial's windows after the best refit.
+        """Mean square errors of a trial's windows after the best refit, shape (nwindows,).
 
-        Parameters
-        ----------
-        staged : Staged
-            The experiment.
-        stage : Stage
-            Where it takes place.
-        trial : Trial
-            Its simulation with the other hypothesis as the truth.
-
-        Returns
-        -------
-        ndarray, shape (nwindows,)
-
-        Notes
-        -----
-        Gauss-Newton on the mean of log(1 + square/scale^2) over the windows
-        of the trial plus the same mean over the known record, where every change of
-        the prediction counts as an error.  The scale falls from the first error to
-        the quantum.
+        Gauss-Newton on the mean of log(1 + square/scale^2) over the windows of the trial plus the
+        same mean over the known record, where every change of the prediction counts as an error.
+        The scale falls from the first error to the quantum.
         """
-        change = staged.excitation.change
-        problem = self.problem
+        change, problem = staged.excitation.change, self.problem
         first = problem.start()[: len(problem.names)]
         reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
-        def errors(z: Floats) -> Floats | None:
+        def errors(z: Floats) -> tuple[Floats, ...] | None:
             try:
                 axis = problem.axis_at(z)
-                new = trial.errors(change(stage, axis) if change else axis)
+                new = trial.runs.errors(change(stage, axis) if change else axis)
             except ValueError:
                 return None
-            old = unbent(self.known.positions(axis) - self.positions)
-            return np.concatenate(
-                (new.ravel() / np.sqrt(new.shape[0]), old.ravel() / np.sqrt(max(old.shape[0], 1)))
-            )
+            return (new, self.known.errors(axis)) if self.known.truth.size else (new,)
 
-        count, known = trial.truth.shape[0], self.positions.shape[0]
-        split = trial.truth.size
+        def loss(parts: tuple[Floats, ...], scale: float) -> float:
+            return float(sum(np.mean(np.log1p(mean_squares(e) / scale**2)) for e in parts))
 
-        def squares(e: Floats) -> tuple[Floats, Floats]:
-            new = mean_squares(e[:split].reshape(count, -1)) * count
-            return new, mean_squares(e[split:].reshape(known, -1)) * known
+        def flat(parts: Sequence[Floats]) -> Floats:
+            return np.concatenate([e.ravel() for e in parts])
 
-        def loss(e: Floats, scale: float) -> float:
-            new, old = squares(e)
-            total = np.mean(np.log1p(new / scale**2))
-            return float(total + (np.mean(np.log1p(old / scale**2)) if old.size else 0.0))
-
-        z = first
-        e = errors(z)
+        z, e = first, errors(first)
         if e is None:
-            return mean_squares(trial.errors(staged.axes[0]))
-        least = loss(e, self.quantum)
-        found = squares(e)[0]
+            return mean_squares(trial.runs.errors(staged.axes[0]))
+        least, found = loss(e, self.quantum), mean_squares(e[0])
         widest = max(float(np.sqrt(found.mean())), self.quantum)
-        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH):
-            slopes = []
-            for i in range(z.size):
-                step = np.zeros(z.size)
-                step[i] = _STEP
-                moved = errors(z + step)
-                if moved is None:
-                    step = -step
-                    moved = errors(z + step)
-                slopes.append(np.zeros(e.size) if moved is None else (moved - e) / step[i])
-            j = np.array(slopes)
-            new, old = squares(e)
-            weight = np.concatenate((
-                np.repeat(1.0 / (scale**2 + new), trial.truth.shape[1]),
-                np.repeat(1.0 / (scale**2 + old), self.positions.shape[1]),
-            ))  # fmt: skip
+        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH).tolist():
+            now = flat(e)
+            j = np.zeros((z.size, now.size))
+            for i, step in enumerate(_STEP * np.eye(z.size)):
+                for way in (step, -step):
+                    moved = errors(z + way)
+                    if moved is not None:
+                        j[i] = (flat(moved) - now) / way[i]
+                        break
+            weight = flat([
+                np.repeat(1.0 / (len(part) * (scale**2 + mean_squares(part))), part.shape[1])
+                for part in e
+            ])  # fmt: skip
             normal = (j * weight) @ j.T
             normal += _RIDGE * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
-            step = -np.linalg.solve(normal, (j * weight) @ e)
+            step = -np.linalg.solve(normal, (j * weight) @ now)
             step *= min(1.0, _REACH / max(float(np.abs(step).max()), 1e-300))
-            here = loss(e, float(scale))
+            here = loss(e, scale)
             for part in _PARTS:
                 target = np.clip(z + part * step, first - reach, first + reach)
                 there = errors(target)
-                if there is not None and loss(there, float(scale)) < here:
+                if there is not None and loss(there, scale) < here:
                     z, e = target, there
                     break
-            now = loss(e, self.quantum)
-            if now < least:
-                least, found = now, squares(e)[0]
+            if loss(e, self.quantum) < least:
+                least, found = loss(e, self.quantum), mean_squares(e[0])
         return found
 
 

@@ -63,6 +63,8 @@ class Diagnosis(Result, Findings):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything found, ready for JSON."""
+        plain = ("gain", "unexplained", "remaining", "references", "varies", "next_experiment",
+                 "messages", "not_tried", "standard_errors")  # fmt: skip
         return {
             "verdict": self.verdict,
             "causes": [
@@ -73,19 +75,11 @@ class Diagnosis(Result, Findings):
             "coulomb_level": level_table(self),
             "axis": axis_to_dict(self.axis),
             "extended": axis_to_dict(self.extended),
-            "gain": self.gain.to_dict(),
-            "unexplained": self.unexplained.to_dict(),
-            "remaining": self.remaining.to_dict(),
-            "references": dict(self.references),
-            "varies": {k: dict(v) for k, v in self.varies.items()},
+            **{name: plain_data(getattr(self, name)) for name in plain},
             "masked": [
                 {"indices": one.indices.tolist(), "reasons": list(one.reasons)}
                 for one in self.masked
             ],
-            "next_experiment": self.next_experiment and self.next_experiment.to_dict(),
-            "messages": list(self.messages),
-            "not_tried": dict(self.not_tried),
-            "standard_errors": plain_data(self.standard_errors),
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},
         }
 
@@ -162,9 +156,9 @@ def write_report(
 ) -> tuple[Path, ...]:
     """Write report.html, report.png, diagnosis.json, extended.toml and saved.json into a folder.
 
-    All but the last, which `load_diagnosis` reads, is made before the first file is written.
     `record` is the table of the axis file that says how records are read.
     """
+    # All but the last file is made before the first is written.
     drawn = d.plot().figure
     buffer = io.BytesIO()
     try:

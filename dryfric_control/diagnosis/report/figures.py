@@ -94,10 +94,8 @@ def plot_diagnosis(d: Findings, ax: Any = None) -> ct.ControlPlot:
 
 
 def sides(d: Findings) -> tuple[Evidence, Evidence | None]:
-    """Evidence for the nominal axis, and with the causes if there are any.
-
-    Both leave out of the force residual what the causes make no force.
-    """
+    """Evidence for the nominal axis, and with the causes if there are any."""
+    # Both leave out of the force residual what the causes make no force.
     hide = blind(d.extended, d.record)
     before = evidence(d.axis, d.record, d.window, d.hold, hide)
     same = d.extended.effective() == d.axis.effective()

@@ -245,11 +245,9 @@ class Findings:
         return Causes(cause for cause in self.causes if not self.is_small(cause))
 
     def is_small(self, cause: Cause) -> bool:
-        """Whether a cause only corrects nominal values by a few per cent.
-
-        Places count beside the range of the record, angles beside 1 rad.
-        """
+        """Whether a cause only corrects nominal values by a few per cent."""
         nominal = believed_values(self.axis, cause)
+        # Places count beside the range of the record, angles beside 1 rad.
         scales = {"place": self.record.range, "angle": 1.0}
         return bool(nominal) and all(
             abs(cause.parameters[name] - before)
@@ -279,17 +277,7 @@ def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
 
 
 def with_error(value: float, error: float, unit: str = "1") -> str:
-    """A value and its standard error with two digits; an infinite one leaves it open.
-
-    Examples
-    --------
-    >>> with_error(-1.010704, 3.78e-5, "N")
-    '-1.010704 +- 0.000038 N'
-    >>> with_error(1234.5, 160.0), with_error(2.1e-5, 3e-7, "m")
-    ('1230 +- 160', '(2.100 +- 0.030)e-05 m')
-    >>> with_error(2.36, 54000.0, "N")
-    '2.4 +- 5.4e+04 N'
-    """
+    """A value and its standard error with two digits; an infinite one leaves it open."""
     unit = "" if unit == "1" else f" {unit}"
     if not math.isfinite(error):
         return f"{value:.3g}{unit} (undetermined)"
@@ -308,13 +296,7 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
 
 
 def change_text(kind: str, before: float, after: float, unit: str = "1") -> str:
-    """Change of a nominal value in words; nothing where it was zero.
-
-    Examples
-    --------
-    >>> change_text("amount", 2.8, 2.87), change_text("place", 0.1, 0.12, "m")
-    ('+2.5 %', '+0.02 m')
-    """
+    """Change of a nominal value in words; nothing where it was zero."""
     if kind in ("place", "angle"):
         return f"{after - before:+.2g} {unit}"
     if before == 0.0:
@@ -329,14 +311,13 @@ def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]
     texts = []
     for name, value in cause.parameters.items():
         unit = cause.units[name]
-        found = with_error(value, cause.standard_errors[name], unit)
-        shown = rotary_words(name, unit)
-        if name not in nominal:
-            texts.append(f"{shown} = {found}")
-            continue
-        change = change_text(kind_of(cause.effect, name), nominal[name], value, unit)
-        text = f"{shown} {nominal[name]:.5g} -> {found}"
-        texts.append(f"{text} ({change})" if change else text)
+        text = with_error(value, cause.standard_errors[name], unit)
+        if name in nominal:
+            change = change_text(kind_of(cause.effect, name), nominal[name], value, unit)
+            text = f"{nominal[name]:.5g} -> {text}" + (f" ({change})" if change else "")
+        else:
+            text = f"= {text}"
+        texts.append(f"{rotary_words(name, unit)} {text}")
     return texts
 
 
@@ -351,11 +332,5 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
 
 
 def plain(value: float) -> str:
-    """A ratio with three digits and, up to a million, no exponent.
-
-    Examples
-    --------
-    >>> plain(3884.2), plain(0.12345)
-    ('3880', '0.123')
-    """
+    """A ratio with three digits and, up to a million, no exponent."""
     return f"{float(f'{value:.3g}'):g}"

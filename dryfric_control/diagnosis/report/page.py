@@ -16,7 +16,6 @@ from dryfric_control.diagnosis.evidence import Evidence
 from dryfric_control.diagnosis.report import figures, wording
 from dryfric_control.diagnosis.report.findings import (
     SMALL,
-    Cause,
     Findings,
     change_text,
     parameter_texts,
@@ -46,7 +45,6 @@ _TEMPLATES = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-_TEMPLATES.globals["br"] = Markup("<br>")
 
 
 @jinja2.pass_context
@@ -55,82 +53,36 @@ def _words(context: Any, value: Any) -> str:
     return typeset(rotary_words(value, context["force"]))
 
 
-_TEMPLATES.filters |= {"typeset": typeset, "words": _words}
+def _as_html(rows: list[tuple[str, ...]]) -> Markup:
+    return Markup(table(rows, as_html=True))
+
+
+_TEMPLATES.filters |= {
+    "typeset": typeset, "words": _words, "html_table": _as_html, "titles": titles_of,
+    "plain": plain, "length": length_text,
+}  # fmt: skip
+_TEMPLATES.globals |= {
+    "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts, "MEANING": MEANING,
+    "SMALL": SMALL, "version": __version__,
+}  # fmt: skip
 
 
 def html_summary(d: Findings) -> str:
     """Verdict, causes and gain as a fragment of HTML, without images and styles."""
-    return _TEMPLATES.get_template("summary.html").render(_found(d), steps=wording.next_steps(d))
+    return _TEMPLATES.get_template("summary.html").render(d=d, force=d.axis.units[1])
 
 
 def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
-    r = d.record
-    references = [("reference", "gain of log-likelihood over it")]
-    references += [(name, f"{gain:+.0f}") for name, gain in d.references.items()]
     return _TEMPLATES.get_template("page.html").render(
-        _found(d),
-        axis=d.axis.name,
-        record=wording.records_text(d) or "record",
+        d=d,
+        force=d.axis.units[1],
         pictures=_pictures(d, before, after),
-        steps=wording.next_steps(d),
-        references=Markup(table(references, as_html=True)) if d.references else "",
-        evidence=Markup(table(_evidence_rows(d, before, after), as_html=True)),
-        acting=Markup(table(_acting_rows(d), as_html=True)),
-        extended_by_effects=bool(d.extended.effects),
-        nominal=d.axis.describe(),
-        extended=d.extended.describe(),
-        dt=f"{r.dt:.6g}",
-        quantum=f", encoder_quantum={r.quantum:.4g}" if r.quantum else "",
+        references=[(name, f"{gain:+.0f}") for name, gain in d.references.items()],
+        evidence=_evidence_rows(d, before, after),
+        acting=_acting_rows(d),
         toml=axis_text(d.extended),
-        provenance=_provenance(d),
-    )
-
-
-def _found(d: Findings) -> dict[str, Any]:
-    """What the summary shows, as text."""
-    return {
-        "force": d.axis.units[1],
-        "verdict": wording.headline(d),
-        "meaning": MEANING.get(d.verdict, ""),
-        "causes": [_cause(d, cause) for cause in d.main_causes],
-        "corrections": [_cause(d, cause) for cause in d.small_corrections],
-        "small": f"{100.0 * SMALL:g}",
-        "check": wording.check_text(d),
-        "gain_title": wording.gain_title(d).capitalize(),
-        "gain": wording.gain_text(d),
-        "unexplained": wording.places_text(d) if d.unexplained.significant else "",
-        "further": wording.further_lines(d),
-        "messages": d.messages,
-    }
-
-
-def _cause(d: Findings, cause: Cause) -> dict[str, Any]:
-    gain, low, high = (
-        plain(wording.gain_of(d, value)) for value in (cause.held_out_gain, *cause.interval)
-    )
-    return {
-        "title": cause.title,
-        "effect": cause.effect,
-        "parameters": parameter_texts(cause, d.axis),
-        "meaning": wording.meaning(d, cause),
-        "gain": f"{gain} ({low} to {high})",
-        "alternatives": ", ".join(map(titles_of, cause.alternatives)) or "none",
-        "explanation": cause.explanation,
-        "experiment": cause.experiment,
-    }
-
-
-def _provenance(d: Findings) -> str:
-    r = d.record
-    unit = d.axis.units[0]
-    quantum = f", encoder quantum {length_text(r.quantum, unit)}" if r.quantum else ""
-    of = wording.shown_record(d)
-    of = f"{of[0].upper()}{of[1:]}: " if of else ""
-    return (
-        f"{of}{len(r)} samples in {r.duration:.4g} s, range {length_text(r.range, unit)}{quantum}; "
-        f"free runs of {d.window:.3g} s; dryfric-control {__version__}."
     )
 
 

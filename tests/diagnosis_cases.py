@@ -44,6 +44,25 @@ def believed(case: Case) -> dfc.FrictionAxis:
     )
 
 
+def machine(case: Case) -> dfc.FrictionAxis:
+    """The axis as it is, its hidden effects under the package's names and parameters."""
+    axis = believed(case).replace(**{name: case.actual[name] for name in BASE.values()})
+    low, high = case.actual["travel"]
+    half = 0.5 * (high - low)
+    effects = []
+    for slug in case.truth.keys() - BASE.keys():
+        values = {RENAMED.get((slug, name), name): v for name, v in case.truth[slug].items()}
+        if slug == "coulomb_asymmetry":
+            values["force"] *= axis.coulomb.mean
+        elif slug == "gravity":
+            values["phase"] *= -1.0
+        elif slug == "position_dependence":
+            values = {"slope": values["slope"] / half, "curvature": values["curvature"] / half**2,
+                      "centre": low + half}  # fmt: skip
+        effects.append(REGISTRY[slug](**values))
+    return axis.replace(effects=tuple(effects))
+
+
 def record(case: Case) -> dfc.Record:
     """What the user measured: time, force, encoder reading, and no more."""
     make = dfc.Record.from_irregular if case.condition == "jitter" else dfc.Record

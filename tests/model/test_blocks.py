@@ -63,18 +63,6 @@ def test_closed_loop_by_interconnect_is_the_compiled_loop(axis):
     np.testing.assert_allclose(block.outputs, resp.y, rtol=1e-12, atol=1e-15)
 
 
-def test_reference_passes_through_filter_and_loop_by_signal_names(axis):
-    parts = [
-        dfc.reference_filter(20.0, DT),
-        dfc.position_controller(axis, 10.0, DT),
-        dfc.switched_axis(axis, DT),
-        dfc.encoder(1e-6, DT),
-    ]
-    system = ct.interconnect(parts, inputs=["r"], outputs=["x", "mode"])
-    resp = ct.input_output_response(system, np.arange(1500) * DT, np.full(1500, 0.05))
-    assert resp.outputs[0, -1] == pytest.approx(0.05, abs=5e-3)
-
-
 @pytest.mark.parametrize("method", ["euler", "zoh"])
 def test_sampled_modes_are_the_printed_ones(method):
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, stick_rate=400.0)
@@ -106,29 +94,6 @@ def test_python_control_works_on_the_modes(axis):
             ct.step_response(system, T=np.arange(100) * DT)
     ct.bode_plot(system)
     ct.linearize(dfc.axis_block(axis, DT), [0.0, 0.3, 1.0], [2.0])
-
-
-def test_mode_block_follows_the_switched_axis_while_it_slides(axis):
-    t = np.linspace(0.0, 0.2, 201)
-    alone = ct.input_output_response(
-        axis.mode(+1), t, 3.0, [0.0, 0.5], solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}
-    )
-    switched = axis.simulate(np.full(201, 3.0), DT, v0=0.5)
-    assert len(switched.events) == 0
-    np.testing.assert_allclose(alone.outputs[:3], switched.y[:3], rtol=1e-7, atol=1e-9)
-
-
-def test_controller_puts_the_poles_where_it_says():
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=0.0)
-    for bandwidth in (0.5, 3.0, 20.0):
-        loop = dfc.PositionController.from_bandwidth(axis, bandwidth, DT)
-        sliding = axis.mode_ss(1, DT, "zoh")
-        a = np.block([[sliding.A, np.zeros((2, 1))], [-DT * sliding.C, np.ones((1, 1))]])
-        b = np.vstack([sliding.B, [[0.0]]])
-        poles = np.linalg.eigvals(a - b @ np.array([[loop.kp, loop.kd, -loop.ki]]))
-        # Two of the three poles coincide: their error is the root of round-off's.
-        assert np.sort(np.abs(poles))[-2:] == pytest.approx(np.exp(-bandwidth * DT), abs=1e-5)
-        assert loop.kd >= 0.0
 
 
 def test_anti_windup_limits_the_overshoot():

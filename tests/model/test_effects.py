@@ -144,18 +144,6 @@ def test_shares_of_the_level_multiply_in_any_order(order):
         np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=5e-8)
 
 
-def test_asymmetry_along_the_travel_is_that_of_two_levels():
-    """An effect of the direction and one of the place are what the map of both levels says."""
-    drive = 14.0 * np.sin(np.linspace(0.0, 9.0, 801))
-    place = dfc.effects.PositionDependence(slope=2.0)
-    one = axis_with(dfc.effects.CoulombAsymmetry(1.25), place).simulate(drive, DT)
-    levels = dfc.CoulombMap(plus=[6.25, 12.5], minus=[3.75, 7.5])
-    bare = dfc.FrictionAxis(MASS, VISCOUS, levels, travel=(-0.4, 0.4))
-    other = bare.simulate(drive, DT)
-    np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-9)
-    assert set(one.mode) == {0.0, 1.0, -1.0}
-
-
 @pytest.mark.parametrize("hold", ["zero", "first"])
 @pytest.mark.parametrize("delay", [1e-3, 2.5e-3, 7.3e-3, 0.4e-3])
 def test_input_delay_is_the_shifted_input(delay, hold):
@@ -171,19 +159,6 @@ def test_input_delay_is_the_shifted_input(delay, hold):
     one = axis_with(dfc.effects.InputDelay(delay)).simulate(u, DT, v0=0.1, hold=hold)
     other = axis_with().simulate(shifted, DT / fine, v0=0.1, hold=hold)
     np.testing.assert_allclose(one.y[0], other.y[0, ::fine], atol=1e-9)
-
-
-def test_actuator_lag_is_a_first_order_filter():
-    lag = 4e-3
-    u = np.where(np.arange(201) < 100, 9.0, 14.0)
-
-    def filtered(t):
-        force = 9.0 * (1.0 - math.exp(-t / lag))
-        return force + (5.0 * (1.0 - math.exp(-(t - 0.1) / lag)) if t > 0.1 else 0.0)
-
-    resp = axis_with(dfc.effects.ActuatorLag(lag)).simulate(u, DT, x0=0.01, v0=0.5)
-    x, v = slide(filtered, lambda t, x, v: 0.0)
-    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
 
 
 @pytest.mark.parametrize(
@@ -226,14 +201,6 @@ def test_axis_effect_is_the_axis_with_other_base_parameters(effect, change):
     assert np.array_equal(believed.breakaway([0.0, 0.1], 1), actual.breakaway([0.0, 0.1], 1))
     assert believed.effective() == actual
     assert actual.effective() is actual
-
-
-def test_axis_effects_act_one_after_the_other_and_keep_the_rest():
-    axis = axis_with(
-        dfc.effects.Inertia(2.0), dfc.effects.Spring(40.0), dfc.effects.Inertia(1.5)
-    ).effective()
-    assert axis.mass == 3.0 * MASS
-    assert [effect.slug for effect in axis.effects] == ["spring"]
 
 
 def test_axis_effects_are_parameters_of_a_fit():

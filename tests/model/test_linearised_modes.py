@@ -141,22 +141,6 @@ def test_delay_and_lag_are_states_of_the_mode(name):
     assert np.ptp(expected[1:] - expected[:-1]) > 1e-6
 
 
-def test_delay_and_lag_turn_the_phase_as_they_must():
-    plain, w = dfc.FrictionAxis(**STAGE), np.array([5.0, 60.0, 300.0])
-    late = plain.replace(effects=LATE["a delay of whole samples"])
-    ratio = [late.mode_ss(1, DT, m)(np.exp(1j * w * DT)) / plain.mode_ss(1, DT, m)(np.exp(1j * w * DT))
-             for m in ("euler", "zoh")]  # fmt: skip
-    np.testing.assert_allclose(ratio, [np.exp(-5e-3j * w)] * 2, rtol=1e-9)
-    part = plain.replace(effects=LATE["a delay between samples"])
-    # Euler's sample is accurate to first order: so is the part of a sample in it.
-    ratio = part.mode_ss(1, DT)(np.exp(1j * w * DT)) / plain.mode_ss(1, DT)(np.exp(1j * w * DT))
-    np.testing.assert_allclose(ratio, np.exp(-3.4e-3j * w), atol=(0.5 * w[-1] * DT) ** 2)
-    slow = plain.replace(effects=LATE["a lag"])
-    np.testing.assert_allclose(
-        slow.mode_ss(1)(1j * w) / plain.mode_ss(1)(1j * w), 1.0 / (1.0 + 4e-3j * w), rtol=1e-9
-    )
-
-
 def test_states_and_signals_have_names():
     axis = dfc.FrictionAxis(**STAGE, effects=LATE["delay, lag and gain"])
     for index in (0, 1):
@@ -217,26 +201,6 @@ def test_what_a_mode_cannot_contain_is_refused(effect):
         dfc.PositionController.from_bandwidth(a, 5.0, DT, limit=9.0) for a in (axis, rigid)
     )
     np.testing.assert_array_equal(made.gains, plain.gains)
-
-
-def test_the_way_out_of_a_refusal_is_right():
-    """The whole block, linearised where it slides, against the equations of two masses."""
-    m1, m2, k, d, f = 1.2, 0.8, 2e4, 3.0, 15.0
-    axis = dfc.FrictionAxis(
-        **STAGE, effects=fx.Compliance(stiffness=k, damping=d, load_fraction=m2 / (m1 + m2))
-    )
-    block, u = dfc.axis_block(axis, DT), 9.5
-    state = np.zeros(block.nstates)
-    for step in range(500):
-        state = block.dynamics(step * DT, state, [u])
-    linear = ct.linearize(block, state, [u], eps=1e-7)
-    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F", "mode"]
-    a = [[0, 1, 0, 0], [-k / m1, -d / m1, k / m1, d / m1],
-         [0, 0, 0, 1], [k / m2, d / m2, -k / m2, -(d + f) / m2]]  # fmt: skip
-    exact = ct.c2d(ct.ss(a, [[0], [1 / m1], [0], [0]], [[1, 0, 0, 0]], 0), DT, "zoh")
-    z = np.exp(1j * DT * np.array([20.0, 200.0, 400.0]))
-    # Differences over 1e-7 of positions near 0.04 m: some 1e-4 beside the resonance.
-    np.testing.assert_allclose(linear[0, 0](z), exact(z), rtol=2e-3)
 
 
 @pytest.mark.parametrize(

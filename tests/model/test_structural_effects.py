@@ -10,12 +10,9 @@ import math
 import control as ct
 import numpy as np
 import pytest
-from diagnosis_cases import believed
-from truth import make_case, open_loop
 
 import dryfric_control as dfc
 from dryfric_control.estimation.windows import cut
-from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1e-3
 MASS, COULOMB, DISTANCE = 2.0, 8.0, 40e-6
@@ -57,17 +54,6 @@ def shaken(n, seed=3):
     """Steps of random height that stop, start and turn the axis many times."""
     rng = np.random.default_rng(seed)
     return np.repeat(rng.uniform(-25.0, 25.0, n // 40 + 1), 40)[:n]
-
-
-def test_below_breakaway_the_contact_is_a_spring():
-    u = 3.0
-    resp = axis_with(PRESLIDING).simulate(np.full(300, u), DT)
-    assert np.all(resp.mode == 0)
-    want = u / STIFFNESS * (1.0 - np.cos(OMEGA * resp.t))
-    # 95 radians at 2.6e-9 of phase a step of 0.05 radian: 5e-6 of the amplitude.
-    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / STIFFNESS)
-    # The friction reported is the elastic force.
-    np.testing.assert_allclose(resp.y[2], STIFFNESS * resp.y[0], rtol=1e-12)
 
 
 def test_viscous_friction_damps_the_elastic_contact():
@@ -115,19 +101,6 @@ def test_slow_loop_loses_the_area_of_a_prandtl_element():
     # The sum over 20,000 chords cuts the corners of the loop by less than 1e-4.
     assert area == pytest.approx(4.0 * COULOMB * (amplitude - DISTANCE), rel=1e-3)
     assert amplitude > 3.0 * DISTANCE
-
-
-@pytest.mark.parametrize("s", [1.0, -1.0])
-def test_impact_keeps_the_momentum(s):
-    motor, v0 = 0.6 * MASS, 0.05 * s
-    u = np.r_[motor * v0 / DT, np.zeros(50)]
-    resp = axis_with(BACKLASH, coulomb=0.0).simulate(u, DT)
-    # The motor alone gets v0 in the first sample and has 75 um left at its end, 1.5 ms.
-    np.testing.assert_allclose(resp.y[1, 1:3], v0, rtol=1e-12)
-    # Then one mass: the momentum of the motor is shared.
-    np.testing.assert_allclose(resp.y[1, 3:], 0.6 * v0, rtol=1e-12)
-    way = s * (0.5 * BACKLASH.gap + 0.03 * (resp.t[3:] - 0.0025))
-    np.testing.assert_allclose(resp.y[0, 3:], way, rtol=1e-12)
 
 
 @pytest.mark.parametrize("s", [1.0, -1.0])
@@ -220,18 +193,6 @@ def test_two_masses_swing_at_their_frequency(damping):
     np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=1.2e-8)
 
 
-def test_stuck_load_leaves_the_motor_on_its_spring():
-    u, motor = 4.0, 0.6 * MASS
-    axis = axis_with(dfc.effects.Compliance(stiffness=3e4, damping=0.0, load_fraction=0.4))
-    resp = axis.simulate(np.full(300, u), DT)
-    # Twice u is the peak of the spring's force, just below breakaway.
-    assert np.all(resp.mode == 0)
-    omega = math.sqrt(3e4 / motor)
-    want = u / 3e4 * (1.0 - np.cos(omega * resp.t))
-    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / 3e4)
-    np.testing.assert_allclose(resp.y[2], 3e4 * resp.y[0], rtol=1e-9)
-
-
 VANISHING = {
     "presliding": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Presliding(size)),
     "backlash": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Backlash(size, 0.4)),
@@ -252,50 +213,6 @@ def test_a_vanishing_effect_is_the_base_model(slug):
     # ten times less for each step.
     assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
     assert gap[2] < 2e-5
-
-
-def hidden(slug, parameters, seed):
-    case = make_case({slug: parameters}, seed)
-    effect = REGISTRY[slug](**parameters)
-    axis = believed(case).replace(effects=effect)
-    return case, axis
-
-
-TRUTHS = [
-    # Substeps of second order, 6 us long: 1e-10 of the way; a hundredth of a quantum.
-    ("presliding", {"distance": 45e-6}, 3000, 4, 1.0, 2e-8),
-    # The stick band below Sigma <= 1e-4 m/s shortens each stop by up to Sigma/p = 2e-7 m.
-    ("compliance", {"stiffness": 4e4, "damping": 20.0, "load_fraction": 0.5}, 3000, 4, 1.0, 1e-6),
-    # An impact on the truth's contact, made 100 times stiffer, lasts some 60 us, on ours
-    # no time: at a closing speed of up to 0.1 m/s the load is 6 um off.
-    ("backlash", {"gap": 2e-4, "load_fraction": 0.5}, 1500, 20, 100.0, 6e-6),
-]
-
-
-@pytest.mark.parametrize("seed", [1, 3, 4])  # linear axes, with and without Stribeck peak
-@pytest.mark.parametrize(
-    ("slug", "parameters", "n", "finer", "stiffer", "tolerance"), TRUTHS, ids=lambda p: str(p)
-)
-def test_free_run_agrees_with_the_truth(slug, parameters, n, finer, stiffer, tolerance, seed):
-    case, axis = hidden(slug, parameters, seed)
-    plant = case.plant._replace(
-        coupling_stiffness=case.plant.coupling_stiffness * stiffer,
-        coupling_damping=case.plant.coupling_damping * math.sqrt(stiffer),
-    )
-    states = open_loop(plant, case.u[:n], DT, finer * case.substeps, case.states[0])[:n]
-    resp = axis.simulate(case.u[:n], DT, x0=case.states[0, 0])
-    error = np.abs(resp.y[0] - states[:, 0]).max()
-    assert error < tolerance
-    rigid = axis.replace(effects=()).simulate(case.u[:n], DT, x0=case.states[0, 0])
-    assert np.abs(rigid.y[0] - states[:, 0]).max() > 20.0 * max(error, tolerance)
-
-
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_directions_are_alike(effects):
-    u = shaken(1500)
-    axis = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02))
-    one, other = axis.simulate(u, DT), axis.simulate(-u, DT)
-    np.testing.assert_allclose(other.y[:3], -one.y[:3], rtol=1e-9, atol=1e-12)
 
 
 MORE = (
@@ -376,18 +293,6 @@ def test_without_a_coulomb_level_there_is_no_contact():
     assert np.array_equal(one.y, axis_with(coulomb=0.0).simulate(u, DT).y)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.001])
-def test_a_compliance_with_hardly_any_load_is_an_elastic_contact(share):
-    rigid = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    spring = dfc.effects.Compliance(stiffness=4e4, damping=20.0, load_fraction=share)
-    soft = rigid.replace(effects=(spring,))
-    t = 1e-3 * np.arange(4000)
-    u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
-    contact = rigid.replace(effects=(dfc.effects.Presliding(distance=8.0 / 4e4),))
-    x, y, z = (a.simulate(u, dt=1e-3).y[0] for a in (soft, contact, rigid))
-    assert np.max(np.abs(x - y)) < 0.15 * np.max(np.abs(z - y))
-
-
 @pytest.mark.parametrize(
     ("effect", "shares"),
     [
@@ -432,17 +337,3 @@ def test_a_damping_that_samples_cannot_resolve_is_refused():
     effect = dfc.effects.Compliance(stiffness=1e5, damping=1e12, load_fraction=0.5)
     with pytest.raises(ValueError, match=r"2e\+09 time constants .* units of its damping"):
         axis_with(effect).simulate(np.ones(1_000_000), dt=DT)
-
-
-@pytest.mark.parametrize("effect, _", TOO_STIFF, ids=["compliance", "presliding"])
-def test_the_stiffness_that_a_refusal_offers_runs_and_is_rigid(effect, _):
-    with pytest.raises(ValueError, match="too stiff") as refused:
-        axis_with(effect).stepper(DT)
-    most = 0.99 * float(str(refused.value).split("Use at most ")[1].split()[0])
-    changed = {"stiffness": most} if hasattr(effect, "stiffness") else {"distance": COULOMB / most}
-    effect = dataclasses.replace(effect, **changed)
-    u = 12.0 * np.sin(0.01 * np.arange(700))
-    run = axis_with(effect, viscous=15.0).simulate(u, dt=DT)
-    rigid = axis_with(viscous=15.0).simulate(u, dt=DT)
-    # Each stop leaves energy in a swing, which the rigid axis has not: 5e-4 of the travel.
-    assert np.abs(run.y[0] - rigid.y[0]).max() < 1e-3 * np.ptp(rigid.y[0])

@@ -5,7 +5,6 @@ import importlib
 import json
 import math
 import re
-import sys
 from dataclasses import fields, replace
 from html.parser import HTMLParser
 
@@ -300,26 +299,6 @@ def test_the_share_left_is_one_fact(found):
         assert Gain(4.2e-4, after, 1.2e-6, (1.0, 1.0), "m").left == left
 
 
-def test_what_several_records_show_alike_is_said_once(found):
-    spread = "spread over the record, no clear location"
-    places = (
-        f"{spread}: 8 of 23 windows",
-        "where the axis rests (3 of 4 windows there)",
-        f"{spread}: 9 of 22 windows",
-    )
-    one = replace(found, unexplained=Unexplained(1.0, True, places))
-    both = replace(one, others=(found.record,))
-    words = " ".join(both.summary().split())
-    assert (
-        f"{spread}: 8 of 23 windows, 9 of 22 windows; where the axis rests (3 of 4 windows there)"
-        in words
-    )
-    assert "100 % of the error above noise is left" in words
-    # Who has given several records is not asked for several.
-    several = "diagnose several records of this machine together"
-    assert several in words_of(html_summary(one)) and several not in words_of(html_summary(both))
-
-
 def test_the_words_of_a_rotary_axis(found):
     """Names of arguments and effects stay: they are what one writes."""
     units = ("rad", "N m")
@@ -346,28 +325,6 @@ def test_the_words_of_a_rotary_axis(found):
     assert ax.get_ylabel() == "torque residual [N\xb7m]"
     assert ax.get_legend().get_texts()[0].get_text() == "torque residual, nominal model"
     assert "Force residual over velocity: the force" in words_of(page_of(found))
-
-
-def test_a_factor_is_of_free_runs_and_a_cause_has_a_gain(found):
-    page = words_of(page_of(found)).replace("\xa0", " ")
-    assert page.count("rror reduction") == 1 and "error reduction (factor) 750" in page
-    # Half the fall of the score at each of 8000 samples.
-    assert "gain of log-likelihood (90 %)" in page and "6000 (4800 to 7200)" in page
-
-
-def test_the_verdict_says_what_to_check_on_the_machine(found, nothing):
-    experiment = REGISTRY["spring"].experiment
-    asked = f"spring: {experiment[0].lower()}{experiment[1:]}"
-    lost = replace(found, causes=())
-    moved = replace(found, causes=(), unexplained=Unexplained(0.0, False, ()), varies={"mass": 1})
-    for d, words in (
-        (found, asked),
-        (nothing, "nothing, as long as it moves as in this record; other motions are not tested."),
-        (lost, "what happens where the error is largest: between x = 0.12 and 0.15 m."),
-    ):
-        assert words in words_of(html_summary(d)).split("Error of free runs")[0]
-        assert f"check on the machine: {words}" in " ".join(d.summary().split())
-    assert wording.check_text(moved).startswith("the values above")
 
 
 def test_parts_of_a_diagnosis_show_themselves(found, nothing):
@@ -400,17 +357,6 @@ def test_a_short_rest_between_two_motions_the_same_way_leaves_no_residual():
     # At 4.794 s it comes to rest for 65 ms and goes on the same way.
     assert np.any(np.abs(rests.time[rests.after == 0] - 4.794) < 1e-3)
     assert np.abs(evidence(machine, record).residual).max() < 0.1 * 8.0
-
-
-def test_difference_is_drawn_in_a_readable_unit(found, shown):
-    ax = matplotlib.pyplot.figure().subplots()
-    figures.draw_difference(found, shown, None, ax)
-    (line,) = (li for li in ax.lines if li.get_label() == "nominal")
-    t, error = line.get_data()
-    known = np.isfinite(error)
-    index = np.rint(t[known] / DT).astype(int)
-    scale = {"[\xb5m]": 1e-6, "[mm]": 1e-3}[typeset(ax.get_ylabel()).rpartition(" ")[2]]
-    np.testing.assert_allclose(scale * error[known], shown.errors[index])
 
 
 def test_friction_that_was_measured_lies_on_the_machine_s_curve(found):
@@ -492,24 +438,6 @@ def test_where_says_nothing_of_noise(wander):
         words = where(rng.random(len(wander)), 0.85, wander)
         claims += not words[0].startswith("spread over the record")
     assert claims <= 2
-
-
-def test_where_counts_only_judged_windows(wander):
-    bad = near(wander, "t")
-    scores = np.where(bad, 3.0, 0.2)
-    scores[::2] = np.nan
-    first = where(scores, 1.0, wander)[0]
-    hits, size, rest = (int(n) for n in re.findall(r"(\d+) of (\d+).*of (\d+)", first)[0])
-    assert size + rest == np.isfinite(scores).sum()
-    assert hits == np.sum(bad[1::2])
-
-
-def test_where_survives_a_record_full_of_bad_windows(wander):
-    # All are bad; those of one stretch far worse.
-    late = wander.start_times >= 14.0
-    words = where(np.where(late, 9.0, 3.0) + 0.01 * np.cos(np.arange(len(wander))), 1.0, wander)
-    assert words[0].startswith("after t = 14")
-    assert where(np.full(len(wander), 3.0), 1.0, wander)[0].startswith("spread")
 
 
 def drawn(ax):
@@ -632,38 +560,6 @@ def test_scale_of_the_force_holds_zero_and_every_median(which, request):
                 assert low < np.nanmin(values) and np.nanmax(values) < high, line.get_label()
 
 
-def test_medians_over_position_do_not_jump_between_the_directions(found):
-    """A level 1 N off both ways: the residual is -1 N forwards, +1 N backwards."""
-    low = found.extended.replace(coulomb=found.extended.coulomb.scaled(5.0 / 6.0))
-    ax = matplotlib.pyplot.figure().subplots()
-    figures.draw_residual(evidence(low, found.record), None, "position", ax)
-    lines = {line.get_marker(): line for line in ax.lines if line.get_gid() == "median"}
-    assert set(lines) == {">", "<"}
-    # Noise of a median of some 25 samples is a few hundredths of a newton.
-    for way, sign in ((">", -1.0), ("<", 1.0)):
-        np.testing.assert_allclose(lines[way].get_ydata(), sign, atol=0.4)
-    assert "> forwards, < backwards" in ax.get_xlabel()
-
-
-@pytest.mark.slow
-def test_title_of_many_causes_stays_on_the_page(uneven):
-    figure = uneven.plot().figure
-    figure.canvas.draw()
-    title = figure.axes[0].texts[0]
-    assert "Coulomb asymmetry, position-dependent friction and 2 more" in " ".join(
-        title.get_text().split()
-    )
-    box = title.get_window_extent()
-    assert figure.bbox.x0 <= box.x0 and box.x1 < figure.bbox.x1
-    # The list below starts where the title ends.
-    assert figure.axes[0].texts[1].get_window_extent().y1 <= box.y0 + 1.0
-    wide = tuple(replace(c, title=30 * "M ") for c in uneven.causes)
-    long = replace(uneven, causes=wide)
-    figure = long.plot().figure
-    figure.canvas.draw()
-    assert figure.axes[0].texts[0].get_window_extent().x1 < figure.bbox.x1
-
-
 @pytest.mark.slow
 def test_small_corrections_stand_apart_everywhere(uneven, found):
     assert [c.effect for c in uneven.small_corrections] == ["stribeck", "inertia"]
@@ -754,32 +650,6 @@ def test_which_way_is_harder_is_told_in_newtons(uneven):
     assert (
         "Coulomb + , Coulomb -" not in page and "the effects listed under them add to these" in page
     )
-
-
-def test_asymmetry_alone_is_told_in_two_numbers(uneven):
-    d = replace(
-        uneven, causes=uneven.causes[:1],
-        extended=uneven.axis.replace(effects=(dfc.effects.CoulombAsymmetry(force=-1.0),)),
-    )  # fmt: skip
-    assert "forwards 5 N, backwards 7 N" in d.summary()
-    assert "Coulomb level nominal (x grows forwards): 6 N, both ways" in d.summary()
-
-
-@pytest.mark.slow
-def test_levels_are_drawn_where_they_vary(uneven, found):
-    ax = matplotlib.pyplot.figure().subplots()
-    figures.draw_levels(uneven, ax)
-    lines = {line.get_label(): line for line in ax.lines}
-    for way, prefix, suffix in ((1, "", ""), (-1, "_", ", backwards")):
-        line = lines[f"{prefix}with the causes{suffix}"]
-        np.testing.assert_allclose(line.get_ydata(), law_level(line.get_xdata(), way))
-        np.testing.assert_allclose(lines[f"{prefix}nominal{suffix}"].get_ydata(), 6.0)
-    assert {line.get_marker() for line in ax.lines} == {">", "<"}
-    assert ax.get_ylabel() == "Coulomb level [N]" and ax.get_ylim()[0] == 0.0
-    assert max(np.max(line.get_ydata()) for line in ax.lines) < ax.get_ylim()[1]
-    alt = "Coulomb level over position; nominal: 6 N, both ways"
-    assert alt in page_of(uneven)
-    assert "Coulomb level over position" not in page_of(found)
 
 
 @pytest.mark.parametrize(
@@ -987,16 +857,6 @@ def command(found, tmp_path, monkeypatch):
     return ["diagnose", record, "--axis", axis, "--out", str(tmp_path / "out")], asked
 
 
-@pytest.mark.parametrize(("quiet", "terminal"), [(True, True), (False, True), (False, False)])
-def test_command_shows_progress_on_a_terminal(command, monkeypatch, quiet, terminal):
-    arguments, asked = command
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    report = importlib.import_module("dryfric_control.diagnosis.report.diagnosis")
-    monkeypatch.setattr(report, "write_report", lambda *_: None)
-    assert main(arguments + ["--quiet"] * quiet) == 0
-    assert [options for *_, options in asked] == [{"progress": terminal and not quiet}]
-
-
 @pytest.mark.slow
 def test_command_writes_the_report(command, found, tmp_path, monkeypatch, capsys):
     arguments, asked = command
@@ -1049,17 +909,6 @@ def test_records_that_were_diagnosed_together_are_named(found):
     nameless = replace(more, record=called(""))
     assert wording.records_text(nameless) == "3 records"
     assert wording.shown_record(nameless) == "the first of 3 records"
-
-
-@pytest.mark.parametrize(
-    ("values", "ratio"),
-    [([2.0, 5.0, 4.0], " (largest: 2.5 of the smallest)"), ([-1.0, 2.0], ""), ([0.0, 1.0], "")],
-)
-def test_what_differs_between_records_is_told_by_its_range(found, values, ratio):
-    varies = {"coulomb": {"values": values, "standard_errors": [0.1] * len(values)}}
-    line = wording.further_lines(replace(found, varies=varies))[-1]
-    assert line.startswith("differs from record to record: coulomb = ")
-    assert line.partition(" (")[2] == ratio.removeprefix(" (")
 
 
 def test_what_is_advised_next(found):

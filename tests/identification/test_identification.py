@@ -10,7 +10,6 @@ import pytest
 import truth
 
 import dryfric_control as dfc
-from dryfric_control import presets
 from dryfric_control.identification import (
     FitWarning,
     fit,
@@ -19,8 +18,6 @@ from dryfric_control.identification import (
     ripple,
     slow_ramp_experiment,
 )
-from dryfric_control.identification.replay import replay_loop
-from dryfric_control.identification.stribeck import _replayed
 from dryfric_control.records.record import Record
 
 PLACES = np.linspace(0.01, 0.29, 60)
@@ -72,27 +69,11 @@ def test_levels_without_knowing_the_axis():
         assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
 
 
-@pytest.mark.parametrize("options", [{}, {"duration": 120.0}])
-def test_a_crawl_within_the_peak_is_told(options):
-    record, _ = bench(4, speed=0.04, omega=25.0, **options)
-    with pytest.warns(FitWarning, match="the levels are friction at .* m/s, with"):
-        raised = identify_coulomb(record)
-    peak = dfc.Stribeck(excess=0.3, speed=0.04)
-    axis = dfc.FrictionAxis(2.0, 15.0, 8.0, stribeck=peak, stick_speed=1e-4)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = identify_coulomb(record, axis=axis)
-    for s in (1, -1):
-        assert np.all(raised(PLACES, s) > 1.1 * level(PLACES, s))
-        np.testing.assert_allclose(found(PLACES, s), level(PLACES, s), rtol=0.02)
-
-
-@pytest.mark.parametrize("slow", [0.02, 0.05])
-def test_levels_at_nearly_one_velocity_are_told_with_what_was_left_out(slow):
+def test_levels_at_nearly_one_velocity_are_told_with_what_was_left_out():
     """Beside motion at 0.05 m/s that at 0.02 m/s is left out: "crawls at one speed" was not so."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     loop = dfc.PositionController.from_bandwidth(axis, 20.0, dt=2e-3)
-    ways = [np.arange(0.0, 0.8, 2e-3 * v) for v in (slow, 0.05)]
+    ways = [np.arange(0.0, 0.8, 2e-3 * v) for v in (0.02, 0.05)]
     r = np.concatenate([part for way in ways for part in (way, way[::-1])])
     done = dfc.simulate_loop(axis, loop, r, quantum=1e-6)
     with pytest.warns(FitWarning) as caught:
@@ -117,11 +98,10 @@ def test_an_experiment_within_the_peak_is_told():
         slow_ramp_experiment(axis, duration=20.0)
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("options", [{}, {"omega": 25.0}, {"quantum": 2e-5}, {"duration": 30.0}])
-def test_levels_from_the_record_alone(seed, options):
+def test_levels_from_the_record_alone(options):
     # With stick-slip, what inertia and viscous friction take is found as well.
-    record, _ = bench(seed, **options)
+    record, _ = bench(2, **options)
     found = identify_coulomb(record)
     for s in (1, -1):
         assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02  # the demand
@@ -155,7 +135,7 @@ def test_degree_follows_the_data():
 @pytest.mark.slow
 def test_intervals_cover_the_truth():
     # `benchmarks/identification.py coverage` prints the table of 200 repeats.
-    names, repeats = ("mass", "viscous", "coulomb"), 32
+    names, repeats = ("mass", "viscous", "coulomb"), 16
     hits = {name: 0 for name in names}
     scores = []
     for seed in range(repeats):
@@ -176,9 +156,9 @@ def test_intervals_cover_the_truth():
         for s in (1, -1):
             places = np.array([0.05, 0.15, 0.25])
             scores.append((levels(places, s) - level(places, s)) / levels.standard_error(places, s))
-    # Binomial: 32 draws at 0.9 fall below 24 once in 300.
-    assert min(hits.values()) >= 24, hits
-    # Standard errors as large as the errors: 64 curves, 20 blocks each.
+    # Binomial: 16 draws at 0.9 fall below 11 once in 300.
+    assert min(hits.values()) >= 11, hits
+    # Standard errors as large as the errors: 32 curves, 20 blocks each.
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
@@ -201,26 +181,6 @@ def test_stribeck_and_levels_from_ripple():
     assert found.replayed.amplitude == pytest.approx(found.measured.amplitude, rel=0.1)
     assert found.replayed.period == pytest.approx(found.measured.period, rel=0.1)
     json.dumps(found.to_dict())
-
-
-@pytest.mark.slow
-def test_ripple_comes_back():
-    record, loop = bench(0, duration=20.0, reach=0.1)
-    levels = identify_coulomb(record, axis=AXIS)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)  # the stick speed is unseen here
-        found = identify_stribeck(levels.apply(AXIS), record, loop, starts=1)
-    assert found.replayed.amplitude == pytest.approx(found.measured.amplitude, rel=0.1)
-    assert found.replayed.period == pytest.approx(found.measured.period, rel=0.1)
-    # Half of the demand on the ripple, which the excess drives.
-    assert found.stribeck.excess == pytest.approx(0.3, rel=0.05)
-    # Restarted every few slips it stays in step, both ways.
-    ways = {int(np.sign(one.x[-1] - one.x[0])) for one in found.branches}
-    for one in found.branches:
-        begin = round((one.t[0] - record.t[0]) / record.dt)
-        measured = record.u[begin : begin + len(one)]
-        assert np.corrcoef(one.u, measured)[0, 1] > 0.99
-    assert ways == {1, -1}
 
 
 def test_ripple_of_a_smooth_crawl_is_none():
@@ -297,11 +257,3 @@ def test_a_peak_shows_where_velocities_differ(options, told):
     places = PLACES[PLACES < 0.9 * record.x.max()]
     error = max(np.max(np.abs(found(places, s) / level(places, s) - 1.0)) for s in (1, -1))
     assert (error > 0.05) == told
-
-
-def test_a_peak_that_holds_the_axis_ends_no_search():
-    """Of the peaks that are tried some keep the replay at rest: it has no ripple."""
-    axis = presets.clutch_actuator()
-    ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
-    held = axis.replace(coulomb=10.0)
-    assert _replayed(replay_loop(held, ramp.record, ramp.controller)) is None

@@ -14,7 +14,7 @@ PENDULUM = Plant(mass=0.0224, viscous=0.45e-3, coulomb=4.1e-3, gravity=0.6927, s
 SLIDE = Plant(mass=2.0, viscous=15.0, coulomb=8.0, stick_speed=1e-4)
 SERVO = Plant(mass=0.02, viscous=0.3, coulomb=0.5, stick_speed=1e-3)
 TURNING = ("rad", "N m")
-SEEDS = range(8)
+SEEDS = range(3)
 
 
 def swinging(seed):

@@ -113,8 +113,8 @@ def drawn(seed):
     return dfc.design_pi_observer(
         axis,
         dt,
-        method=("slack", "paper", "slack", "path")[seed % 4],
-        window=2 if seed % 4 == 3 else None,
+        method=("slack", "paper", "dwell", "path")[seed % 4],
+        window=(None, None, 3, 2)[seed % 4],
         form=("current", "prediction")[seed // 2 % 2],
         discretization=("euler", "zoh")[int(rng.integers(2))],
         encoder_quantum=10.0 ** rng.uniform(-7.0, -5.0),
@@ -122,9 +122,7 @@ def drawn(seed):
     )
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 30))]
-)
+@pytest.mark.parametrize("seed", range(8))
 def test_the_certificate_holds_by_numpy_alone(seed):
     design = drawn(seed)
     found, nodes = margins(design)

@@ -69,19 +69,6 @@ EVERYTHING = (
 )
 
 
-def test_knowing_spring_bias_and_cogging_pays(seed=0):
-    """Measured: friction error 68 to 2.4 % of the level, speed error 0.39 to 0.12 %."""
-    plant = axis(*TOGETHER)
-    before, after = (watched(plant, own, seed).score for own in (axis(), plant))
-    assert after.friction < 0.1 * before.friction
-    assert after.speed < 0.5 * before.speed
-    assert after.commutation < before.commutation
-    # No worse than the observer of an axis that has none of them.
-    alone = watched(axis(), axis(), seed).score
-    assert after.friction < 1.2 * alone.friction
-    assert after.speed < 1.2 * alone.speed
-
-
 # Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1.
 @pytest.mark.parametrize(
     ("effect", "speed", "friction"),
@@ -156,20 +143,6 @@ def test_known_forces_enter_at_the_measured_position():
     np.testing.assert_allclose(estimate.y[3], 0.0, atol=1e-8)
 
 
-def test_effects_on_base_parameters_act_in_the_design():
-    inertia, drag = dfc.effects.Inertia(factor=1.5), dfc.effects.ViscousFriction(factor=2.0)
-    by_effects, by_values = design_of(axis(inertia, drag)), design_of(axis(mass=3.0, viscous=30.0))
-    for mode in (0, 1, -1):
-        both = by_effects.mode_matrices(mode), by_values.mode_matrices(mode)
-        for one, other in zip(*both, strict=True):
-            np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(by_effects.node_gains, by_values.node_gains)
-    assert by_effects.gamma == by_values.gamma
-    # A Stribeck peak is left to the integral, as an effect and as a field.
-    peak = design_of(axis(dfc.effects.StribeckPeak(excess=0.4, speed=0.02), stribeck=None))
-    assert peak.axis == design_of(axis(stribeck=None)).axis
-
-
 @pytest.mark.parametrize("rule", ["reading", "paper", "filippov"])
 def test_faces_agree_with_every_effect(rule, tmp_path):
     """Compiled record, python-control block, stepper and a saved design."""
@@ -220,15 +193,6 @@ def test_what_the_observer_has_no_states_for_is_told_once(effects, named):
     assert design.axis == design_of(axis(*rest)).axis
     # The axis that was given keeps its effects.
     assert plant.effects == effects
-
-
-def test_structural_effects_do_not_break_the_observer():
-    """The observer of a rigid axis still follows one with play; its friction error is told."""
-    plant = axis(dfc.effects.Backlash(gap=1e-4, load_fraction=0.5), *TOGETHER)
-    with pytest.warns(ObserverWarning):
-        score = watched(plant, plant).score
-    assert score.speed < 0.01
-    assert score.friction < 0.1
 
 
 @pytest.mark.parametrize("design", [dfc.design_pi_observer, dfc.hybrid_filter])

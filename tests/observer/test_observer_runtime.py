@@ -6,8 +6,6 @@ from collections import deque
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control import presets
@@ -152,20 +150,6 @@ def test_exact_model_of_sliding_is_followed_exactly():
     np.testing.assert_allclose(estimate.y[1], v, atol=1e-12)
 
 
-def test_integral_finds_a_wrong_coulomb_level():
-    """Steady sliding under F = 9.6 while 8 is believed: Fhat goes to 9.6."""
-    plant = axis(viscous=0.0, coulomb=8.0)
-    design = design_pi_observer(plant, DT, discretization="zoh", encoder_quantum=1e-5)
-    t = np.arange(2000) * DT
-    v = 0.1 + (14.0 - 9.6) / 2.0 * t
-    x = 0.1 * t + 0.25 * (14.0 - 9.6) * t**2
-    estimate = observe(design, np.full(t.size, 14.0), x, vhat0=0.1)
-    # The slowest pole, below 0.95, has died to 1e-44 after 2000 samples.
-    assert estimate.y[2, -1] == pytest.approx(9.6, abs=1e-8)
-    assert estimate.y[3, -1] == pytest.approx(8.0 - 9.6, abs=1e-8)
-    assert estimate.y[1, -1] == pytest.approx(v[-1], abs=1e-9)
-
-
 def test_stuck_friction_is_the_net_force():
     plant = axis(effects=(dfc.effects.Spring(stiffness=20.0, rest=0.05),))
     design = design_pi_observer(plant, DT, encoder_quantum=1e-5)
@@ -197,28 +181,6 @@ def test_motion_is_seen_when_the_reading_leaves():
 
     assert first(0.0) == 20
     assert first(9.0) == 10
-
-
-@pytest.mark.slow
-@given(
-    plus=st.floats(0.5, 2.0),
-    minus=st.floats(0.5, 2.0),
-    seed=st.integers(0, 1000),
-    rule=st.sampled_from(RULES),
-)
-@settings(max_examples=6)
-def test_mirrored_axis_gives_the_mirrored_estimate(plus, minus, seed, rule):
-    """Turning x, v and u round and exchanging the directions changes only signs."""
-    quantum = 1e-4
-    own = axis(coulomb=(8.0 * plus, 8.0 * minus), travel=None)
-    other = own.replace(coulomb=(8.0 * minus, 8.0 * plus))
-    u, y, _ = record(axis(), n=1500, quantum=quantum, seed=seed)
-    options = {"noise": 1e-4, "uncertainty": 1.6}
-    there = observe(design_pi_observer(own, DT, **options), u, y, switching=rule)
-    back = observe(design_pi_observer(other, DT, **options), -u, -y, switching=rule)
-    np.testing.assert_array_equal(there.mode, -back.mode)
-    # The two designs solve the same problem from data that differ in the last digit.
-    np.testing.assert_allclose(there.y[:4], -back.y[:4], rtol=0, atol=1e-6)
 
 
 def test_stepper_starts_at_the_first_reading(clutch):

@@ -11,7 +11,7 @@ from dryfric_control import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.observer import design_pi_observer
 from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices
-from dryfric_control.observer.memory import allowed_pairs, dwell_graph, window_graph
+from dryfric_control.observer.memory import allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights
 
@@ -146,13 +146,6 @@ def test_what_costs_and_what_does_not(slack):
         gamma(decay=0.2)
 
 
-@pytest.mark.slow
-def test_scs_agrees_when_asked(slack):
-    pytest.importorskip("scs")
-    # a first-order method stops further from the optimum, on the safe side of it
-    assert gamma(solver="scs") == pytest.approx(slack.gamma, rel=1e-3)
-
-
 def test_signs_share_a_model_unless_their_uncertainty_differs(slack):
     assert np.array_equal(slack.gains[1], slack.gains[-1])
     spec = SPEC | {"uncertainty": {0: 1.0, 1: 1.0, -1: 2.0}}
@@ -170,19 +163,6 @@ def test_transition_table_follows_the_window():
         node = table[node, mode + 1]
     # +1 and -1 are one class
     assert design.graph.names[node] == "1,0,1"
-
-
-def test_dwell_counts_samples_and_saturates():
-    graph = dwell_graph({(a, b) for a in (0, 1) for b in (0, 1)}, 3)
-    following = graph.next_nodes()
-    node = graph.resting()[0]
-    for _ in range(5):
-        node = following[node, 1]
-    assert graph.names[node] == "1 for 3 after 0 for 2"
-    assert graph.names[following[node, 0]] == "0 for 1 after 1 for 3"
-    # A mode to which nothing leads is there as well.
-    lone = dwell_graph({(0, 0), (1, 1), (1, 0)}, 2)
-    assert set(lone.labels) == set(lone.resting()) == {0, 1}
 
 
 @pytest.mark.parametrize("rate", [1e-9, 0.4, 500.0, 5e4])
@@ -211,16 +191,6 @@ def test_error_dynamics_has_the_certified_gain(slack):
     # The integral acts while stuck, although the drive does not.
     _, B, E = slack.mode_matrices(0)
     assert np.array_equal(B, [0.0, 0.0]) and np.array_equal(E, [0.0, DT])
-
-
-def test_constant_friction_error_is_absorbed():
-    design = design_pi_observer(reference_axis(), DT, encoder_quantum=1e-6)
-    for mode in (0, 1):
-        F = design.error_dynamics(mode).A
-        error = np.array([0.0, 0.0, 1.0])
-        for _ in range(2000):
-            error = F @ error
-        assert np.max(np.abs(error)) < 1e-6
 
 
 SCALES = {

@@ -117,21 +117,6 @@ def test_what_happens_all_the_time_is_no_exception():
     assert find(x, 1e-6, 0.0) == {}
 
 
-def test_own_mask():
-    x = spoiled()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        record = dfc.Record(T, U, x, good=np.ones(T.size, bool))
-        sound = dfc.Record(T, U, X)
-    assert record.good.all() and np.array_equal(record.x, x)
-    assert sound.good.all() and np.array_equal(sound.x, X)
-    assert "bad samples" not in sound.summary()
-    good = np.ones(T.size, bool)
-    good[100:110] = False
-    given = dfc.Record(T, U, X, good=good)
-    assert given.bad["given"] == 10 and np.array_equal(given.good, good)
-
-
 def test_parts_and_copies_keep_the_mask(tmp_path):
     record = quiet(T, U, spoiled())
     assert record[200:800].masked.indices.tolist() == [100, 501]
@@ -155,12 +140,6 @@ def test_lost_samples_are_filled_and_masked():
     assert record.u == pytest.approx(5.0 * T, abs=1e-12)
 
 
-def test_jumps_do_not_spoil_a_resampled_record():
-    record = quiet(T, U, spoiled(), make=dfc.Record.from_irregular)
-    assert np.abs(record.x - X).max() < QUANTUM
-    assert record.bad["filled"] == 4
-
-
 @pytest.mark.parametrize("late", [True, False])
 def test_stamps_or_samples(late):
     """The readings show whether they were taken late or only stamped late."""
@@ -173,14 +152,6 @@ def test_stamps_or_samples(late):
     true = 0.1 * np.sin(5.0 * (record.t - record.t[0] + (0.0 if late else moments[0])))
     # Stamps taken for true would be off by 0.5 m/s * 0.15 ms = 75 um.
     assert np.abs(record.x - true)[1:-1].max() < 2.0 * QUANTUM
-
-
-def test_clipped_input_is_counted_and_not_masked():
-    u = np.clip(2.0 * np.cos(9.0 * T), -1.0, 1.0)
-    with pytest.warns(dfc.RecordWarning, match="clipped"):
-        record = dfc.Record(T, u, X)
-    assert record.bad["clipped"] == np.count_nonzero(np.abs(u) == 1.0)
-    assert record.good.all()
 
 
 def test_the_likelihood_leaves_masked_readings_out():

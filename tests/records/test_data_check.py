@@ -164,18 +164,6 @@ def test_units_are_those_of_the_record():
     assert "\u00b5rad" in turned._repr_html_()
 
 
-def test_plot_shows_rest_and_clipped_samples():
-    with pytest.warns(dfc.RecordWarning):
-        record = dfc.Record(
-            T, np.clip(40.0 * np.cos(6.0 * T) + 5.0 * np.sin(211.0 * T), -30.0, 30.0), X
-        )
-    drawn = record.plot()
-    words = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in drawn.axes[:, 0]]
-    assert words == [["measured", "at rest"], ["clipped"]]
-    clipped = drawn.lines[1, 0][1].get_ydata()
-    assert np.array_equal(np.isfinite(clipped), record.u == -30.0)
-
-
 @pytest.mark.parametrize("count", [2, 5, 20])
 def test_positions_that_are_read_more_slowly_than_logged_are_told(count):
     x = np.sin(2.0 * T) + 1e-4 * np.random.default_rng(count).normal(size=T.size)

@@ -338,22 +338,6 @@ def test_a_row_that_was_cut_off_is_left_out(tmp_path, name, pack):
         same(dfc.read_record(write(tmp_path, pack(whole[:-1]), name)))  # only the end of the line
 
 
-@pytest.mark.parametrize("value", [1e9, -1e12, 65535.0])
-@pytest.mark.parametrize("run", [1, 3])
-def test_an_absurd_reading_is_no_quantum(value, run):
-    x = X.copy()
-    x[170 : 170 + run] = value
-    with pytest.warns(dfc.RecordWarning, match=f"{run} jump"):
-        record = dfc.Record(T, U, x)
-    assert record.quantum == pytest.approx(1e-6) and record.range == pytest.approx(np.ptp(X))
-    assert np.flatnonzero(~record.good).tolist() == list(range(170, 170 + run))
-    # An encoder that flickers at rest is not absurd.
-    x = np.where(np.arange(N) % 31 == 7, 1.0, 0.0) + 400.0 * np.clip(T - 3.9, 0.0, None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert "jump" not in dfc.Record(T, U, x).masked.reasons
-
-
 def test_a_counter_set_to_zero_is_told():
     path = 100.0 * np.sin(0.8 * T) + 3.0
     for offset in (0.0, 0.03):
@@ -396,16 +380,6 @@ def test_the_period_that_is_suggested_is_the_right_one(factor, size):
         dfc.read_record(source, unwrap=0.995 * size * factor, **how)
 
 
-def test_angles_and_turns_wrap_at_their_own_period():
-    path = 40.0 * np.sin(2.0 * FINE)
-    for period in (2 * math.pi, 360.0 / 57.0, 1.0):
-        x = np.mod(path, period)
-        with pytest.raises(ValueError, match="wraps around") as refused:
-            dfc.Record(FINE, PUSH, x)
-        found = float(str(refused.value).split("unwrap=")[1].split()[0])
-        assert found == pytest.approx(period, rel=1e-9 if period != 360.0 / 57.0 else 1e-3)
-
-
 @pytest.mark.parametrize("heading", ["Druck_bar", "Druck [bar]", "u [bar]", "Druck in bar"])
 def test_a_gain_converts_the_number_in_the_file(heading):
     source = {"t": T, heading: U, "x [m]": X}
@@ -428,14 +402,6 @@ def test_a_gain_beside_a_length_asks_for_the_unit_of_the_product():
             record = dfc.read_record(source, gain={"x": gain}, units={"x": unit})
             np.testing.assert_allclose(record.x, factor * X)
             assert record.raw["x"] == ("mm", pytest.approx(factor)) and record.units["x"] == "m"
-
-
-def test_a_sign_that_is_turned_keeps_the_unit():
-    record = dfc.read_record({"t": T, "u [kN]": U, "x [mm]": X}, gain={"u": -1.0, "x": -1.0})
-    np.testing.assert_allclose(record.x, -1e-3 * X)
-    np.testing.assert_allclose(record.u, -1e3 * U)
-    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
-    assert record.raw["x"] == ("mm", -1e-3)
 
 
 def test_pressure_and_pinion_are_numbers_of_the_machine():
@@ -517,11 +483,6 @@ def test_a_free_motion_needs_no_drive(tmp_path):
     assert not dfc.read_record(path, columns={"u": None}).u.any()
     with pytest.raises(ValueError, match=r"no column recognised as u.*\{\"u\": None\} for a free"):
         dfc.read_record(write(tmp_path, text(t, x, 0 * x, heading="t,x,abc")))
-    axis = dfc.FrictionAxis(mass=mass, viscous=1e-6, coulomb=level, stick_speed=1e-5,
-                            effects=(dfc.effects.Spring(stiffness),))  # fmt: skip
-    simulated = axis.simulate(record.u, dt=1e-3, x0=0.3).y[0]
-    moving = t < 6 * math.pi / omega  # until the spring no longer overcomes friction
-    np.testing.assert_allclose(simulated[moving], x[moving], atol=2e-3)
 
 
 def test_a_velocity_alone_gives_the_position(tmp_path):

@@ -6,7 +6,6 @@ import io
 import json
 import struct
 import sys
-import tracemalloc
 import zlib
 
 import numpy as np
@@ -40,14 +39,10 @@ def same(record, scale=1.0):
 TEXTS = {
     "# in a heading": "sample #,t [s],u [N],x [m]\n" + rows(np.arange(N), T, U, X),
     "heading behind #, comments behind it": "#t,u,x\n# recorded on a Monday\n" + rows(T, U, X),
-    "heading of words, numbers by comma": "# t u x\n" + rows(T, U, X),
     "sep= of Excel": "sep=;\nt;u;x\n" + rows(T, U, X, mark=";"),
-    "sep= in quotes": '"sep=;"\r\nt;u;x\r\n' + rows(T, U, X, mark=";", end="\r\n"),
     "per cent comments": "% made by octave\n% t,u,x\n" + rows(T, U, X),
     "trailing tab": "t\tu\tx\t\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
-    "trailing tab below alone": "t\tu\tx\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
     "trailing tab, no heading": rows(T, U, X, mark="\t").replace("\n", "\t\n"),
-    "trailing comma, no heading": rows(T, U, X).replace("\n", ",\n"),
     "row of units": "Time;Force;Pos\nms;N;mm\n" + rows(1e3 * T, U, 1e3 * X, mark=";"),
     "preamble": "Oscilloscope DSO-X\nDate: 2026-03-02\nChannels,3\n\nt,u,x\n" + rows(T, U, X),
     "long preamble": "".join(f"Setting {k}: on\n" for k in range(60)) + "t,u,x\n" + rows(T, U, X),
@@ -184,12 +179,8 @@ def test_mat_version_4(tmp_path):
     path = tmp_path / "old.mat"
     savemat(path, {"t": T, "u": U[:, None], "x": X, "note": "text"}, format="4")
     same(dfc.read_record(path))
-    big = b"".join(
-        struct.pack(">IIIII", 1000, N, 1, 0, 2) + name + b"\0" + values.astype(">f8").tobytes()
-        for name, values in ((b"t", T), (b"u", U), (b"x", X))
-    )
-    same(dfc.read_record(write(tmp_path, big, "big.mat")))
-    for damaged in (big[:-9], big[:30], big[:4] + b"\xff" * 16 + big[20:]):
+    whole = path.read_bytes()
+    for damaged in (whole[:-9], whole[:30], whole[:4] + b"\xff" * 16 + whole[20:]):
         with pytest.raises(ValueError, match="damaged or no MAT-file"):
             dfc.read_record(write(tmp_path, damaged, "damaged.mat"))
 
@@ -220,14 +211,6 @@ def test_spreadsheets_and_parquet(tmp_path):
         assert record.notes[0] == "left out: 'step'"
         with pytest.raises(ValueError, match="is damaged or no"):
             dfc.read_record(write(tmp_path, (tmp_path / name).read_bytes()[:-300], name))
-
-
-def test_a_table_of_too_many_rows_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    pytest.importorskip("pyarrow")
-    PD.DataFrame({"t": T, "u": U, "x": X}).to_parquet(tmp_path / "run.parquet")
-    monkeypatch.setattr(PD, "read_parquet", lambda *_, **__: pytest.fail("it was read"))
-    with pytest.raises(ValueError, match="more than 100 rows"):
-        dfc.read_record(tmp_path / "run.parquet", max_rows=100)
 
 
 def test_a_missing_library_is_named(tmp_path, monkeypatch):
@@ -278,22 +261,6 @@ def test_stamps_in_headers_go_before_those_of_the_log(tmp_path):
         for k in range(N)
     )  # fmt: skip
     same(dfc.read_record(write(tmp_path, log, "run.mcap"), joint="b"))
-
-
-def test_mcap_with_a_damaged_length_takes_no_memory(tmp_path):
-    log = mcap_log([("/axis", 0, {"x": 1.0})])
-    path = tmp_path / "run.mcap"
-    for place in range(8, len(log)):
-        broken = bytearray(log)
-        broken[place] = 0xE0  # as the highest of four bytes 3.8 GB, which the library accepts
-        path.write_bytes(broken)
-        tracemalloc.start()
-        try:
-            with pytest.raises(ValueError):
-                dfc.read_record(path)
-            assert tracemalloc.get_traced_memory()[1] < 5e6
-        finally:
-            tracemalloc.stop()
 
 
 def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
@@ -355,15 +322,6 @@ def test_known_channels_are_kept_and_cut_with_the_rest(tmp_path):
         record.compare("w")
 
 
-def test_quantum_and_raw_unit_go_with_a_second_gain(tmp_path):
-    counts = np.round(1e4 * X)
-    record = dfc.read_record({"t": T, "u": U, "x [counts]": counts}, gain={"x": 1e-4})
-    record.to_csv(tmp_path / "run.csv")
-    doubled = dfc.read_record(tmp_path / "run.csv", gain={"x": 2.0})
-    assert record.quantum == pytest.approx(1e-4) and doubled.quantum == pytest.approx(2e-4)
-    assert doubled.raw["x"] == ("counts", pytest.approx(2e-4))
-
-
 def test_a_delay_of_a_channel_is_measured():
     late = np.interp(T - 5e-3, T, np.gradient(np.sin(30 * T), 1e-3))
     record = dfc.Record(T, U, np.sin(30 * T), channels={"v": 2.0 * late + 1.0})
@@ -372,50 +330,3 @@ def test_a_delay_of_a_channel_is_measured():
     assert found.gain == pytest.approx(2.0, rel=0.02) and found.offset == pytest.approx(
         1.0, rel=0.1
     )
-
-
-def test_a_column_that_is_no_channel_does_not_stop_the_reading(tmp_path):
-    text = "t,u,x,v\n" + rows(T, U, X).replace("\n", ",\n")
-    record = dfc.read_record(write(tmp_path, text))
-    assert not record.channels and record.notes == ("left out: 'v'",)
-    with pytest.raises(ValueError, match="the cell is empty"):
-        dfc.read_record(write(tmp_path, text), columns={"v": "v"})
-    assert not dfc.read_record({"t": T, "u": U, "x": X, "v [V]": list("ab")}).channels
-
-
-def test_decimals_make_a_quantum():
-    """Where steps are thousands of them, no difference shows the grid."""
-    fast = np.round(5.0 * np.sin(1.0 + 11 * T) + 3.0 * np.sin(40 * T), 7)
-    assert dfc.Record(T, U, fast).quantum == pytest.approx(1e-7)
-    degrees = dfc.read_record({"t": T, "u": U, "x [deg]": fast})
-    assert degrees.quantum == pytest.approx(np.pi / 180e7)
-    assert dfc.Record(T, U, np.sin(11 * T) + 3.0 * np.sin(40 * T)).quantum is None
-
-
-def test_control_characters_do_not_reach_a_page():
-    record = dfc.Record(T, U, X, name="a\x1b[31mb\x00", notes=["c\x07d", "\ud800"])
-    assert record.name == "a\ufffd[31mb\ufffd" and record.notes == ("c\ufffdd", "\ufffd")
-
-
-def test_names_of_encoders_and_motors_are_known_where_no_usual_one_is_there(tmp_path):
-    t = np.arange(40)
-    rows = zip(t.tolist(), np.sin(t), np.round(100.0 * np.cos(0.1 * t)), strict=True)
-    lines = "\n".join(f"{a};{b:.3f};{c:.0f}" for a, b, c in rows)
-    sc = dfc.Scaling(counts_per_turn=4096, gear_ratio=20.0, torque_constant=0.05)
-    path = write(tmp_path, f"time_ms;motor_current_mA;encoder_counts\n{lines}\n")
-    record = dfc.read_record(path, gain=sc)
-    assert record.units["x"] == "rad" and record.units["u"] == "N m"
-    assert np.ptp(record.x) == pytest.approx(2 * np.pi * 200 / 4096 / 20.0, rel=0.01)
-    # A usual name comes first.
-    text = f"time_ms;force_N;position_m;encoder\n{lines.replace(chr(10), ';0' + chr(10))};0\n"
-    assert np.ptp(dfc.read_record(write(tmp_path, text)).x) == pytest.approx(200.0, rel=0.01)
-
-
-def test_a_gap_is_refused_with_what_allows_it():
-    t = np.delete(1e-3 * np.arange(400), slice(100, 112))
-    with pytest.raises(ValueError, match=r"or allow it with max_gap=(\S+)") as refused:
-        dfc.Record.from_irregular(t, np.cos(t), np.sin(20.0 * t), dt=1e-3)
-    enough = float(str(refused.value).rpartition("=")[2])
-    with pytest.warns(dfc.RecordWarning):
-        record = dfc.Record.from_irregular(t, np.cos(t), np.sin(20.0 * t), dt=1e-3, max_gap=enough)
-    assert len(record) == 400

@@ -2,7 +2,6 @@
 
 import inspect
 import math
-import re
 
 import numpy as np
 import pytest
@@ -94,42 +93,6 @@ def test_per_cent_and_current_make_a_force(options, stored, factor, unit):
     assert record.units["u"] == unit and record.raw["u"][1] == pytest.approx(factor)
 
 
-@pytest.mark.parametrize(
-    ("role", "stored"),
-    [("u", "mA"), ("u", "A"), ("u", "kNm"), ("x", "ticks"), ("x", "rev"), ("v", "rpm")],
-)
-def test_a_conversion_asked_for_is_that_of_a_record(role, stored):
-    scaling = dfc.Scaling(counts_per_turn=4096, gear_ratio=4.0, lead=5e-3, torque_constant=0.05)
-    source = {"t": T, "u": U, "x": X, "v": U}
-    record = dfc.read_record(source, units={role: stored}, gain=scaling)
-    found = scaling.conversion(role, stored)
-    assert found.raw == stored and found.unit == record.units[role]
-    assert record.raw[role] == (stored, pytest.approx(found.factor))
-
-
-def test_a_conversion_of_what_is_no_unit_is_refused():
-    scaling = dfc.Scaling(torque_constant=0.05)
-    with pytest.raises(ValueError, match="unit 'MA' of u is not known. Did you mean 'mA'"):
-        scaling.conversion("u", "MA")
-    # A force of the load and a second encoder: no number of the machine enters.
-    assert scaling.conversion("u", "kN") is None and scaling.conversion("x2", "counts") is None
-
-
-def test_every_channel_has_a_gain():
-    source = {"t": T, "u": U, "x [counts]": np.round(1e6 * X), "r": X, "v": U, "a": U, "x2": X}
-    record = dfc.read_record(
-        source,
-        gain={"u": 35.0, "x": 1e-6, "v": 2.0, "a": 3.0, "x2": 4.0},
-        units={"x": "m", "u": "N"},
-    )
-    np.testing.assert_allclose(record.x, 1e-6 * np.round(1e6 * X))
-    np.testing.assert_allclose(record.reference, 1e-6 * X)
-    np.testing.assert_allclose(record.u, 35.0 * U)
-    for name, factor, values in (("v", 2.0, U), ("a", 3.0, U), ("x2", 4.0, X)):
-        np.testing.assert_allclose(record.channels[name], factor * values)
-    assert record.units["x"] == "m" and record.raw["x"] == ("counts", 1e-6)
-
-
 LOOP = dfc.PositionController.from_bandwidth(AXIS, 20.0, dt=1e-3)
 DESIGN = dfc.design_pi_observer(AXIS, dt=1e-3)
 #: How each public name is called that takes a record and an axis, or what holds one.
@@ -166,22 +129,6 @@ def test_a_record_in_other_units_than_the_axis_is_refused(name, units):
         TAKES[name](AXIS, record)
 
 
-def test_the_same_unit_under_another_name_is_no_mismatch():
-    axis = AXIS.replace(units=("rad", "Nm"))
-    dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad", "u": "N·m"}))
-    counted = AXIS.replace(units=("inc", "V"))
-    dfc.replay(counted, dfc.Record(T, U, X, units={"x": "ticks", "u": "V"}))
-    dfc.replay(axis, dfc.Record(T, U, X))  # no unit is stated: that of the axis
-    assert axis.units == ("rad", "N m")  # by one name in every print
-
-
-def test_units_of_an_axis_are_proposed_where_an_axis_can_have_them():
-    with pytest.raises(ValueError, match=re.escape("with units=('rad', 'N m')")):
-        dfc.replay(AXIS, dfc.Record(T, U, X, units={"x": "rad", "u": "N m"}))
-    with pytest.raises(ValueError, match="or check the columns"):
-        dfc.replay(AXIS, dfc.Record(T, U, X, units={"x": "A", "u": "counts"}))
-
-
 def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():
     axis = AXIS.replace(effects=(dfc.effects.InputGain(0.2),))
     dfc.replay(axis, dfc.Record(T, U, X, units={"u": "V"}))
@@ -189,18 +136,3 @@ def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():
         dfc.replay(AXIS, dfc.Record(T, U, X, units={"u": "V"}))
     with pytest.raises(ValueError, match="x is in 'rad'"):
         dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad"}))
-
-
-def test_an_observer_is_held_to_the_step_of_a_record():
-    record = dfc.Record(T, U, X)
-    by_arrays = dfc.observe(DESIGN, U, X)
-    np.testing.assert_array_equal(dfc.observe(DESIGN, record).outputs, by_arrays.outputs)
-    with pytest.raises(ValueError, match=r"record.dt is 0.002 s and design.dt 0.001 s: design wi"):
-        dfc.observe(DESIGN, record.decimated(2))
-    with pytest.raises(ValueError, match="y is missing"):
-        dfc.observe(DESIGN, U)
-
-
-def test_a_lead_in_millimetres_is_told():
-    with pytest.warns(dfc.RecordWarning, match=r"a screw of 5 mm has lead=0\.005"):
-        dfc.Scaling(counts_per_turn=4096, lead=5)

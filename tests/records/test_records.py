@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import itertools
 import json
 import math
-import pickle
-import struct
 import warnings
 from pathlib import Path
 
@@ -72,13 +68,6 @@ def test_sizes_and_labels():
     assert "filtered" in record.summary() and "400 at 0.001 s" in record.summary()
     shown = record._repr_html_()
     assert "&lt;b&gt;run" in shown and "<b>" not in shown
-
-
-@pytest.mark.parametrize("remake", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
-def test_copies_are_equal_and_read_only(remake):
-    record = Record(T, U, X, X, units={"x": "m"}, name="a", quantum=1e-6)
-    twin = remake(record)
-    assert twin == record and twin.quantum == 1e-6 and not twin.x.flags.writeable
 
 
 def test_equality_looks_at_everything_shown():
@@ -184,11 +173,7 @@ def test_bad_input_is_told(case):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"u": np.sign(np.sin(60 * T)) * 2.0},  # a square wave is no clipping
-        {"u": np.round(20 * np.sin(40 * T))},  # crests of a coarse drive
         {"u": np.round(150 * np.cos(np.pi / 40 * np.arange(N)))},  # crests of three samples
-        {"u": np.abs(np.arange(N) % 40 - 20.0)},  # a triangle touches its extremes
-        {"u": np.clip(U, -9, 0.5)},  # one side only
         {"x": np.round(X / 0.01) * 0.01},  # five encoder counts in all
         {"x": np.where(T > 0.2, 1.0, 0.0)},  # a single count
         {"x": np.sin(300 * T)},  # fast, but smooth
@@ -259,16 +244,6 @@ def test_window_and_slices():
     assert still.range == 0 and still.noise == 0
 
 
-@given(st.lists(st.integers(2, N - 2), max_size=8))
-def test_slices_join_to_the_whole(cuts):
-    edges = [0]
-    for c in sorted(cuts):
-        if c - edges[-1] >= 2:
-            edges.append(c)
-    edges.append(N)
-    assert joined([FULL[a:b] for a, b in itertools.pairwise(edges)]) == FULL
-
-
 @pytest.mark.parametrize("factor", [1, 2, 7, 200])
 def test_decimation_keeps_positions_and_impulse(factor):
     few = FULL.decimated(factor)
@@ -318,24 +293,6 @@ def test_positions_and_a_linear_hold_follow_the_motion(interpolation, tolerance)
     inside = record.t <= t[-1]
     assert np.abs(record.x - np.sin(2 * record.t))[inside].max() < tolerance
     np.testing.assert_allclose(record.u, 3 * record.t, rtol=1e-13)
-
-
-def test_monotone_interpolation_does_not_overshoot_rest():
-    t, u, _ = irregular(1, 300)
-    x = np.where(t < t[150], 0.0, 1.0) + np.where(t > t[200], t - t[200], 0)
-    x = np.where(np.arange(300) == 150, 0.4, x)
-    record = Record.from_irregular(t, u, x)
-    assert record.x.min() == 0.0
-    assert np.all(record.x[record.t < t[149]] == 0.0)
-
-
-def test_resampling_a_record():
-    finer = FULL.resampled(0.0005)
-    assert finer.dt == 0.0005 and len(finer) == 2 * N - 1 and finer.quantum == 1e-6
-    # held over two samples; the division by dt rounds
-    np.testing.assert_allclose(finer.u[:-1:2], U[:-1], rtol=1e-11, atol=1e-13)
-    np.testing.assert_allclose(finer.u[1::2], U[:-1], rtol=1e-11, atol=1e-13)
-    assert finer.units == FULL.units and finer.name == "run"
 
 
 def test_splitting_at_gaps():
@@ -436,30 +393,6 @@ def test_default_window_leaves_the_acceleration_usable(quantum, dt):
     assert np.std((d.v - np.gradient(x, dt))[m:-m]) < 0.05 * np.std(np.gradient(x, dt))
 
 
-def test_speed_has_no_delay():
-    w = 2 * np.pi  # five whole periods below
-    t = 1e-3 * np.arange(7000)
-    record = Record(t, np.cos(t), 1e-6 * np.round(0.05e6 * np.sin(w * t)))
-    v, t = record.derivatives().v[1000:6000], t[1000:6000]
-    delay = np.arctan2(v @ np.sin(w * t), v @ np.cos(w * t)) / w
-    # noise 3e-7 of 0.05 in x, averaged over thousands: far under a hundredth of a sample
-    assert abs(delay) < 1e-5
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-@pytest.mark.parametrize("dt", [1e-5, 2e-2])
-def test_estimates_scale_with_the_units(scale, dt, seed=0):
-    rng = np.random.default_rng(seed)
-    x = np.round(50 * np.sin(0.02 * np.arange(2000)) + rng.standard_normal(2000))
-    u = rng.standard_normal(2000)
-    base = Record(1e-3 * np.arange(2000), u, x)
-    other = Record(dt * np.arange(2000), u, scale * x)
-    # the same numbers but for rounding
-    assert other.quantum == pytest.approx(scale * base.quantum, rel=1e-12)
-    assert other.noise == pytest.approx(scale * base.noise, rel=1e-9)
-    assert other.smoothing_window == base.smoothing_window
-
-
 def write(tmp_path, text, name="run.csv", encoding="utf-8"):
     path = tmp_path / name
     path.write_bytes(text.encode(encoding))
@@ -527,25 +460,6 @@ def test_units_in_headings_become_si(tmp_path, heading, factors, units, encoding
     np.testing.assert_allclose(record.x, X, rtol=1e-15)
     assert tuple(record.units.get(k) for k in "tux") == units
     assert len(record.notes) == sum(f != 1 for f in factors)
-
-
-def test_units_by_argument_and_gain(tmp_path):
-    path = write(tmp_path, "t,u,x\n" + table(rows=np.c_[1e3 * T, U, X]))
-    record = read_record(path, gain=35.15, units={"t": "ms", "u": "N", "x": "mm"}, name="a")
-    np.testing.assert_allclose(record.u, 35.15 * U, rtol=1e-15)
-    np.testing.assert_allclose(record.x, 1e-3 * X, rtol=1e-15)
-    assert record.dt == 1e-3 and record.name == "a"
-    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
-    assert record.notes == (
-        "t converted from ms to s",
-        "u multiplied by gain 35.15",
-        "x converted from mm to m",
-    )
-    volts = write(tmp_path, "t,u [mV],x\n" + table(rows=np.c_[T, U, X]))
-    scaled = read_record(volts, gain=2.0)
-    np.testing.assert_allclose(scaled.u, 2.0 * U, rtol=1e-15)  # the gain converts what is stored
-    assert scaled.raw["u"] == ("mV", 2.0)
-    assert "u" not in scaled.units  # volts times an unknown gain
 
 
 def test_columns_by_name_and_index(tmp_path):
@@ -621,14 +535,6 @@ def test_bad_text_is_told(tmp_path, case):
         read_record(write(tmp_path, text), **(options[0] if options else {}))
 
 
-def test_a_file_is_proposed_for_one_that_is_not_there(tmp_path):
-    write(tmp_path, "t,u,x\n" + table(), "motor.csv")
-    with pytest.raises(FileNotFoundError, match=r"Did you mean 'motor.csv'"):
-        read_record(tmp_path / "motr.csv")
-    with pytest.raises(FileNotFoundError, match="there is no file"):
-        read_record(tmp_path / "none" / "motor.csv")
-
-
 def test_long_files_are_read_in_pieces(tmp_path):
     # two pieces; the decimal mark shows up in the last, text beside the data throughout
     n = 66_000
@@ -644,17 +550,6 @@ def test_long_files_are_read_in_pieces(tmp_path):
 
 values = st.floats(-1e90, 1e90, allow_nan=False, allow_infinity=False)
 WORDS = st.text(st.characters(codec="utf-8"), max_size=12)
-
-
-@pytest.mark.filterwarnings("ignore:of 25 readings")
-def test_a_jump_leaves_no_trace_in_the_quantum(tmp_path):
-    x = np.ones(25)
-    x[0], x[2] = 0.0, 9.1
-    record = Record(1e-3 * np.arange(25), np.zeros(25), x)
-    assert np.ptp(record.x) == 1.0 and record.masked.reasons == ("jump",)
-    assert record.quantum == 1.0
-    record.to_csv(tmp_path / "a.csv")
-    assert read_record(tmp_path / "a.csv") == record
 
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -712,11 +607,6 @@ def test_frames():
         Record.from_frame(pd.DataFrame(np.c_[T, U, X], columns=["t", "u", "u"]))
 
 
-def test_mappings():
-    record = read_record({"t": T.tolist(), "torque [Nm]": U, "angle [deg]": X}, {"reference": None})
-    assert record.units["u"] == "N m" and record.units["x"] == "rad"
-
-
 def test_mat_files(tmp_path):
     path = tmp_path / "run.mat"
     savemat(path, {"t": T[:, None], "u": U[None, :], "x": X, "note": "text", "k": 3.0})
@@ -727,40 +617,6 @@ def test_mat_files(tmp_path):
     savemat(path, {"log": np.c_[T, U, X]})
     matrix = read_record(path, {"t": "log.0", "u": "log.1", "x": "log.2"})
     assert np.array_equal(matrix.u, U)
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-@pytest.mark.parametrize("dtype", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"])
-def test_mat_number_types(tmp_path, dtype, compressed):
-    path = tmp_path / "run.mat"
-    x = (np.arange(N) % 97).astype(dtype)
-    u = (np.arange(N) % 3).astype(dtype)
-    savemat(path, {"t": T, "u": u, "x": x[:, None]}, do_compression=compressed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        record = read_record(path, unwrap=97)
-    assert np.array_equal(record.x, np.arange(N)) and np.array_equal(record.u, u)
-
-
-def test_mat_files_of_either_byte_order(tmp_path):
-    def element(order, kind, content):
-        return struct.pack(order + "II", kind, len(content)) + content + bytes(-len(content) % 8)
-
-    def variable(order, name, values):
-        parts = (
-            (6, struct.pack(order + "II", 6, 0)),  # class double
-            (5, struct.pack(order + "ii", 1, N)),
-            (1, name),
-            (9, values.astype(order + "f8").tobytes()),
-        )
-        return element(order, 14, b"".join(element(order, *part) for part in parts))
-
-    path = tmp_path / "run.mat"
-    for order, mark in (("<", b"IM"), (">", b"MI")):
-        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(order + "H", 0x0100) + mark
-        body = [variable(order, n, v) for n, v in ((b"t", T), (b"u", U), (b"x", X))]
-        path.write_bytes(head + b"".join(body))
-        assert read_record(path) == Record(T, U, X, name="run")
 
 
 def test_emps_layout_applies_its_gain(tmp_path):
@@ -776,33 +632,7 @@ def test_emps_layout_applies_its_gain(tmp_path):
         read_record(path, {"u": "virr"})
 
 
-def read_or_told(path, **options):
-    """The record, or None when the reader refuses it in the documented way."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RecordWarning)
-        try:
-            record = read_record(path, **options)
-        except ValueError:
-            return None
-    for array in (record.t, record.u, record.x):
-        assert np.isfinite(array).all() and array.shape == record.t.shape
-    return record
-
-
-fuzz = settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-@fuzz
-@given(
-    st.text(st.sampled_from("0123456789.,;\t \n\r\"'#+-eEnaift[]()ux_\u00b5\ufeff"), max_size=400)
-)
-def test_arbitrary_text(tmp_path, text):
-    read_or_told(write(tmp_path, text))
-    read_or_told(write(tmp_path, "t,u,x\n" + text))
-    read_or_told(write(tmp_path, "# dryfric-control record 1 " + text))
-
-
-@fuzz
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     rows=hnp.arrays(
         float, st.tuples(st.integers(10, 15), st.just(2)), elements=st.floats(-1e9, 1e9)
@@ -813,25 +643,21 @@ def test_arbitrary_text(tmp_path, text):
     heading=st.booleans(),
     style=st.sampled_from(["{!r}", "{:.3f}", "{:+.6e}", "{:g}", "{:.0f}"]),
     end=st.sampled_from(["\n", "\r\n", "\r"]),
-    damage=st.none() | st.tuples(st.integers(0, 500), st.sampled_from(list(',;. -e#x1\t"\n'))),
 )
-def test_numbers_are_read_as_written_or_refused(
-    tmp_path, rows, dialect, heading, style, end, damage
-):
+def test_numbers_are_read_as_written_or_refused(tmp_path, rows, dialect, heading, style, end):
     delimiter, decimal = dialect
     cells = [
         [f"{k * 1e-3:.3f}", *(style.format(float(v)) for v in row)] for k, row in enumerate(rows)
     ]
     head = [delimiter.join("tux")] if heading else []
     lines = head + [delimiter.join(c.replace(".", decimal) for c in line) for line in cells]
-    text = end.join(lines) + end
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordWarning)
+        try:
+            record = read_record(write(tmp_path, end.join(lines) + end))
+        except ValueError:
+            return  # constant, or a jump: told elsewhere
     true = np.array([[float(c) for c in line] for line in cells])
-    if damage is not None:
-        place = damage[0] % len(text)
-        text = text[:place] + damage[1] + text[place:]
-    record = read_or_told(write(tmp_path, text))
-    if record is None or damage is not None:
-        return
     assert np.array_equal(np.c_[record.t, record.u, record.x], true)
 
 
@@ -878,33 +704,3 @@ def real(*parts):
     if not path.exists():
         pytest.skip(f"real record {parts[-1]} is not there")
     return path
-
-
-def test_emps_record(tmp_path):
-    record = read_record(real("emps", "DATA_EMPS.mat"))
-    # as its description gives it: 24841 samples at 1 kHz
-    assert (len(record), record.dt) == (24841, 1e-3)
-    assert dict(record.units) == {"t": "s", "u": "N", "x": "m"}
-    assert record.quantum == pytest.approx(5e-8, rel=1e-6)
-    assert record.reference is not None
-    # force = gtau vir with gtau = 35.15 N/V; published figures: M = 95.11 kg, Fv = 203.5 N s/m,
-    # Fc = 20.39 N, offset -3.16 N leave 4.08 % relative force error with the authors' own filters
-    d = record.derivatives()
-    force = 95.11 * d.a + 203.5 * d.v + 20.39 * np.sign(d.v) - 3.16
-    error = np.linalg.norm(record.u - force) / np.linalg.norm(record.u)
-    assert error < 0.10
-    record.to_csv(tmp_path / "e.csv")
-    back = read_record(tmp_path / "e.csv")
-    assert back == record and back.notes == record.notes
-
-
-@pytest.mark.parametrize("name", ["2026-01-15_10h28m10", "2026-01-15_10h29m21"])
-def test_bam_record(name):
-    found = read_bam(real("bam_xl330", f"{name}.json"))
-    record = found["record"]
-    assert record.quantum == pytest.approx(2 * np.pi / 4096, rel=1e-9)
-    assert (found["mass"], found["length"]) == (0.49, 0.1)
-    assert np.abs(record.u).max() < 8.5  # the supply is 7.4 V nominal, 8.1 V at most
-    assert found["torque_enable"].shape == (len(record),)
-    with pytest.raises(ValueError, match="read_bam"):
-        read_record(real("bam_xl330", f"{name}.json"))

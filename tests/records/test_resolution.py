@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.noise_floor import noise_floor
-from dryfric_control.estimation.windows import cut
 
 T = 1e-3 * np.arange(2000)
 
@@ -34,24 +32,6 @@ def test_a_path_is_read_on_the_grid_and_with_the_noise_of_the_record():
     assert np.std(error) == pytest.approx(noisy.noise, rel=0.05)
     still = record(quantum=1e-3).read(np.zeros(T.size), np.random.default_rng(0))
     assert np.ptp(still.x) <= 2e-3
-
-
-@pytest.mark.parametrize("path", [np.r_[:2000] % 500 * 1.0, np.full(2000, np.inf)])
-def test_a_floor_goes_on_where_a_replay_jumps_or_diverges(monkeypatch, path):
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    u = 20.0 * np.sin(6.0 * T)
-    bench = cut(dfc.Record(T, u, axis.simulate(u, dt=1e-3).y[0]))
-    active = np.ones(len(bench), bool)
-    at = bench.evaluate(axis, active)
-    far, run = axis.replace(name="far"), type(bench).run
-    monkeypatch.setattr(
-        type(bench),
-        "run",
-        lambda self, one, *a, **k: path if one is far else run(self, one, *a, **k),
-    )
-    floor = noise_floor(bench, axis, [axis, far], at, active)
-    assert np.all(np.isfinite(floor.scores))
-    assert len(floor.scores) == (2 if np.isfinite(path[0]) else 1)
 
 
 def test_record_with_another_input_or_other_positions():

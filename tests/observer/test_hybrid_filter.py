@@ -118,20 +118,6 @@ def test_a_record_is_run_like_its_columns():
         dfc.hybrid_filter(stage(), 2 * DT, 1e-5).run(record)
 
 
-def test_a_loop_over_the_estimates_needs_no_algebraic_solution():
-    """Position and velocity do not depend on the drive of their own sample."""
-    gain = ct.nlsys(
-        None, lambda t, x, u, params: np.array([3000.0 * (0.01 - u[0]) - 100.0 * u[1]]),
-        inputs=["xhat", "vhat"], outputs=["u"], dt=DT, name="gain",
-    )  # fmt: skip
-    observer, plant = dfc.hybrid_filter(stage(), DT, 1e-5).block(), dfc.axis_block(stage(), DT)
-    parts = [observer, gain, plant, dfc.encoder(1e-5, DT)]
-    closed = ct.interconnect(parts, inputs=[], outputs=["v", "vhat"], dt=DT)
-    v, estimate = ct.input_output_response(closed, np.arange(400) * DT, 0.0).outputs
-    assert np.max(np.abs(v)) > 0.01
-    assert np.sqrt(np.mean((v - estimate) ** 2)) < 0.1 * np.std(v)
-
-
 @pytest.mark.parametrize(("quantum", "most"), [(1e-6, 0.0016), (2e-5, 0.007)])
 def test_velocity_of_plants_it_does_not_know(quantum, most):
     """The median the benchmark asks for, on plants of this test alone."""

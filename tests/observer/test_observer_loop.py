@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-
 import control as ct
 import numpy as np
 import pytest
 import scipy.signal
-from plain_estimators import FilteredDifference, OneModeObserver
 from truth.plant import Plant, open_loop
 
 import dryfric_control as dfc
@@ -16,13 +13,12 @@ from dryfric_control import presets
 from dryfric_control.observer import (
     design_pi_observer,
     filter_reference,
-    monte_carlo,
     observe,
     observed_loop,
     score_estimate,
     switch_delays,
 )
-from dryfric_control.observer.monte_carlo import Mismatch, MonteCarlo
+from dryfric_control.observer.monte_carlo import MonteCarlo
 
 DT = 1e-3
 #: The promises: position [inc], speed, friction, commutation.
@@ -145,60 +141,6 @@ def test_random_mismatches_do_not_upset_it(design):
     rows = np.full((4, 5), 0.01)
     rows[1, 0], rows[2, 0] = np.nan, 1e4
     assert MonteCarlo((), {"one": rows}, "inc", 100.0).diverged == {"one": 2}
-
-
-def test_monte_carlo_of_an_axis_of_ones_own():
-    axis = dfc.FrictionAxis(
-        mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
-        effects=(dfc.effects.BiasForce(0.5),), travel=(0.0, 0.3),
-    )  # fmt: skip
-    design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6)
-    comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-6)
-    move = dfc.motion_profile(
-        [0.1, 0.12], 1e-3, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=0.1
-    )
-    run = functools.partial(monte_carlo, design, comp.controller, move, runs=3, progress=False)
-    found = run(axis=axis)
-    # The plants start where the reference does, and the estimates with them.
-    assert found.diverged == {"reading": 0, "paper": 0}
-    assert found.limit == pytest.approx(1e-4)
-    same = run(axis=axis, stribeck_speed=0.01, quantum=1e-6, xhat0=0.1)
-    np.testing.assert_array_equal(found.scores["reading"], same.scores["reading"])
-    # Without a peak, and with the one of another axis, the plants are others.
-    assert not np.array_equal(found.scores["reading"], run().scores["reading"])
-    plant = Mismatch(1.1, 0.9, 1.05, 0.4, 0.5).plant(design, axis, None)
-    assert plant.stribeck is None and plant.effects == axis.effects
-    assert plant.stick_speed == pytest.approx(2.0 * design.axis.stick_speed)
-
-
-def test_the_switched_observer_beats_plain_estimators(run, design):
-    """Rivals at the settings that `benchmarks/observer.py` finds best for them.
-
-    A Kalman filter slow enough to beat it in friction loses everywhere else, so that
-    figure is asked only of the one that is best in speed.
-    """
-    u, y = run.plant.y[4].copy(), run.plant.y[5].copy()
-    believed = presets.clutch_observer_axis()
-    kalman = [
-        OneModeObserver.kalman(believed, DT, 12**-0.5, walk, 232.0)
-        for walk in np.geomspace(1e-3, 1e-1, 9)
-    ]
-    others = [
-        FilteredDifference(believed, DT, 0.85e-3, 34.0),
-        OneModeObserver.from_design(design, 375.0),
-    ]
-
-    def score(one):
-        return score_estimate(run.axis, DT, run.plant.y, one.estimate(u, y, xhat0=1000.0))
-
-    mine = run.score
-    scores = [score(one) for one in kalman]
-    assert all(mine.speed < one.speed for one in scores)
-    assert all(mine.commutation < one.commutation for one in scores)
-    for rival in [min(scores, key=lambda one: one.speed), *map(score, others)]:
-        assert mine.speed < rival.speed
-        assert mine.friction < rival.friction
-        assert mine.commutation < rival.commutation
 
 
 def test_score_by_hand():

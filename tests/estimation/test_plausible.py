@@ -50,14 +50,6 @@ def test_a_motion_far_beyond_its_drive_is_told():
         warn_if_implausible(scaled, dfc.Record(T, U, 1e3 * X))
 
 
-def test_diagnose_tells_too():
-    with (
-        pytest.warns(dfc.RecordWarning, match="such as mm"),
-        pytest.raises(ValueError, match="lasts"),
-    ):
-        dfc.diagnose(AXIS, dfc.Record(T[:500], U[:500], 1e3 * X[:500]))
-
-
 @pytest.mark.parametrize(
     "machine",
     [

@@ -125,17 +125,6 @@ def test_a_cogging_is_found_from_the_opposite_phase(noise):
     assert abs(away) < 0.06
 
 
-def test_a_late_input_is_found_beside_a_random_force():
-    case = truth.make_null(1, "short")
-    u = case.u + 0.03 * case.actual["coulomb"] * np.random.default_rng(1).standard_normal(6000)
-    record = Record(case.t, shifted(u, -2.0), case.x, quantum=case.quantum)
-    found = fit(axis_of(case), record, ("mass", "viscous", "coulomb", "input_shift"), starts=1)
-    error = found.standard_errors["input_shift"]
-    assert found.random_force[0] > 0.0
-    assert abs(found.parameters["input_shift"] - 2e-3) < 5.0 * error
-    assert error < 1e-4
-
-
 def noisy(case):
     """Record with noise that hides where in the peak a free run starts."""
     noise = 80e-6 * np.random.default_rng(case.seed).standard_normal(case.x.size)

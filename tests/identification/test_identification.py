@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import warnings
 
 import numpy as np
@@ -67,23 +66,6 @@ def test_levels_without_knowing_the_axis():
     found = identify_coulomb(record)
     for s in (1, -1):
         assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
-
-
-def test_levels_at_nearly_one_velocity_are_told_with_what_was_left_out():
-    """Beside motion at 0.05 m/s that at 0.02 m/s is left out: "crawls at one speed" was not so."""
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    loop = dfc.PositionController.from_bandwidth(axis, 20.0, dt=2e-3)
-    ways = [np.arange(0.0, 0.8, 2e-3 * v) for v in (0.02, 0.05)]
-    r = np.concatenate([part for way in ways for part in (way, way[::-1])])
-    done = dfc.simulate_loop(axis, loop, r, quantum=1e-6)
-    with pytest.warns(FitWarning) as caught:
-        identify_coulomb(dfc.Record(done.t, done.y[4], done.y[5]))
-    words = str(caught[0].message)
-    assert (
-        "slower than 0.6 of the typical velocity is left out): the levels are friction at" in words
-    )
-    varies = float(re.search(r"^the velocity varies by (\S+) % only", words)[1])
-    assert 0.0 < varies < 10.0
 
 
 def test_an_experiment_within_the_peak_is_told():

@@ -369,7 +369,8 @@ class Gram:
         it is that with which the base is least surprising.
         """
         found: dict[str, Proposal] = {}
-        count = len(self.base)
+        count, likelihood = len(self.base), self.here.likelihood
+        level = profiled(likelihood, self.here.point) + likelihood.prior(self.here.z)
         for one in self.items:
             if len(one.at) != 1 or not count or one.gain > -math.inf:
                 continue
@@ -393,7 +394,7 @@ class Gram:
             except ValueError:
                 continue
             axis = with_values(start.axis, self.base, self._changed(start.axis, -c * rates))
-            found[one.name] = Proposal((one.name,), axis, start.free, self.fit.cost - gain, gain)
+            found[one.name] = Proposal((one.name,), axis, start.free, level - gain, gain)
         return list(found.values())
 
     def _start(self, predicted: float, chosen: list[int]) -> Proposal | None:

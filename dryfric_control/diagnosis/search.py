@@ -376,8 +376,9 @@ class Search:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
         best: dict[frozenset[str], Proposal] = {}
+        chosen: list[frozenset[str]] = []
         self.early = 0.0
-        for fit in (now.fit, *self._nominal(now.fit)):
+        for count, fit in zip((PROPOSALS, PROPOSALS // 2), (now.fit, *self._nominal(now.fit))):
             if self.problem.late:
                 break
             gram = Gram(self.problem, fit, names, self._fail)
@@ -392,12 +393,11 @@ class Search:
                 key = frozenset(one.names)
                 before = best.get(key, one)
                 best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
-        if every:
-            return list(best.values())
-        # The likeliest in one pass, and those of which most is predicted.
-        some = sorted(best.values(), key=lambda p: p.cost)[:PROPOSALS]
-        more = sorted(best.values(), key=lambda p: -p.predicted)[: PROPOSALS // 2]
-        return list(dict.fromkeys([*some, *more]))
+            # The likeliest in one pass, and those of which most is predicted beside this model.
+            some = sorted(proposals, key=lambda p: p.cost)[:count]
+            some += sorted(proposals, key=lambda p: -p.predicted)[: PROPOSALS // 2]
+            chosen += [frozenset(one.names) for one in (proposals if every else some)]
+        return [best[key] for key in dict.fromkeys(chosen)]
 
     def _addable(self, now: Model) -> list[str]:
         """Effects that may be added to a model."""

@@ -378,7 +378,8 @@ class Search:
         best: dict[frozenset[str], Proposal] = {}
         chosen: list[frozenset[str]] = []
         self.early = 0.0
-        for count, fit in zip((PROPOSALS, PROPOSALS // 2), (now.fit, *self._nominal(now.fit))):
+        models = [(now.fit, PROPOSALS), *((n, PROPOSALS // 2) for n in self._nominal(now.fit))]
+        for fit, count in models:
             if self.problem.late:
                 break
             gram = Gram(self.problem, fit, names, self._fail)

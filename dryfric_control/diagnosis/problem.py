@@ -130,18 +130,20 @@ class Problem:
     def spent(self, fit: Solution) -> bool:
         """Whether no cause can be left: no force beside the friction, nor rare events.
 
-        What acts rarely gains no more than what its outliers cost above the last doubtful reading.
+        What acts rarely gains no more than what its outliers cost above the last doubtful reading,
+        and what spares assumptions no more than these cost.
         """
         force = max(fit.random_force(i) for i in range(len(self.runs)))
         if self.imposed or not force < SAME_FORCE * fit.axis.coulomb.mean:
             return False
+        assumed = fit.problem.prior(fit.z)
         rows = [
             out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
             for out in (one[:, run.active & (one[1] > 0.0)],)
         ]  # fmt: skip
         ratios = np.maximum(np.concatenate(rows), DOUBTED)
         lost = np.log((FREEDOM + ratios) / (FREEDOM + DOUBTED))
-        return bool(0.5 * (FREEDOM + 1.0) * lost.sum() < LEAST)
+        return bool(assumed + 0.5 * (FREEDOM + 1.0) * lost.sum() < LEAST)
 
     @property
     def late(self) -> bool:

@@ -545,7 +545,10 @@ def _innovations(
     deviation = math.sqrt(force)
     dx = 1e-6 * span
     fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
-    farthest = _FASTER * max(np.abs(np.diff(y)).max(), _FASTER * cell)
+    farthest = _FASTER * cell
+    for k in range(1, y.shape[0]):
+        farthest = max(farthest, abs(y[k] - y[k - 1]))
+    farthest *= _FASTER
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
     still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)

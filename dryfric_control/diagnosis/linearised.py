@@ -176,6 +176,15 @@ class Linearised:
                 best, found = left, (one.values(c[:width].tolist()), c[width:])
         return found
 
+    def taken_over(self, effect: Effect, names: Sequence[str]) -> FloatArray:
+        """Changes of base parameters of these `names` that act most as an effect does."""
+        values = dict(zip(effect.parameters(), effect.values, strict=True))
+        force, columns = added(type(effect), values, cast(View, self)), self.base_forces(names)
+        m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
+        size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
+        change = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
+        return np.asarray(change * values_of(self.axis, names))
+
     def steps(self, names: Sequence[str]) -> FloatArray:
         """Columns of the slopes with free parameters of the model, by differences."""
         found = []

@@ -609,7 +609,7 @@ class Search:
     def without(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""
         problem, fit = self.problem, now.fit
-        axis = problem.less(fit.axis, name)
+        axis = self._spared(fit, name)
         rest = [n for n in problem.free_of(fit) if n not in now.own(name)]
         causes = [c for c in now.causes if c != name]
         if not holds(problem.believed, name):
@@ -622,6 +622,23 @@ class Search:
         if less.cost - AHEAD * less.promised < before[0].cost:
             less = maximise(less.problem, less.z, SOME, problem.until, again=True)
         return Model(min(less, before[0], key=cost_of), tuple(causes))
+
+    def _spared(self, fit: Solution, name: str) -> FrictionAxis:
+        """The axis without a cause, the base in its place where that is likelier to begin with."""
+        problem, axis = self.problem, self.problem.less(fit.axis, name)
+        base = [n for n in problem.base if n in fit.problem.names]
+        if self.view is None or not base:
+            return axis
+        values = values_of(axis, base)
+        change = self.view.taken_over(named(fit.axis)[name], base)
+        size = np.abs(values)
+        moved = with_values(axis, base, values + np.clip(change, -0.8 * size, 4.0 * size))
+
+        def cost(one: FrictionAxis) -> float:
+            likelihood = problem.likelihood(one, each=each_of(fit))
+            return likelihood.tried(likelihood.start(noises=noises_of(fit))).cost
+
+        return min((axis, moved), key=cost)
 
     def pruned(self, now: Model) -> Model:
         """Backward elimination: causes without evidence beside the others go, worst first."""

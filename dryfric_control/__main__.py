@@ -223,7 +223,8 @@ _NEEDED = {"required": True}
 _INTO_MODEL = (
     ("--load", _loads, "J or JOINT=J,..", "inertia that the bodies of the model have about the "
      "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed"),
-    ("--stiff", None, None, "MJCF: let joints at rest creep fifty times less"),
+    ("--stiff", None, None, "MJCF: let joints at rest creep fifty times less",
+     {"default": None}),
 )  # fmt: skip
 #: How records are read, and what a diagnosis may rely on.
 _READING = (
@@ -377,7 +378,7 @@ def _joints(chosen: argparse.Namespace) -> None:
         part.write_text(json.dumps(found.to_dict(), indent=1), encoding="utf-8")
     if model:
         kind = _SIMULATORS[model.suffix.lower()]
-        given = {"load": chosen.load, "stiff": chosen.stiff} if kind == "mjcf" else {}
+        given = _given(chosen, "load", "stiff") if kind == "mjcf" else {}
         put = getattr(simulators, f"to_{kind}")
         print(put(found, model, out=folder / model.name, **given).summary(), flush=True)
     for name, one in found.items():
@@ -386,17 +387,16 @@ def _joints(chosen: argparse.Namespace) -> None:
 
 
 def _export(chosen: argparse.Namespace) -> None:
+    given = _given(chosen, "name", "dt", "precision", "version")
     for option, to in (("precision", "c"), ("version", "fmu")):
-        if chosen.to != to and (value := getattr(chosen, option)) is not None:
-            raise ValueError(f"--{option} {value} is for --to {to}: leave it out")
+        if chosen.to != to and option in given:
+            raise ValueError(f"--{option} {given[option]} is for --to {to}: leave it out")
     obj = read_exportable(chosen.file)
-    given = {"name": chosen.name, "dt": chosen.dt}
     if chosen.to == "c":
-        files = export_c(obj, chosen.out, chosen.precision or "double", **given)
+        files = export_c(obj, chosen.out, **given)
     else:
-        name = exported(obj, **given).name
-        target = existing_folder(chosen.out) / f"{name}.fmu"
-        files = [export_fmu(obj, target, chosen.version or "3.0", **given)]
+        name = exported(obj, chosen.name, chosen.dt).name
+        files = [export_fmu(obj, existing_folder(chosen.out) / f"{name}.fmu", **given)]
     print(f"{', '.join(file.name for file in files)} in {chosen.out}")
 
 
@@ -406,18 +406,11 @@ def _simulator(chosen: argparse.Namespace) -> None:
         raise ValueError(
             f"--model {chosen.model} has no extension of {', '.join(_SIMULATORS)}: give --to"
         )
-    given: dict[str, Any] = {}
-    for option, kinds in (
-        ("load", ("mjcf", "isaac")),
-        ("stiff", ("mjcf",)),
-        ("out", ("mjcf", "urdf", "modelica")),
-    ):
-        value = getattr(chosen, option)
-        if value is None or value is False:
-            continue
-        if kind not in kinds:
-            raise ValueError(f"--{option} is for {' and '.join(kinds)}, not {kind}: leave it out")
-        given[option] = value
+    given = _given(chosen, "load", "stiff", "out")
+    for option, right in (("load", "mjcf isaac"), ("stiff", "mjcf"), ("out", "mjcf urdf modelica")):
+        if option in given and kind not in right.split():
+            right = right.replace(" ", " and ")
+            raise ValueError(f"--{option} is for {right}, not {kind}: leave it out")
     named = [one.rpartition("=")[::2] for one in chosen.result]
     if len(named) > 1 and not all(joint for joint, _ in named):
         raise ValueError("several results: give each by its joint, such as elbow=fit.json")

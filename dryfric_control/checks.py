@@ -39,15 +39,12 @@ def positive(name: str, value: object, *, unit: str = "", zero: bool = False) ->
     return number
 
 
-def sampling_time(dt: object, stacklevel: int = 3) -> float:
+def sampling_time(dt: object) -> float:
     """Sampling time of a design [s], with a warning where milliseconds may be meant."""
     number = positive("dt", dt, unit="s")
     if number >= 0.1:
-        warnings.warn(
-            f"dt = {number:g} s is long for an axis: it is in seconds, {number:g} ms is "
-            f"dt={1e-3 * number:g}",
-            stacklevel=stacklevel,
-        )
+        ms = f"it is in seconds, {number:g} ms is dt={1e-3 * number:g}"
+        warnings.warn(f"dt = {number:g} s is long for an axis: {ms}", stacklevel=3)
     return number
 
 
@@ -108,12 +105,9 @@ def places(name: str, values: ArrayLike) -> Floats:
         array = np.asarray(values)
     except ValueError:  # rows of unequal length
         array = np.asarray(None)
-    if array.dtype.kind == "c":
-        raise ValueError(
-            f"{name} must be an array of numbers, got complex ones: take the real part"
-        )
     if array.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be an array of numbers, got {short(values)}")
+        kind = "complex ones: take the real part" if array.dtype.kind == "c" else short(values)
+        raise ValueError(f"{name} must be an array of numbers, got {kind}")
     if np.ma.is_masked(values):
         raise ValueError(f"{name} holds masked values: fill or remove them first")
     return np.asarray(array, dtype=float)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import control as ct
+import matplotlib.pyplot as plt
 import numpy as np
 
 from dryfric_control import presets
@@ -230,8 +231,6 @@ def run(
 
 def save(figure: ct.ControlPlot, path: Path) -> None:
     """Write a figure as PNG, whole or not at all, and close it."""
-    import matplotlib.pyplot as plt
-
     with replacing(path) as temporary:
         figure.figure.savefig(temporary, dpi=110, format="png")
     plt.close(figure.figure)

@@ -6,6 +6,7 @@ from typing import Any
 
 import control as ct
 import numpy as np
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.identification import CoulombIdentification, SlowRamp
@@ -44,8 +45,6 @@ def _spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name:
 
 def draw_kinematics(ax: Any) -> None:
     """Motor, toothed rack, two springs and a bevel: the system of the paper's Fig. 3."""
-    from matplotlib.patches import Circle, Polygon, Rectangle
-
     ax.set(xlim=(0.0, 9.6), ylim=(1.4, 5.2), aspect="equal")
     ax.set_axis_off()
     for shape in (
@@ -74,15 +73,11 @@ def draw_kinematics(ax: Any) -> None:
 
 def draw_system() -> ct.ControlPlot:
     """Kinematic diagram of the actuator above the closed loop in which it runs (Fig. 3)."""
-    import matplotlib.pyplot as plt
-
-    figure, (top, bottom) = plt.subplots(
-        2, figsize=(7.0, 6.4), height_ratios=(1.0, 1.0), layout="constrained"
-    )
-    draw_kinematics(top)
-    title_above(top, "clutch actuator: motor, rack, two springs, bevel")
-    draw_block_diagram(bottom)
-    return control_plot(axes_of([top, bottom], 2))
+    axes = axes_of(None, 2, sharex=False, figsize=(7.0, 6.4))
+    draw_kinematics(axes[0])
+    title_above(axes[0], "clutch actuator: motor, rack, two springs, bevel")
+    draw_block_diagram(axes[1])
+    return control_plot(axes)
 
 
 def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:

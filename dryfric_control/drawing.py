@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import control as ct
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -47,8 +48,6 @@ class PanelPlot(ct.ControlPlot):
 def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
     """Axes to draw in, shape (rows,): the given ones, or those of a new figure."""
     if ax is None:
-        import matplotlib.pyplot as plt
-
         settings = {"sharex": True, "figsize": (7.0, 1.2 + 1.6 * rows), "layout": "constrained"}
         _, made = plt.subplots(rows, 1, squeeze=False, **(settings | options))
         return np.asarray(made).ravel()
@@ -94,12 +93,7 @@ control.ControlPlot
 def panels(
     rows: int | Callable[[Any], int], **options: Any
 ) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
-    """Make the `plot` of a result out of a method that draws in given axes.
-
-    The method takes the axes, shape (rows,), and returns its title; `rows` may be a
-    function of the result; `options` go to
-    `matplotlib.pyplot.subplots` where a figure is made.
-    """
+    """Make the `plot` of a result out of a method that draws in axes and returns its title."""
 
     def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
         def plot(self: Any, ax: Any = None, title: str | None = None) -> PanelPlot:
@@ -164,10 +158,8 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
 
 def legend_above(ax: Any) -> None:
     """Put the legend above the axes, where it hides no data, in as many rows as it needs."""
-    import matplotlib as mpl
-
     # A legend wider than the axes would squeeze them where the layout is constrained.
-    scale = float(mpl.rcParams["font.size"]) / _FONT
+    scale = float(plt.rcParams["font.size"]) / _FONT
     names = ax.get_legend_handles_labels()[1]
     widths = [scale * (_HANDLE + _SMALL_LETTER * len(name)) for name in names]
     ax.legend(

@@ -37,10 +37,7 @@ def check_bandwidth_and_dt(bandwidth: float, dt: float) -> None:
 def check_drive_and_reading(
     axis: Any, dt: float, u: Floats, y: Floats, names: tuple[str, str] = ("u", "y")
 ) -> None:
-    """Refuse drive and reading if the equation of motion fits them far better exchanged.
-
-    In u = m a + f v + s F the terms cancel; of other signals they do not, in whatever units.
-    """
+    """Refuse drive and reading if the equation of motion fits them far better exchanged."""
     if any(effect.slug == "input_gain" for effect in axis.effects):
         return  # a drive in any unit
     given, exchanged = _misfit(axis, dt, u, y), _misfit(axis, dt, y, u)

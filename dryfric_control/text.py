@@ -63,10 +63,7 @@ def length_text(value: float, unit: str) -> str:
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """Factor and name of the unit with the prefix in which a small value is readable.
-
-    Counts and increments have none.
-    """
+    """Factor and name of the unit with the prefix, if it takes one, that makes a value readable."""
     if unit.partition(" ")[0].partition("/")[0] not in _WITH_PREFIX:
         return 1.0, unit
     for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "u")):
@@ -131,13 +128,10 @@ def plain_data(value: Any) -> Any:
 
 
 class Result:
-    """A result that shows itself: as text, as HTML in a notebook, as plain data.
-
-    A class says once, in `_shown`, what there is to see: lines of text, and
-    tables as sequences of rows, the headings first.
-    """
+    """A result that shows itself: as text, as HTML in a notebook, as plain data."""
 
     def _shown(self) -> Iterable[str | Sequence[Sequence[str]]]:
+        """Lines of text, and tables as sequences of rows, the headings first."""
         raise NotImplementedError
 
     def _worded(self) -> Iterable[str | Sequence[Sequence[str]]]:

@@ -1,10 +1,4 @@
-"""Comparisons that do not depend on round-off.
-
-Another order of summation or another processor changes results in their last digits.
-Wherever a comparison of such numbers decides a choice, numbers that differ by no more
-than that are equal, and the first one wins, which is the simplest or the coarsest.
-Differences that a record resolves are far larger than `NEAR`.
-"""
+"""Comparisons that do not depend on round-off: of equal numbers the first one wins."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Readings that say nothing about the motion: found, and bridged.
-
-A reading is only taken for a bad one where its neighbours on both sides agree on
-another value; a breakaway, an impact or a lost count changes what follows and is
-left alone.
-"""
+"""Readings that say nothing about the motion: neighbours on both sides agree on another value."""
 
 from __future__ import annotations
 
@@ -112,17 +107,12 @@ NONE = Masked(np.empty(0, np.int64), (), np.empty(0))
 
 
 def find(x: Floats, noise: float, quantum: float) -> dict[int, str]:
-    """Bad readings of uniformly sampled positions with noise and quantum: sample to reason.
-
-    A reading jumps if the lines through the two readings on either side and the cubic through all
-    four miss it by nearly the same, and by more than noise, quantum and the motion nearby explain.
-    The reading before is repeated m times if the next step makes up for all m.  Readings that were
-    found to be bad are no neighbours for the next ones.
-    """
+    """Bad readings of uniformly sampled positions with noise and quantum: sample to reason."""
     found = dict.fromkeys(absurd(x), JUMP)
     path = bridged(x, without(x.size, found)) if found else x
     noise = max(noise, ROUNDING * float(np.ptp(path)))
     for _ in range(_PASSES):
+        # Readings that were found to be bad are no neighbours for the next ones.
         good = np.flatnonzero(without(x.size, found))
         new = dict.fromkeys(_jumps(good, x[good], noise, quantum), JUMP)
         new |= dict.fromkeys(_repeats(path, noise, quantum), REPEATED)
@@ -165,10 +155,8 @@ def bridged(x: Floats, good: Bools) -> Floats:
 
 
 def _jumps(at: Ints, x: Floats, noise: float, quantum: float) -> list[int]:
-    """Samples of single jumps; of neighbours the one that jumps further.
-
-    `at`: samples that are not known to be bad, shape (n,); `x`: their readings.
-    """
+    """Samples of single jumps among readings `x` at some samples, of neighbours the larger one."""
+    # The two lines and the cubic through two readings on either side miss it by nearly the same.
     a, b, c, d = (at[k : at.size - 4 + k] - at[2:-2] for k in (0, 1, 3, 4))
     left = x[2:-2] - (b * x[:-4] - a * x[1:-3]) / (b - a)
     right = x[2:-2] - (c * x[4:] - d * x[3:-1]) / (c - d)
@@ -210,13 +198,13 @@ def _repeats(x: Floats, noise: float, quantum: float) -> list[int]:
         low, high = around[0], around[-1]
         if low < 0.0 < high or min(abs(low), abs(high)) <= least:
             continue
-        made_up = steps[b + 1] / np.median(around)
+        made_up = steps[b + 1] / np.median(around)  # the next step makes up for all repetitions
         if m + 0.5 < made_up < m + 1.5:
             found.extend(range(int(a) + 1, int(b) + 2))
     return found
 
 
-def held_for(x: Floats, quantum: float = 0.0) -> tuple[int, int]:
+def held_for(x: Floats, quantum: float) -> tuple[int, int]:
     """Samples for which a slower source holds each reading, 1 if none, and the first new one."""
     steps = np.diff(x)
     changes = np.flatnonzero(steps) + 1
@@ -233,11 +221,9 @@ def held_for(x: Floats, quantum: float = 0.0) -> tuple[int, int]:
 
 
 def evened(t: Floats, x: Floats, noise: float) -> Floats | None:
-    """Stamps on a uniform clock, if the readings were taken on one; None if not.
-
-    A logger may stamp late what was sampled on time.  The readings show it: about
-    lines between their neighbours they scatter less on the clock than on the stamps.
-    """
+    """Stamps on a uniform clock, if the readings were taken on one; None if not."""
+    # A logger may stamp late what was sampled on time: about lines between their neighbours
+    # the readings then scatter less on the clock than on the stamps.
     steps = np.diff(t)
     median = float(np.median(steps))
     counts = np.maximum(np.rint(steps / median), 1.0)

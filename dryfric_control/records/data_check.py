@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,16 +73,14 @@ class RecordCheck(Result):
         lost = self.masked.get(FILLED, 0)
         left_out = sum(self.masked.values()) - lost
         words = [
-            f"{self.reversals} reversal{'' if self.reversals == 1 else 's'}",
+            f"{self.reversals} reversal{'s' * (self.reversals != 1)}",
             f"{_percent(self.at_rest)} at rest",
-            f"{lost} sample{'' if lost == 1 else 's'} lost" if lost else "no samples lost",
+            f"{lost or 'no'} sample{'s' * (lost != 1)} lost",
+            *[f"{left_out} reading{'s' * (left_out != 1)} masked"] * bool(left_out),
+            f"drive clipped {_percent(self.clipped)}" if self.clipped else "drive not clipped",
+            f"resolution {self._length(self.quantum or self.noise)}",
         ]
-        if left_out:
-            words += [f"{left_out} reading{'' if left_out == 1 else 's'} masked"]
-        words += [
-            f"drive clipped {_percent(self.clipped)}" if self.clipped else "drive not clipped"
-        ]
-        return ", ".join([*words, f"resolution {self._length(self.quantum or self.noise)}"])
+        return ", ".join(words)
 
     def _length(self, value: float) -> str:
         return length_text(value, self.units[0]) if self.units[0] else f"{value:.3g}"
@@ -94,26 +92,19 @@ class RecordCheck(Result):
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         yield self.headline
         slow, fast = self.velocity
-        speed = f"{self.units[0]}/s" if self.units[0] else ""
+        speed = f" {self.units[0]}/s" if self.units[0] else ""
+        ways = f"{_percent(self.forwards)} forwards, {_percent(self.backwards)} backwards"
         steps = f", {self._steps():.0f} steps of {self._length(self.quantum)}" * bool(self.quantum)
         rows: list[tuple[str, ...]] = [
             ("", "record"),
             ("time", f"{self.duration:.4g} s in {self.samples} samples, {self.dt:.4g} s apart"),
             ("travel", f"{self._length(self.travel)}{steps}"),
             ("noise", self._length(self.noise)),
-            (
-                "motion",
-                f"{_percent(self.forwards)} forwards, {_percent(self.backwards)} backwards, "
-                f"longest rest {self.longest_rest:.3g} s",
-            ),
-            (
-                "velocity",
-                f"{slow:.3g} to {fast:.3g} {speed} in 90 % of the motion".replace("  ", " "),
-            ),
+            ("motion", f"{ways}, longest rest {self.longest_rest:.3g} s"),
+            ("velocity", f"{slow:.3g} to {fast:.3g}{speed} in 90 % of the motion"),
         ]
-        if self.raw:
-            rows.append(("factors", factors(self.raw)))
-        yield [*rows, ("units", self.assumed)] if self.assumed else rows
+        more = [("factors", factors(self.raw)), ("units", self.assumed)]
+        yield rows + [row for row in more if row[1]]
         for message in self.messages:
             yield f"warning: {message}"
 
@@ -153,17 +144,6 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
     )
 
 
-def held_message(record: Record) -> str | None:
-    """What to say of positions that were logged faster than they were read; None if not."""
-    count, first = held_for(record.x, record.quantum or 0.0)
-    if count == 1:
-        return None
-    return (
-        f"the position changes only every {count} samples and is repeated in between: use "
-        f"record[{first}:].decimated({count})"
-    )
-
-
 def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
     """Look a record over; `units` are those of position and drive, empty if not known."""
     moving = directions(record)
@@ -190,16 +170,21 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         assumed=assumed_units(record.units),
         raw=dict(record.raw),
     )
-    free = None if record.u.any() else (
-        "no drive: only ratios to the mass can be determined; give it as known"
-    )  # fmt: skip
-    looked_over = [free, energy_message(record, units), held_message(record)]
-    return replace(found, messages=tuple(_messages(found, filter(None, looked_over))))
+    return replace(found, messages=tuple(_messages(found, record)))
 
 
-def _messages(found: RecordCheck, looked_over: Iterable[str]) -> Iterator[str]:
-    """What a user has to know before a fit; `looked_over`: what the samples themselves say."""
-    yield from looked_over
+def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
+    """What a user has to know before a fit."""
+    if not record.u.any():
+        yield "no drive: only ratios to the mass can be determined; give it as known"
+    if (taken := energy_message(record, found.units)) is not None:
+        yield taken
+    count, first = held_for(record.x, found.quantum)
+    if count > 1:
+        yield (
+            f"the position changes only every {count} samples and is repeated in between: use "
+            f"record[{first}:].decimated({count})"
+        )
     if found.clipped:
         yield (
             f"the drive rests at both its extremes for {_percent(found.clipped)} of the time: make "

@@ -36,12 +36,9 @@ def usual_speeds(v: Floats) -> tuple[float, float]:
 
 
 def directions(record: Record) -> NDArray[np.int8]:
-    """Direction of motion at every sample from the readings: +1 or -1 sliding, 0 motionless.
-
-    A sample slides if, over some half width h of at most 0.05 s, the readings h before and h after
-    differ by more than quantum and noise explain, and both halves go the same way.  Both must
-    move, so that an axis about to break away still counts as motionless.
-    """
+    """Direction of motion at every sample from the readings: +1 or -1 sliding, 0 motionless."""
+    # Over some half width h, readings h before and after differ by more than quantum and noise
+    # explain.  Both halves must move: an axis about to break away still counts as motionless.
     x = record.x
     least = least_motion(record)
     result = np.zeros(x.size, np.int8)

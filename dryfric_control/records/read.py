@@ -10,14 +10,17 @@ from typing import Any, cast
 import numpy as np
 
 from dryfric_control.checks import positive
-from dryfric_control.records.readers.bam_log import read_bam_entries
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Wanted
 from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import vector
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
+from dryfric_control.store.files import read_json
 from dryfric_control.store.saved import load_object
+
+_BAM_FULL_DUTY = 885.0  # `load` at 100 % PWM duty of the XL330
+_BAM_KEYS = "timestamp position goal_position load input_volts temp torque_enable".split()
 
 
 def read_record(
@@ -217,7 +220,7 @@ def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str,
     >>> log["kp"], len(log["record"]), float(log["record"].u[0])
     (100, 400, 1.0)
     """
-    head, log = read_bam_entries(path)
+    head, log = _bam_entries(path)
     log = {key: vector(key, values) for key, values in log.items()}
     enabled = log["torque_enable"] != 0
     record = Record.from_irregular(
@@ -238,3 +241,26 @@ def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str,
         "temperature": log["temp"][held],
         "torque_enable": enabled[held],
     }
+
+
+def _bam_entries(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Head and columns of a BAM servo log (JSON): signed ``duty`` for `load`, else as stored."""
+    content = read_json(path)
+    entries = content.get("entries") if isinstance(content, dict) else None
+    if not isinstance(entries, list) or not entries:
+        raise ValueError(f"{path} is no BAM log: it has no list `entries`")
+    columns: dict[str, Any] = {}
+    for key in _BAM_KEYS:
+        values = [e.get(key) if isinstance(e, dict) else None for e in entries]
+        bad = next((k for k, v in enumerate(values) if not isinstance(v, (int, float))), None)
+        if bad is not None:
+            raise ValueError(
+                f"{path}: entry {bad} has {key} = {str(values[bad])[:40]}, not a number"
+            )
+        try:
+            columns[key] = np.array(values, dtype=float)
+        except OverflowError as err:
+            raise ValueError(f"{path}: {key} holds a number that is too large") from err
+    load = columns.pop("load")  # unsigned 16 bit on the wire
+    columns["duty"] = np.where(load > 32767, load - 65536, load) / _BAM_FULL_DUTY
+    return {k: v for k, v in content.items() if k != "entries"}, columns

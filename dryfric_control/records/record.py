@@ -1,9 +1,4 @@
-"""Measured data, validated at the door.
-
-`Record` holds the time, input and position of one run. Whatever passes
-its constructor is uniformly sampled, finite and moving, so that nothing
-behind it has to ask again.
-"""
+"""Measured data, validated at the door: nothing behind `Record` has to ask again."""
 
 from __future__ import annotations
 
@@ -22,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from dryfric_control import drawing
 from dryfric_control.arrays import Bools, Floats
 from dryfric_control.checks import positive
 from dryfric_control.records import bad_readings
@@ -40,7 +36,6 @@ from dryfric_control.text import table
 from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
-    import control
     import pandas
 
 __all__ = ["Derivatives", "Record", "RecordWarning"]
@@ -229,8 +224,6 @@ class Record:
         parts = {name: self.__dict__[name] for name in _PARTS}
         return {k: dict(v) if isinstance(v, Mapping) else v for k, v in parts.items()}
 
-    # ------------------------------------------------------------ properties
-
     def __len__(self) -> int:
         return int(self.t.size)
 
@@ -336,8 +329,6 @@ class Record:
             if left <= 0.05 * float(np.quantile(a, 0.95)):
                 break
         return min(best, (len(self) - 1) | 1)
-
-    # ----------------------------------------------------------------- parts
 
     def read(
         self, positions: npt.ArrayLike, rng: np.random.Generator, origin: float | None = None
@@ -445,8 +436,8 @@ class Record:
             raise ValueError(
                 f"split fractions must be positive with sum 1, got {fractions.tolist()}"
             )
-        edges = np.rint(np.cumsum(fractions) * len(self)).astype(int)
-        return self._cut([0, *edges[:-1].tolist(), len(self)])
+        edges = np.rint(np.cumsum(fractions) * len(self)).astype(int)[:-1].tolist()
+        return tuple(self[a:b] for a, b in itertools.pairwise([0, *edges, len(self)]))
 
     def blocks(self, seconds: float) -> tuple[Record, ...]:
         """Contiguous blocks of equal length.
@@ -464,12 +455,7 @@ class Record:
         edges = list(range(0, len(self), size))
         if len(self) - edges[-1] < max(2, size / 2) and len(edges) > 1:
             edges.pop()
-        return self._cut([*edges, len(self)])
-
-    def _cut(self, edges: list[int]) -> tuple[Record, ...]:
-        return tuple(self[a:b] for a, b in itertools.pairwise(edges))
-
-    # ------------------------------------------------------------ resampling
+        return tuple(self[a:b] for a, b in itertools.pairwise([*edges, len(self)]))
 
     def decimated(self, factor: int) -> Record:
         """Every factor-th position with the mean input in between.
@@ -482,17 +468,16 @@ class Record:
         factor : int
             Samples per group, 1 or more.
         """
-        n = len(self)
         if isinstance(factor, bool) or not isinstance(factor, (int, np.integer)) or factor < 1:
             raise ValueError(f"factor must be a whole number of at least 1, got {factor!r}")
-        groups = n // int(factor)
+        groups = len(self) // factor
         if groups < 2:
-            raise ValueError(f"decimating {n} samples by {factor} leaves fewer than 2")
+            raise ValueError(f"decimating {len(self)} samples by {factor} leaves fewer than 2")
         if factor == 1:
             return self
-        pick = slice(0, groups * int(factor), int(factor))
+        pick = slice(0, groups * factor, factor)
         u = self.u[: pick.stop].reshape(groups, -1).mean(axis=1)
-        parts = self._at(pick) | {"u": u, "dt": self.dt * int(factor)}
+        parts = self._at(pick) | {"u": u, "dt": self.dt * factor}
         return self._with(f"decimated by {factor}", **parts)
 
     def commanded(self, gain: float | None = None) -> Record:
@@ -678,8 +663,6 @@ class Record:
             warn(f"{lost} samples in stretches of fewer than {checks.MIN_SAMPLES} were left out")
         return tuple(whole[a:b]._with(dt=checks.uniform_step(tv[a:b])) for a, b in stretches)
 
-    # ----------------------------------------------------------- derivatives
-
     def derivatives(self, window: int | None = None) -> Derivatives:
         """Zero-phase position, velocity and acceleration.
 
@@ -736,8 +719,6 @@ class Record:
         smooth = self.derivatives(window)
         expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
         return compared(np.asarray(expected), self.channels[name], self.dt)
-
-    # -------------------------------------------------------------- exchange
 
     @classmethod
     def from_frame(
@@ -825,31 +806,28 @@ class Record:
         unit = self.units.get("x" if role == "reference" else role)
         return f"{text} [{unit}]" if unit else text
 
-    # --------------------------------------------------------------- display
-
     def summary(self) -> str:
         """A few lines of text: size, ranges, quantum, noise, notes."""
         return table(self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
         unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
-        quantum = f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"
-        assumed = assumed_units(self.units)
-        return [
+        rows = [
             ("record", self.name or "(no name)"),
             ("samples", f"{len(self)} at {self.dt:.6g} s, {self.duration:.6g} s"),
             ("time", f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s"),
             ("input", f"{self.u.min():.6g} to {self.u.max():.6g}{unit_u}"),
             ("position", f"{self.x.min():.6g} to {self.x.max():.6g}{unit_x}"),
             ("reference", "yes" if self.reference is not None else "no"),
-            *((("units", assumed),) if assumed else ()),
+            ("units", assumed_units(self.units)),
             *(("channel", self._label(name, name)) for name in self.channels),
-            *((("factors", factors(self.raw)),) if self.raw else ()),
-            ("quantum", quantum),
+            ("factors", factors(self.raw)),
+            ("quantum", f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"),
             ("noise", f"{self.noise:.3g}{unit_x}"),
-            *((("bad samples", told(self.bad)),) if any(self.bad.values()) else ()),
+            ("bad samples", told(self.bad)),
             *(("note", n) for n in self.notes),
         ]
+        return [(what, words) for what, words in rows if words]
 
     def __repr__(self) -> str:
         title = f"{self.name!r}, " if self.name else ""
@@ -873,20 +851,9 @@ class Record:
             return "m", "N"
         return self.units.get("x", ""), self.units.get("u", "")
 
-    def plot(self, ax: Any = None, title: str | None = None) -> control.ControlPlot:
-        """Draw position and input over time; a grey band at rest.
-
-        Parameters
-        ----------
-        ax : sequence of two Axes, optional
-            Where to draw; a new figure when left out.
-        title : str, optional
-            Title.  Default: the name of the record.
-        """
-        # Here: reading a record needs neither python-control nor its figures.
-        from dryfric_control import drawing
-
-        axes = drawing.axes_of(ax, 2)
+    @drawing.panels(2)
+    def plot(self, axes: Any) -> str:
+        """Draw position and input over time; a grey band at rest."""
         top, bottom = axes
         top.plot(self.t[self.good], self.x[self.good], ".", color="0.6", ms=3, label="measured")
         left_out = self.masked.indices
@@ -907,8 +874,7 @@ class Record:
             drawing.legend_above(bottom)
         named = zip(("position", "input"), self._known_units(), strict=True)
         drawing.over_time(axes, [f"{name} [{unit}]" if unit else name for name, unit in named])
-        drawing.title_above(top, (self.name or "record") if title is None else title)
-        return drawing.control_plot(axes)
+        return self.name or "record"
 
 
 def position_unit(units: Mapping[str, str]) -> dict[str, str]:
@@ -938,10 +904,7 @@ def usable_readings(good: Any, size: int) -> Bools | None:
 def repaired(
     x: Floats, quantum: float | None, factor: float, good: Bools | None
 ) -> tuple[Floats, Masked, float]:
-    """Positions bridged over what is bad, found or given, and their quantum, 0 for none.
-
-    Without one, it is estimated from what is not bad.
-    """
+    """Positions bridged over what is bad, found or given, and their quantum, 0 for none."""
 
     def grid(sound: Bools) -> float:
         return quantum if quantum is not None else checks.estimated_quantum(x[sound], factor) or 0.0

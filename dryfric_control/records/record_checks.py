@@ -1,7 +1,4 @@
-"""Checks and estimates on the arrays of a record.
-
-Plain arrays in, plain arrays or a clear error out; `records` builds on it.
-"""
+"""Checks and estimates on the arrays of a record: plain arrays in, arrays or an error out."""
 
 from __future__ import annotations
 
@@ -26,9 +23,6 @@ from dryfric_control.units import si_unit
 MIN_SAMPLES = 10
 JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
 _MAX_MAGNITUDE = 1e100  # squares stay finite
-
-
-# -------------------------------------------------------------------- checks
 
 
 #: Note of a record without a drive.
@@ -84,15 +78,12 @@ def checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
 
 
 def vector(name: str, value: Any, gaps: bool = False) -> Floats:
-    """A fresh finite float64 vector, or an error that names the argument.
-
-    With `gaps`, what is not finite or masked is nan.
-    """
+    """A fresh finite float64 vector; with `gaps`, what is not finite or masked is nan."""
     if value is None:
         raise ValueError(f"{name} is missing")
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        if gaps:
-            return vector(name, np.ma.filled(value.astype(np.float64), np.nan), gaps)
+    if np.ma.is_masked(value) and gaps:
+        value = value.astype(np.float64).filled(np.nan)
+    elif np.ma.is_masked(value):
         raise ValueError(
             f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values; fill them, or use "
             "Record.from_irregular, which bridges and masks them"
@@ -295,6 +286,10 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
             f"u is constant ({u[0]:.6g}): without excitation nothing can be learned; check the "
             "column. A free motion has u = 0 throughout"
         )
+
+    def jump(k: int) -> str:
+        return f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}"
+
     steps = np.abs(np.diff(x))
     span = float(np.ptp(x))
     usual = float(np.median(steps[steps > 0]))
@@ -308,24 +303,20 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     ends = np.minimum(x[jumps], x[jumps + 1]), np.maximum(x[jumps], x[jumps + 1])
     wraps = jumps[lone & (ends[0] <= low) & (ends[1] >= high)]
     if wraps.size:
-        k = int(wraps[0])
         raise ValueError(
-            f"x jumps {wraps.size} times across its whole range, first from x[{k}] = {x[k]:.6g} to "
-            f"x[{k + 1}] = {x[k + 1]:.6g}: the encoder wraps around. Pass its period, unwrap="
-            f"{_period(x, wraps, grid):.10g} perhaps; if runs were joined, or the "
-            "counter was set to zero, split there"
+            f"x jumps {wraps.size} times across its whole range, first from {jump(wraps[0])}: the "
+            f"encoder wraps around. Pass its period, unwrap={_period(x, wraps, grid):.10g} perhaps;"
+            " if runs were joined, or the counter was set to zero, split there"
         )
     if (last := _set_to_zero(x, steps)) is not None:
-        k = last + 1
         warn(
-            f"x jumps from x[{last}] = {x[last]:.6g} to x[{k}] = {x[k]:.6g}: was the counter set "
-            f"to zero there? Then split the record: record[:{k}] and record[{k}:]"
+            f"x jumps from {jump(last)}: was the counter set to zero there? Then split the record: "
+            f"record[:{last + 1}] and record[{last + 1}:]"
         )
     elif jumps.size:
-        k = int(jumps[0])
         warn(
             f"x jumps {jumps.size} times by more than half its range in one sample, first from "
-            f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}; a glitch?"
+            f"{jump(jumps[0])}; a glitch?"
         )
 
 
@@ -447,10 +438,8 @@ def warn_if_suspect(t: Floats, dt: float, u: Floats) -> None:
 
 
 def samples_at_limit(u: Floats, level: float) -> int:
-    """Samples at a level that u reaches at speed and stays at, where it moves much of the time.
-
-    A smooth crest slows down before it rests; a square wave comes in one step.
-    """
+    """Samples at a level that u reaches at speed and stays at, where it moves much of the time."""
+    # A smooth crest slows down before it rests; a square wave comes in one step.
     steps = np.abs(np.diff(u))
     if np.mean(steps > 0) < 0.2:
         return 0
@@ -474,11 +463,9 @@ _STAY, _STAYS, _RUN_IN, _EVEN, _CHANGE = 16, 3, 15.0, (0.7, 1.5), 0.05
 
 
 def clipped(u: Floats, x: Floats) -> Bools:
-    """Samples at which the input rests at both its limits, exactly or but for its noise.
-
-    Noise hides a limit: there the input must run into its extremes, stay and change the velocity
-    meanwhile, three times each way, which no sine, triangle, square wave or mere friction does.
-    """
+    """Samples at which the input rests at both its limits, exactly or but for its noise."""
+    # Noise hides a limit: there the input must run into its extremes, stay and change the velocity
+    # meanwhile, three times each way, which no sine, triangle, square wave or mere friction does.
     extremes = float(u.min()), float(u.max())
     if all(samples_at_limit(u, one) for one in extremes):
         return np.asarray(np.isin(u, extremes))
@@ -515,9 +502,6 @@ def _runs_in(u: Floats, x: Floats, starts: Ints, ends: Ints, spread: float) -> b
     change = np.average(np.abs(last - second) / quarter, weights=long)
     lag = int(np.median(quarter))
     return bool(change > _CHANGE * np.ptp(x[lag:] - x[:-lag]) / lag)
-
-
-# ----------------------------------------------------- estimates, resampling
 
 
 def spread_of(x: Floats, quantum: float) -> float:
@@ -591,11 +575,8 @@ def decimal_grid(x: Floats, factor: float = 1.0) -> float | None:
 
 
 def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
-    """Stamps and inputs with the samples in between that were lost.
-
-    The drive has changed there as elsewhere: a value held over several steps would be an
-    impulse that did not act.
-    """
+    """Stamps and inputs with the samples in between that were lost, along straight lines."""
+    # A value held over several steps would be an impulse that did not act.
     steps = np.diff(t)
     counts = np.maximum(np.rint(steps / np.median(steps)), 1.0).astype(np.int64)
     first = np.repeat(np.arange(counts.size), counts)

@@ -86,18 +86,20 @@ class Scaling:
         for item in fields(self):
             if item.default is None and (value := getattr(self, item.name)) is not None:
                 put(self, item.name, positive(item.name, value))
+        put(self, "gear_ratio", positive("gear_ratio", self.gear_ratio))
         for name, what in (("lead", "a screw"), ("pinion_radius", "a pinion")):
             if (value := getattr(self, name)) is not None and value >= _LONG_LEAD:
                 warn(f"{name} = {value:g} is in metres: {what} of {value:g} mm has "
                      f"{name}={1e-3 * value:g}")  # fmt: skip
-        put(self, "gear_ratio", positive("gear_ratio", self.gear_ratio))
         if not isinstance(self.load_encoder, bool):
             raise ValueError(f"load_encoder must be True or False, got {self.load_encoder!r}")
-        for one, other in (("torque_constant", "force_constant"), ("rated_torque", "rated_force")):
+        for one, other, what in (
+            ("torque_constant", "force_constant", "a motor"),
+            ("rated_torque", "rated_force", "a motor"),
+            ("lead", "pinion_radius", "an axis"),
+        ):
             if getattr(self, one) is not None and getattr(self, other) is not None:
-                raise ValueError(f"{one} and {other} are both given: a motor has one of them")
-        if self.lead is not None and self.pinion_radius is not None:
-            raise ValueError("lead and pinion_radius are both given: an axis has one of them")
+                raise ValueError(f"{one} and {other} are both given: {what} has one of them")
 
     @classmethod
     def of(cls, gain: Any) -> Scaling:

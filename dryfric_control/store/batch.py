@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import json
 import multiprocessing
 import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import joblib
 import numpy as np
@@ -88,7 +88,10 @@ def run_batch(
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
         raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
     keys = {_text("cases", key): key for key in cases}
-    heading = _heading(settings)
+    if settings is not None and not isinstance(settings, Mapping):
+        raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
+    held = json.loads(_text("settings", dict(settings or {})))
+    heading = {"store": _FORMAT, "settings": held}
     done = {} if store is None else _stored(store, heading)
     left = [text for text in keys if text not in done]
     if left:
@@ -99,19 +102,15 @@ def run_batch(
             work, desc="batch", unit="case", total=len(keys), initial=len(keys) - len(left),
             disable=not progress,
         )  # fmt: skip
-        with _keeper(store, heading) as keep:
+        with _opened(store, heading) as file:
             for text, result in bar:
-                keep(f'{{"case": {text}, "result": {result}}}\n')
+                file.write(f'{{"case": {text}, "result": {result}}}\n')
                 done[text] = json.loads(result)
     return {key: done[text] for text, key in keys.items()}
 
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
-    """Short text that differs wherever the numbers of two values do.
-
-    Numbers, text, arrays, mappings, sequences and dataclasses are told apart by what they hold,
-    anything else by its pickle; objects of the classes `without` are passed over.
-    """
+    """Short text of what values hold, or of their pickles; classes `without` are passed over."""
     digest = hashlib.sha256()
     for part in _parts(values, without):
         digest.update(len(part).to_bytes(8, "little") + part)
@@ -129,14 +128,12 @@ def _parts(value: Any, without: tuple[type, ...]) -> Iterator[bytes]:
     elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
         yield f"array {value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        for key, one in value.items():
-            yield from _parts(key, without)
-            yield from _parts(one, without)
-    elif isinstance(value, (tuple, list)):
-        yield f"sequence {len(value)}".encode()
-        for one in value:
+    elif isinstance(value, (Mapping, tuple, list)):
+        kind, items = "sequence", iter(value)
+        if isinstance(value, Mapping):
+            kind, items = "mapping", itertools.chain.from_iterable(value.items())
+        yield f"{kind} {len(value)}".encode()
+        for one in items:
             yield from _parts(one, without)
     elif isinstance(value, np.generic):
         yield from _parts(value.item(), without)
@@ -161,13 +158,6 @@ def _text(name: str, value: Any) -> str:
         ) from None
 
 
-def _heading(settings: Mapping[str, Any] | None) -> dict[str, Any]:
-    if settings is not None and not isinstance(settings, Mapping):
-        raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
-    held = json.loads(_text("settings", dict(settings or {})))
-    return {"store": _FORMAT, "settings": held}
-
-
 def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, str]:
     """One case, where joblib runs it."""
     _end_with_the_run()
@@ -187,10 +177,8 @@ def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, st
 
 @functools.cache
 def _end_with_the_run() -> None:
-    """In a worker: end as soon as the process that started it is no more.
-
-    Idle workers wait for minutes for another case, busy ones finish theirs for nobody.
-    """
+    """In a worker: end as soon as the process that started it is no more."""
+    # Idle workers wait for minutes for another case, busy ones finish theirs for nobody.
     parent = multiprocessing.parent_process()
     if parent is None:  # no worker: the run itself, or a thread of it
         return
@@ -227,9 +215,10 @@ def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str,
         raise ValueError(f"store {path} is no store of a batch: {_MEND}")
     there, here = made.get("settings"), heading["settings"]
     if there != here:
-        raise ValueError(
-            f"store {path} was made by other settings: {_differ(there, here)}; {_MEND}"
-        )
+        there = there if isinstance(there, dict) else {}
+        names = sorted(n for n in there.keys() | here.keys() if there.get(n) != here.get(n))
+        other = ", ".join(f"{n} is {here.get(n)!r} and was {there.get(n)!r}" for n in names)
+        raise ValueError(f"store {path} was made by other settings: {other}; {_MEND}")
     done = {}
     for number, line in enumerate(lines[:-1], start=2):
         entry = _loaded(line)
@@ -246,31 +235,13 @@ def _loaded(line: bytes) -> Any:
         return None
 
 
-def _differ(there: Any, here: dict[str, Any]) -> str:
-    there = there if isinstance(there, dict) else {}
-    names = sorted(n for n in there.keys() | here.keys() if there.get(n) != here.get(n))
-    return ", ".join(f"{n} is {here.get(n)!r} and was {there.get(n)!r}" for n in names)
-
-
-@contextmanager
-def _keeper(
-    store: str | os.PathLike[str] | None, heading: dict[str, Any]
-) -> Iterator[Callable[[str], None]]:
-    """What takes each line, at once."""
-    if store is None:
-        yield lambda line: None
-        return
-    path = Path(store)
-    if path.exists():
+def _opened(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO[str]:
+    """The store, to which each line is written at once; without one, lines go nowhere."""
+    path = Path(os.devnull if store is None else store)
+    if store is not None and path.exists():
         os.truncate(path, len(_whole_lines(path)))
-    else:
+    elif store is not None:
         # Whole or not at all: a file without a heading is not taken for a store.
         with replacing(path) as part:
             part.write_text(json.dumps(heading) + "\n", encoding="utf-8")
-    with path.open("a", encoding="utf-8", newline="\n") as file:
-
-        def keep(line: str) -> None:
-            file.write(line)
-            file.flush()
-
-        yield keep
+    return path.open("a", buffering=1, encoding="utf-8", newline="\n")

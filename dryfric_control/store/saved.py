@@ -42,10 +42,7 @@ def load_object(
     check: Callable[[Any], Any] = lambda found: found,
     broken: type[ValueError] | None = None,
 ) -> Any:
-    """Read what `save_object` wrote: an object of the first class, as `check` returns it.
-
-    Errors name the file; one of type `broken` says that the data do not keep their promise.
-    """
+    """Read an object of the first class, as `check` returns it; `broken`: its promise not kept."""
     data, intact = read_document(path, kind)
     try:
         # Numbers beyond all reason overflow somewhere; sound ones do nowhere.

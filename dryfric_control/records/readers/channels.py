@@ -208,12 +208,11 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
 
 
 def _fits(role: str, unit: str) -> bool:
-    """Whether a channel may be in a unit."""
+    """Whether a channel may be in a unit, if it has one."""
     try:
-        si_unit(role, unit)
-    except ValueError:
+        return not unit or bool(si_unit(role, unit))
+    except (ValueError, KeyError):  # a mask is in no unit
         return False
-    return True
 
 
 def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> dict[str, int]:
@@ -232,20 +231,26 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         for role, column in columns.items()
         if column is not None or (role == "t" and timed)
     }
-    for role in ROLES[:3]:
-        if role not in columns and (found := _recognise(role, names, where, chosen)) is not None:
-            chosen[role] = found
-    for role in ("reference", *EXTRAS, "good"):
-        found = None if role in columns else _extra(role, headings, names, chosen)
-        if found is not None and found not in chosen.values():
-            chosen[role] = found
-    needed = {"t": bool(timed), "u": "u" not in columns, "x": "v" not in chosen}
-    for role, none in (
-        ("t", "rate= [samples per s]"),
-        ("u", 'columns={"u": None} for a free motion'),
-        ("x", "a column of velocity, v"),
+    for role in [role for role in NAMES if role not in columns]:
+        found = _same_joint(named(role, names), names, chosen)
+        if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
+            sure = [k for k in found if k not in chosen.values()]
+            sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
+            found = sure if len(found) == 1 else []
+        elif len(found) > 1:
+            several = len({meaning(names[k])[2] for k in found}) == len(found)
+            raise ValueError(
+                f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
+                f'say which: columns={{"{role}": ...}}' + ", or one joint: joint=..." * several
+            )
+        if found:
+            chosen[role] = found[0]
+    for role, needed, none in (
+        ("t", timed, "rate= [samples per s]"),
+        ("u", "u" not in columns, 'columns={"u": None} for a free motion'),
+        ("x", "v" not in chosen, "a column of velocity, v"),
     ):
-        if needed[role] and role not in chosen:
+        if needed and role not in chosen:
             raise ValueError(
                 f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
                 f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
@@ -299,17 +304,6 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
     return out
 
 
-def _extra(
-    role: str, headings: list[str], names: list[str], chosen: Mapping[str, int]
-) -> int | None:
-    """Index of a column that is such a channel beyond doubt, by name and unit."""
-    found = _same_joint(named(role, names), names, chosen)
-    if len(found) != 1:
-        return None
-    unit = split_header(headings[found[0]])[1]
-    return found[0] if not unit or _fits(role, unit) else None
-
-
 def _same_joint(found: list[int], names: list[str], chosen: Mapping[str, int]) -> list[int]:
     """Of several columns those of the joint of which others were chosen."""
     joints = {joint for k in chosen.values() if (joint := meaning(names[k])[2])}
@@ -336,11 +330,11 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
         return wanted % len(headings)
     if not isinstance(wanted, str):
         raise ValueError(f"columns[{role!r}] must be a name or an index, got {wanted!r}")
-    low = wanted.strip().lower()
+    name = wanted.strip()
     for candidates in (
-        [k for k, h in enumerate(headings) if h.strip() == wanted.strip()],
-        [k for k, n in enumerate(names) if n == wanted.strip()],
-        [k for k, n in enumerate(names) if n.lower() == low],
+        [k for k, h in enumerate(headings) if h.strip() == name],
+        [k for k, n in enumerate(names) if n == name],
+        [k for k, n in enumerate(names) if n.lower() == name.lower()],
     ):
         if len(candidates) > 1:
             raise ValueError(
@@ -368,18 +362,6 @@ def named(role: str, names: list[str]) -> list[int]:
     return []
 
 
-def _recognise(role: str, names: list[str], where: str, chosen: Mapping[str, int]) -> int | None:
-    """Index of the column whose name shows its role, if there is one."""
-    found = _same_joint(named(role, names), names, chosen)
-    if len(found) > 1:
-        several = len({meaning(names[k])[2] for k in found}) == len(found)
-        raise ValueError(
-            f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
-            f'say which: columns={{"{role}": ...}}' + ", or one joint: joint=..." * several
-        )
-    return found[0] if found else None
-
-
 def _listing(headings: list[str]) -> str:
     shown = ", ".join(repr(h[:40]) for h in headings[:20]) or "none"
     return shown + (f" and {len(headings) - 20} more" if len(headings) > 20 else "")
@@ -398,12 +380,7 @@ def units_by_role(units: Any) -> dict[str, Any]:
 def to_si(
     found: Channels, gain: float | Mapping[str, float] | Scaling, declared: Any = None
 ) -> Channels:
-    """Channels in SI units with the gains applied.
-
-    A gain converts the number in the source: a unit in the heading then only labels it, but for
-    -1, which turns the sign and keeps it.  `declared` are units as stored, of a channel with a
-    gain after it.
-    """
+    """Channels in SI units with the gains applied; `declared`: units as stored or of products."""
     scaling = Scaling.of(gain)
     said_units = units_by_role(declared)
     for key in scaling.gain:

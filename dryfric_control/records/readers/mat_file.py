@@ -147,11 +147,8 @@ def _matrix(payload: memoryview, order: str, depth: int) -> tuple[str, Any]:
         }
         return name, {key: value for key, value in fields.items() if value is not None}
     value = numbers()
-    if is_complex:
-        imaginary = numbers()
-        if imaginary.size != value.size:
-            raise ValueError(f"variable {name[:40]!r} has an incomplete imaginary part")
-        value = value + 1j * imaginary
+    if is_complex:  # which no channel is
+        value = value.astype(np.complex128)
     if value.size != math.prod(shape):
         raise ValueError(f"variable {name[:40]!r} has {value.size} numbers for shape {shape}")
     return name, value.reshape(shape, order="F")

@@ -11,7 +11,7 @@ import numpy as np
 
 from dryfric_control.records.readers.channels import Wanted, assign_columns
 from dryfric_control.records.readers.limits import refused_if_damaged, too_long
-from dryfric_control.records.readers.messages import numbers
+from dryfric_control.records.readers.tables import numbers
 
 _SHORT = 1 << 16  # bytes of a read that need no look at what the file holds
 
@@ -28,14 +28,7 @@ class _NoLonger(io.BufferedReader):
 
 
 def read_mcap(path: Path, wanted: Wanted) -> dict[str, Any]:
-    """Channels of a log on the time stamps of the position.
-
-    Fields are named ``topic.field`` or, where one topic alone holds numbers, ``field``; of an
-    array ``field.0`` and so on, or by the names beside it, as of the joints of a robot.  The time
-    is that in the headers of messages of ROS 2 if all have one, else that of the log.  Fields of
-    other topics than the position's are brought onto its stamps: the input as held, everything
-    else along straight lines.
-    """
+    """Channels of a log on the time stamps of the position, by topic if there are several."""
     topics = _topics(path, wanted.max_rows)
     if not topics:
         raise ValueError(f"{path.name} holds no messages with numbers in JSON or of ROS 2")
@@ -55,7 +48,7 @@ def read_mcap(path: Path, wanted: Wanted) -> dict[str, Any]:
         topic, key = place[headings[k]]
         stamps, fields = topics[topic]
         values = np.asarray(fields[key], dtype=np.float64)
-        if stamps is not clock:
+        if stamps is not clock:  # the input is held, everything else runs along straight lines
             after = np.searchsorted(stamps, clock, side="right")
             if role == "u":
                 values = values[np.maximum(after - 1, 0)]

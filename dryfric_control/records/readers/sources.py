@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.records.readers import channels
-from dryfric_control.records.readers.array_file import read_json_lines, read_numpy
 from dryfric_control.records.readers.channels import Channels, Wanted
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.readers.mat_file import read_mat
 from dryfric_control.records.readers.mcap_log import read_mcap
-from dryfric_control.records.readers.tables import read_frame
+from dryfric_control.records.readers.tables import read_frame, read_json_lines, read_numpy
 from dryfric_control.records.readers.text_file import SUFFIXES, read_column, read_text
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import existing_file

@@ -1,11 +1,96 @@
-"""Spreadsheets and Parquet files, through pandas."""
+"""Tables: arrays of numpy, lines of JSON, and what pandas reads."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dryfric_control.records.readers.limits import check_room, refused_if_damaged, too_long
+from dryfric_control.records.record_warning import warn
+
+_LONGEST = 64  # numbers taken of an array in a message, such as the joints of a robot
+_DEEPEST = 8
+
+
+def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
+    """Arrays of a .npz file by name, fields or numbered columns of a .npy file."""
+    alone = path.suffix.lower() == ".npy"
+    if not alone:
+        check_room(path)
+    with refused_if_damaged(path, f"{path.suffix} file of numbers"):
+        # As a map it claims no more memory than there is file.
+        loaded = np.load(path, mmap_mode="r" if alone else None, allow_pickle=False)
+        found = {path.stem: loaded} if alone else dict(loaded.items())
+    table: dict[str, Any] = {}
+    for name, array in found.items():
+        if array.ndim and array.shape[0] > max_rows:
+            raise ValueError(too_long(path.name, max_rows))
+        if array.dtype.names:
+            table |= {field: np.array(array[field]).ravel() for field in array.dtype.names}
+        elif array.ndim == 2 and min(array.shape) > 1:
+            rows = array if array.shape[0] >= array.shape[1] else array.T
+            prefix = "" if len(found) == 1 else f"{name}."
+            table |= {f"{prefix}{k}": np.array(rows[:, k]) for k in range(rows.shape[1])}
+        else:
+            table[name] = np.array(array).ravel()
+    return table
+
+
+def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
+    """One object a line: numbers by the path that leads to each, nan where one is not there."""
+    found: dict[str, list[float]] = {}
+    rows = 0
+    lines = path.read_bytes().splitlines()
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            content = json.loads(line)
+            if not isinstance(content, dict):
+                raise ValueError("no object {...}")
+        except (ValueError, RecursionError) as problem:
+            if number == len(lines) and rows:
+                warn(f"{path.name}: line {number}, the last, is cut off, and left out")
+                break
+            raise ValueError(f"{path.name}: line {number} is no JSON object ({problem})") from None
+        for key, value in numbers("", content, 0):
+            column = found.setdefault(key, [])
+            column.extend([np.nan] * (rows - len(column)))
+            column.append(value)
+        rows += 1
+        if rows > max_rows:
+            raise ValueError(too_long(path.name, max_rows))
+    return {
+        key: np.array(column + [np.nan] * (rows - len(column))) for key, column in found.items()
+    }
+
+
+def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
+    """Numbers of a message; those of an array by the names that stand beside it, or by index."""
+    if isinstance(content, (int, float)) and not isinstance(content, bool):
+        yield prefix, float(content)
+    elif depth == _DEEPEST or isinstance(content, (str, bytes, bool, type(None))):
+        return
+    elif isinstance(content, (Sequence, np.ndarray)):
+        for k, value in enumerate(content[:_LONGEST]):
+            yield from numbers(f"{prefix}.{k}" if prefix else str(k), value, depth + 1)
+    else:
+        items = (
+            dict(content) if isinstance(content, Mapping)
+            else {key: getattr(content, key) for key in getattr(content, "__slots__", ())}
+        )  # fmt: skip
+        names = items.get("name")
+        if not (isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)):
+            names = ()
+        for key, value in items.items():
+            path = f"{prefix}.{key}" if prefix else str(key)
+            if names and isinstance(value, (Sequence, np.ndarray)) and len(value) == len(names):
+                value = dict(zip(names, value, strict=True))
+            yield from numbers(path, value, depth + 1)
 
 
 def read_frame(path: Path, max_rows: int) -> Any:

@@ -88,13 +88,7 @@ class _Text:
 
     def cells(self, line: str) -> list[str]:
         """Cells of a row, without what follows a delimiter at its end."""
-        cells = _cells(line, self.delimiter)
-        if len(cells) == len(self.headings) + 1 and cells[-1] == "":
-            cells.pop()
-        return cells
-
-
-# ------------------------------------------------------------------- reading
+        return _cells(line, self.delimiter, width=len(self.headings))
 
 
 def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
@@ -244,9 +238,6 @@ def _own_notes(text: _Text) -> dict[str, Any]:
     return own_notes(meta, f"{text.name}: the first line is damaged; remove it")
 
 
-# -------------------------------------------------------------------- layout
-
-
 def _lay_out(text: _Text, chunk: _Lines) -> int:
     """Find delimiter, headings and the chosen columns; index of the first row of numbers."""
     columns, timed = text.wanted.columns, text.wanted.timed
@@ -293,11 +284,9 @@ def _delimiter(lines: list[str]) -> str | None:
 
 
 def _scope(rows: list[list[str]]) -> tuple[int, list[str], list[int]] | None:
-    """First row of numbers, headings and columns of time of an export of TwinCAT Scope.
-
-    Over its numbers are rows that begin with what they say: names, symbols, units.  Every
-    channel, or all, have a column of time in ms before them, under these words.
-    """
+    """First row of numbers, headings and columns of time of an export of TwinCAT Scope."""
+    # Rows above the numbers begin with what they say; a column of time in ms, under these words,
+    # stands before every channel or before all.
     about = {row[0]: k for k, row in enumerate(rows) if len(row) > 2}
     if "Name" not in about or not {"Data-Type", "SampleTime[ms]", "SymbolName"} & set(about):
         return None
@@ -356,9 +345,7 @@ def _headings(
 def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
     """Cells of a line of names, none if they are not as many as the columns."""
     for words in (line, line.partition("#")[0]) if not cut else (line,):
-        cells = [_readable(c) for c in _cells(words, delimiter, cut)]
-        if len(cells) == width + 1 and cells[-1] == "":
-            cells.pop()
+        cells = [_readable(c) for c in _cells(words, delimiter, cut, width)]
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells
     return []
@@ -385,22 +372,21 @@ def _cut_off(text: _Text, chunk: _Lines) -> str:
     return ""
 
 
-# --------------------------------------------------------------------- cells
-
-
-def _cells(line: str, delimiter: str | None, cut: bool = True) -> list[str]:
-    """Cells of one line, quotes honoured, blanks around them removed."""
+def _cells(line: str, delimiter: str | None, cut: bool = True, width: int = -1) -> list[str]:
+    """Cells of one line, stripped, quotes honoured, without an empty one beyond the width."""
     if cut:
         line = line.partition("#")[0]
     line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
-    if delimiter is None:
-        return line.split()
-    if '"' not in line:
-        return [c.strip() for c in line.split(delimiter)]
-    try:
-        return [c.strip() for c in next(csv.reader([line], delimiter=delimiter), [])]
-    except (csv.Error, ValueError, TypeError) as err:
-        raise ValueError(f"line {line[:40]!r} cannot be split into cells ({err})") from err
+    if delimiter is None or '"' not in line:
+        cells = line.split(delimiter)
+    else:
+        try:
+            cells = next(csv.reader([line], delimiter=delimiter))
+        except (csv.Error, ValueError, TypeError) as err:
+            raise ValueError(f"line {line[:40]!r} cannot be split into cells ({err})") from err
+    if len(cells) == width + 1 and not cells[-1].strip():
+        cells.pop()
+    return [c.strip() for c in cells]
 
 
 def _readable(cell: str) -> str:
@@ -448,10 +434,7 @@ def _over_midnight(stamps: _Array) -> _Array:
 
 
 def _column(values: _Array) -> _Array:
-    """Numbers of one column, whole ones beyond 2^53 as integers.
-
-    Beyond 2^53, what is written with a point or an exponent is no count, but a float64.
-    """
+    """Numbers of one column, whole ones beyond 2^53 as integers if written as such."""
     if values.dtype != object:
         return values
     if all(isinstance(v, int) or (v.is_integer() and abs(v) <= EXACT) for v in values):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
 from dryfric_control.identification import load_fit
@@ -32,6 +33,21 @@ def written(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValu
     with replacing(path) as part:
         part.write_bytes(content)
     return replace(found, files=(path,))
+
+
+class Edit(NamedTuple):
+    """Bytes that take the place of others."""
+
+    begin: int
+    end: int
+    new: bytes
+
+
+def applied(raw: bytes, edits: Iterable[Edit]) -> bytes:
+    """The file with all edits, which do not overlap."""
+    for edit in sorted(edits, reverse=True):
+        raw = raw[: edit.begin] + edit.new + raw[edit.end :]
+    return raw
 
 
 def number(value: float) -> str:

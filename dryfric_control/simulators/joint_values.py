@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,18 +54,13 @@ _Systems = Sequence[tuple[str, str]]  # units of position and force
 
 
 class Format(NamedTuple):
-    """How a simulator states the friction of a joint.
+    """How a simulator states the friction of a joint."""
 
-    ``columns(v, shape)``: friction at velocities for each coefficient of 1; ``shapes(speed)``:
-    those to choose from; ``values(coefficients, shape, breakaway)``: numbers by name; whether it
-    states the breakaway friction force on its own; name of the inertia beyond that of the bodies.
-    """
-
-    columns: Callable[[Floats, Any], Floats]
-    shapes: Callable[[Floats], Iterable[Any]]
-    values: Callable[[Floats, Any, float], dict[str, Any]]
-    breakaway: bool = False
-    armature: str = ""
+    columns: Callable[[Floats, Any], Floats]  # of v, shape: friction for each coefficient of 1
+    shapes: Callable[[Floats], Iterable[Any]]  # of speeds: those to choose from
+    values: Callable[[Floats, Any, float], dict[str, Any]]  # of coefficients, shape, breakaway
+    breakaway: bool = False  # whether it states the breakaway friction force on its own
+    armature: str = ""  # name of the inertia beyond that of the bodies
 
 
 def one_shape(speed: Floats) -> tuple[None]:
@@ -121,24 +117,14 @@ class SimulatorValues(Result):
             errors = self.standard_errors[joint]
             axis = self.reduced[joint]
             runs = [length_text(one, axis.units[0]) for one in self.free_runs.get(joint, ())]
-            rows.append(
-                (
-                    joint,
-                    *(_with_error(values.get(n, ""), errors.get(n)) for n in names),
-                    f"{self.friction_error[joint]:.2g} {axis.units[1]}",
-                    " -> ".join(runs) or "no record",
-                )
-            )
+            numbers = [_with_error(values.get(n, ""), errors.get(n)) for n in names]
+            off = f"{self.friction_error[joint]:.2g} {axis.units[1]}"
+            rows.append((joint, *numbers, off, " -> ".join(runs) or "no record"))
         yield rows
         if self.lost:
+            lost = [(*one[:3], _error_text(one.error, one.unit)) for one in self.lost]
             yield "not stated by the format:"
-            yield [
-                ("joint", "what", "in its place", "RMS error"),
-                *(
-                    (one.joint, one.what, one.instead, _error_text(one.error, one.unit))
-                    for one in self.lost
-                ),
-            ]
+            yield [("joint", "what", "in its place", "RMS error"), *lost]
         yield from (f"warning: {message}" for message in self.messages)
         if self.files:
             yield f"written: {', '.join(path.name for path in self.files)}"
@@ -184,11 +170,7 @@ def joints_of(
     result: Any, joint: str | None, there: Mapping[str, _Systems], usual: _Systems = (),
     what: str = "joint",
 ) -> dict[str, Joint]:  # fmt: skip
-    """Joints of a result by name.
-
-    `there`: units that each joint of the file may have, empty if any joint will do; `usual`: those
-    of any joint, empty if any units will do; `what`: how a joint is called.
-    """
+    """Joints of a result by name, in units that each in the file, or any, may have."""
     if isinstance(result, Mapping):
         if joint is not None:
             raise ValueError(
@@ -300,31 +282,21 @@ def described(
     given = None if velocities is None else samples("velocities", velocities)
     if given is not None and not np.any(given):
         raise ValueError(f"velocities must hold velocities of sliding, got {short(velocities)}")
-    values: dict[str, dict[str, Any]] = {}
-    errors: dict[str, dict[str, float]] = {}
-    off: dict[str, float] = {}
-    runs: dict[str, tuple[float, float]] = {}
-    reduced: dict[str, FrictionAxis] = {}
+    messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
+    made = SimulatorValues({}, {}, (), {}, {}, {}, messages, ())
     lost: list[Loss] = []
     for name, joint in joints.items():
         recorded, gain = referred(joint.axis)
         load = (loads or {}).get(name, 0.0)
         states = _States.of(joint, recorded, given)
-
-        def numbers(axis: FrictionAxis, load: float = load, states: Any = states) -> dict[str, Any]:
-            axis, _ = referred(axis)
-            found = form.values(*_best(form, axis, states), _breakaway(axis, states))
-            if form.armature:
-                found[form.armature] = max(axis.mass - load, 0.0)
-            return found
-
-        values[name] = numbers(joint.axis)
-        errors[name] = _errors(joint, values[name], numbers)
+        numbers = functools.partial(_numbers, form, load, states)
+        made.values[name] = numbers(joint.axis)
+        made.standard_errors[name] = _errors(joint, made.values[name], numbers)
         level, slope = _best(_STRAIGHT, recorded, states)[0]
-        reduced[name] = recorded.replace(
+        made.reduced[name] = recorded.replace(
             coulomb=level, viscous=slope, stribeck=None, effects=(), name=name
         )
-        off[name], found = _lost(form, name, recorded, states, joint.records)
+        made.friction_error[name], found = _lost(form, name, recorded, states, joint.records)
         lost += found
         if gain != 1.0:
             words = "the drive is the recorded one: all values are divided by the gain"
@@ -336,18 +308,21 @@ def described(
         if joint.records:
             whole, less = (
                 [replay(a, r, shift=joint.shift).errors for r in joint.records]
-                for a in (joint.axis, reduced[name])
+                for a in (joint.axis, made.reduced[name])
             )
-            runs[name] = _rms(np.concatenate(whole)), _rms(np.concatenate(less))
-    messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
-    return SimulatorValues(values, errors, tuple(lost), off, runs, reduced, messages, ())
+            made.free_runs[name] = _rms(np.concatenate(whole)), _rms(np.concatenate(less))
+    return replace(made, lost=tuple(lost))
+
+
+def _numbers(form: Format, load: float, states: _States, axis: FrictionAxis) -> dict[str, Any]:
+    """Numbers of an axis in a format by name."""
+    axis, _ = referred(axis)
+    found = form.values(*_best(form, axis, states), _breakaway(axis, states))
+    return found | ({form.armature: max(axis.mass - load, 0.0)} if form.armature else {})
 
 
 def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
-    """The axis under the drive as it is recorded, without an input gain, and that gain.
-
-    All forces over the gain move it alike.
-    """
+    """The axis with all forces over the input gain, which move it alike, and that gain."""
     gains = [e for e in axis.effects if e.slug == "input_gain"]
     gain = math.prod(e.values[0] for e in gains)
     if not gains or gain <= 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, read_model, written
+from dryfric_control.simulators.files import Edit, applied, number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
 
 # Velocities of the table.
@@ -99,36 +100,28 @@ def to_modelica(
                 "whole?"
             )
     found = joint_values.described(_MODELICA, joints, velocities)
-    for name in sorted(joints, key=lambda one: -there[one].start()):
-        values = found.values[name]
+    edits: list[Edit] = []
+    for name, values in found.values.items():
         rows = "; ".join(f"{number(v)}, {number(f)}" for v, f in values["table"])
         texts = {_TABLE[there[name][1].decode()]: f"[{rows}]", "peak": number(values["peak"])}
-        raw, bare = _modified(raw, bare, there[name], texts)
-    return written(found, place, raw)
+        edits += _modified(bare, there[name], texts)
+    return written(found, place, applied(raw, edits))
 
 
-def _modified(
-    raw: bytes, bare: bytes, component: re.Match[bytes], texts: dict[str, str]
-) -> tuple[bytes, bytes]:
-    """The file with modifiers of a component set; `bare` is without text and comments."""
+def _modified(bare: bytes, component: re.Match[bytes], texts: dict[str, str]) -> Iterator[Edit]:
+    """Modifiers of a component set in a file, `bare` of text and comments."""
+    missing = {name: f"{name}={value}" for name, value in texts.items()}
     if component[3] is None:
-        words, at = ", ".join(f"{n}={v}" for n, v in texts.items()), component.end(2)
-        return _put(raw, at, at, f"({words})"), _put(bare, at, at, f"({words})")
-    begin = component.end(3)
+        yield Edit(component.end(2), component.end(2), f"({', '.join(missing.values())})".encode())
+        return
+    begin, end = component.end(3), _closing(bare, component.end(3))
     for name, value in texts.items():
-        end = _closing(bare, begin)
-        old = re.compile(rb"\b" + name.encode() + rb"\s*=\s*").search(bare, begin, end)
-        if old:
-            stop = _ends(bare, old.end(), end)
-            raw, bare = _put(raw, old.end(), stop, value), _put(bare, old.end(), stop, value)
-        else:
-            more = f", {name}={value}" if bare[begin:end].strip() else f"{name}={value}"
-            raw, bare = _put(raw, end, end, more), _put(bare, end, end, more)
-    return raw, bare
-
-
-def _put(text: bytes, begin: int, end: int, new: str) -> bytes:
-    return text[:begin] + new.encode() + text[end:]
+        if old := re.compile(rb"\b%s\s*=\s*" % name.encode()).search(bare, begin, end):
+            yield Edit(old.end(), _ends(bare, old.end(), end), value.encode())
+            del missing[name]
+    if missing:
+        comma = ", " if bare[begin:end].strip() else ""
+        yield Edit(end, end, f"{comma}{', '.join(missing.values())}".encode())
 
 
 def _closing(text: bytes, begin: int) -> int:

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, read_model, written
+from dryfric_control.simulators.files import applied, number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.simulators.xml_text import Element, applied, attributes_set, elements
+from dryfric_control.simulators.xml_text import Element, attributes_set, elements
 from dryfric_control.store.files import existing_file
 
 _MJCF = joint_values.Format(
@@ -197,21 +197,17 @@ def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
             f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
             "install mujoco, or give a file of axes"
         ) from None
-    found = {}
-    for i in range(model.njnt):
-        joint = model.joint(i)
-        kind = _KINDS[int(joint.type[0])]
-        if joint.name and kind in _UNITS:
-            at = int(joint.dofadr[0])
-            found[joint.name] = FrictionAxis(
-                mass=inertias(model, [joint.name])[joint.name] + float(model.dof_armature[at]),
-                viscous=float(np.ravel(model.dof_damping[at])[0]),
-                coulomb=CoulombMap.of(float(model.dof_frictionloss[at])),
-                name=joint.name,
-                units=_UNITS[kind],
-            )
-    if not found:
+    kinds = {one.name: _KINDS[int(one.type[0])] for one in map(model.joint, range(model.njnt))}
+    units = {name: _UNITS[kind] for name, kind in kinds.items() if name and kind in _UNITS}
+    if not units:
         raise ValueError(f"model {path} has no hinge or slide joint with a name: name them")
+    found = {}
+    for name, inertia in inertias(model, units).items():
+        at = int(model.joint(name).dofadr[0])
+        damping = float(np.ravel(model.dof_damping[at])[0])
+        level = CoulombMap.of(float(model.dof_frictionloss[at]))
+        mass = inertia + float(model.dof_armature[at])
+        found[name] = FrictionAxis(mass, damping, level, name=name, units=units[name])
     return found
 
 

@@ -9,9 +9,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, read_model, written
+from dryfric_control.simulators.files import applied, number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.simulators.xml_text import applied, attributes_set, child_added, elements
+from dryfric_control.simulators.xml_text import attributes_set, child_added, elements
 
 _URDF = joint_values.Format(
     joint_values.straight,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
+
+from dryfric_control.simulators.files import Edit
 
 # An attribute in a start tag, and the end of the tag; quoted values may contain ">".
 _ATTRIBUTE = rb"""\s+(%s)\s*=\s*("[^"]*"|'[^']*')"""
@@ -48,14 +50,6 @@ def elements(path: Path, raw: bytes, kind: str, first: str) -> list[Element]:
     return found
 
 
-class Edit(NamedTuple):
-    """Bytes that take the place of others."""
-
-    begin: int
-    end: int
-    new: bytes
-
-
 def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
     """The start tag that begins at a byte, with attributes set."""
     match = _tag(raw, at)
@@ -75,13 +69,6 @@ def child_added(raw: bytes, at: int, child: str) -> Edit:
     end = _tag(raw, at).end()
     space = raw[end : end + len(raw[end:]) - len(raw[end:].lstrip())]
     return Edit(end, end, space + child.encode())
-
-
-def applied(raw: bytes, edits: Iterable[Edit]) -> bytes:
-    """The file with all edits, which do not overlap."""
-    for edit in sorted(edits, reverse=True):
-        raw = raw[: edit.begin] + edit.new + raw[edit.end :]
-    return raw
 
 
 def _tag(raw: bytes, at: int) -> re.Match[bytes]:

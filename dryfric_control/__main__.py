@@ -78,31 +78,32 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=__version__)
     commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")
 
-    def command(run: Callable[[argparse.Namespace], None], words: str, more: str = "") -> Any:
+    def command(
+        run: Callable[[argparse.Namespace], None], words: str, more: str, *options: tuple[Any, ...]
+    ) -> None:
+        """One with options: name, type (None for a switch), placeholder, meaning, settings."""
         made = commands.add_parser(run.__name__[1:], help=words, description=more or None)
         made.set_defaults(run=run, own=made)
-        return made
+        for name, kind, metavar, meaning, *settings in options:
+            own = {"action": "store_true"} if kind is None else {"type": kind, "metavar": metavar}
+            made.add_argument(name, help=meaning, **own, **dict(*settings))
 
-    demo = command(
-        _demo, "stick-slip, a fit with its replay, the figures of the paper, a diagnosis"
-    )
-    _add(
-        demo,
+    command(
+        _demo,
+        "stick-slip, a fit with its replay, the figures of the paper, a diagnosis",
+        "",
         ("--out", str, "DIR", "folder for the results", {"default": "demo"}),
         ("--record", str, "FILE", "measured record (CSV or MAT); default: a simulated one"),
         ("--dt", float, "S", "step of its time, where rows were lost"),
     )
 
-    diagnose = command(
+    command(
         _diagnose,
         "find what the simulation of an axis gets wrong about a record, and why",
         "Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
         "which dfc.load_diagnosis reads in Python. Options on counts, gear, motor and sampling "
         "(dt, rate, max_gap) may also be given in the table [record] of the axis file; an option "
         "overrides it.",
-    )
-    _add(
-        diagnose,
         ("record", str, "RUN.csv", "measured records of one machine (CSV, MAT, xlsx, parquet)",
          {"nargs": "+"}),
         ("--axis", str, "FILE", "the nominal axis, TOML", _NEEDED),
@@ -111,15 +112,12 @@ def parser() -> argparse.ArgumentParser:
         *_READING,
     )  # fmt: skip
 
-    joints = command(
+    command(
         _joints,
         "diagnose the joints of a log, and set their values in the file of a simulator",
         "Writes joints.json, saved.json and report.html of each joint in a folder of "
         "its name, and the model with the values of the joints. joints.jsonl keeps every joint "
         "that is finished: the same command goes on where it was interrupted.",
-    )
-    _add(
-        joints,
         ("record", str, "LOG", "logs with columns for each joint (mcap, CSV, ..)", {"nargs": "+"}),
         ("--out", str, "DIR", "folder for the results", {"default": "joints"}),
         ("--jobs", int, "N", "joints in parallel, by default one a core", {"default": -1}),
@@ -131,9 +129,10 @@ def parser() -> argparse.ArgumentParser:
         *_READING,
     )  # fmt: skip
 
-    export = command(_export, "write an axis or a design as C99 or as an FMU")
-    _add(
-        export,
+    command(
+        _export,
+        "write an axis or a design as C99 or as an FMU",
+        "",
         ("file", str, "FILE", "axis (TOML), observer or compensation (JSON, as saved)"),
         ("--to", str, None, "what to write", _NEEDED | {"choices": ("c", "fmu")}),
         ("--out", str, "DIR", "folder for the files", {"default": "export"}),
@@ -144,14 +143,11 @@ def parser() -> argparse.ArgumentParser:
         ("--version", str, None, "of the FMU, default 3.0", {"choices": ("3.0", "2.0")}),
     )  # fmt: skip
 
-    simulator = command(
+    command(
         _simulator,
         "set friction, damping and armature of joints in the file of a simulator",
         "Every other byte of the model stays. What the format cannot state is listed "
         "with what takes its place and the error that makes.",
-    )
-    _add(
-        simulator,
         ("result", str, "[JOINT=]FILE", "axis (TOML), fit or diagnosis (JSON, as saved), by the "
          "name of its joint if there are several", {"nargs": "+"}),
         ("--model", str, "FILE", "MJCF (.xml), URDF (.urdf) or Modelica (.mo) file; the file to "
@@ -162,13 +158,6 @@ def parser() -> argparse.ArgumentParser:
         *_INTO_MODEL,
     )  # fmt: skip
     return top
-
-
-def _add(command: argparse.ArgumentParser, *options: tuple[Any, ...]) -> None:
-    """Options: name, type (None for a switch), placeholder and meaning; settings of argparse."""
-    for name, kind, metavar, words, *more in options:
-        settings = {"action": "store_true"} if kind is None else {"type": kind, "metavar": metavar}
-        command.add_argument(name, help=words, **settings, **dict(*more))
 
 
 def _names(text: str) -> list[str]:

@@ -26,8 +26,8 @@ from dryfric_control.records.bad_readings import NONE, Masked
 from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
+from dryfric_control.records.readers.channels import EXTRAS, ROLES
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
-from dryfric_control.records.record_checks import Channels
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import replacing
@@ -159,33 +159,34 @@ class Record:
             raise ValueError(f"name must be text, got {name!r}")
         if quantum is not None:
             quantum = positive("quantum", quantum, zero=True)
-        tv, uv, xv, rv, more, made = checks.vectors(t, u, x, reference, channels)
+        found, made = checks.vectors(t, u, x, reference, channels)
         notes, stored = checks.checked_notes(notes) + made, checks.checked_raw(raw)
         if x is None:
             quantum, labels = 0.0, labels | position_unit(labels)
-        dt = checks.uniform_step(tv)
-        usable = usable_readings(good, xv.size)
+        dt = checks.uniform_step(found["t"])
+        usable = usable_readings(good, found["x"].size)
         factor = stored.get("x", ("", 1.0))[1]
-        xv, rv = checks.unwrapped(xv, rv, unwrap, factor)
+        found = checks.unwrapped(found, unwrap, factor)
         if unwrap is not None:
             notes += (f"x unwrapped with period {unwrap:g}",)
-        xv, masked, seen = repaired(xv, quantum, factor, usable)
-        checks.check_motion(uv, xv, seen or None)
-        if quantum is not None and quantum > np.ptp(xv):
+        found["x"], masked, seen = repaired(found["x"], quantum, factor, usable)
+        checks.check_motion(found["u"], found["x"], seen or None)
+        if quantum is not None and quantum > (span := np.ptp(found["x"])):
             raise ValueError(
-                f"quantum = {quantum:g} is larger than the range of x, {np.ptp(xv):.6g}: give it "
-                "in the unit of x"
+                f"quantum = {quantum:g} is larger than the range of x, {span:.6g}: give it in the "
+                "unit of x"
             )
-        checks.warn_if_suspect(tv, dt, uv)
+        checks.warn_if_suspect(found["t"], dt, found["u"])
         name = None if name is None else checks.plain_text(name)
-        values = (tv, uv, xv, rv, dt, labels, name, notes, seen or None, more, stored, masked)
-        self.__setstate__(dict(zip(_PARTS, values, strict=True)))
+        parts = {"dt": dt, "units": labels, "name": name, "notes": notes, "raw": stored}
+        parts |= {"quantum": seen or None, "masked": masked}
+        self.__setstate__(_channels_apart(found) | parts)
         if usable is None and masked.indices.size:
             k = int(masked.indices[0])
             warn(
                 f"of {len(self)} readings of x these are masked: "
                 f"{told(self.bad | {'clipped': 0})}; the first is x[{k}] = "
-                f"{masked.readings[0]:.6g} at t = {tv[k]:.6g} s. record.masked lists them, "
+                f"{masked.readings[0]:.6g} at t = {self.t[k]:.6g} s. record.masked lists them, "
                 "good=np.ones(len(x), bool) keeps all",
                 stacklevel=3,
             )
@@ -213,11 +214,8 @@ class Record:
     def _at(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
         # One after another in memory, as compiled functions want them.
-        parts: dict[str, Any] = {
-            name: np.ascontiguousarray(array[pick]) for name, array in self._arrays().items()
-        }
-        channels = {name: parts.pop(name) for name in self.channels}
-        return parts | {"channels": channels, "masked": self.masked.within(pick)}
+        arrays = {name: np.ascontiguousarray(one[pick]) for name, one in self._arrays().items()}
+        return _channels_apart(arrays) | {"masked": self.masked.within(pick)}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a record holds, as plain values and arrays."""
@@ -522,11 +520,10 @@ class Record:
             New step [s].
         """
         dt = positive("dt", dt)
-        own = Channels(self.t, self.u, self.x, self.reference, dict(self.channels))
-        t, u, x, r, more, _ = checks.resample(own, dt, "zero", "monotone")
+        new = checks.resample(self._arrays(), dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
-        masked = bad_readings.filled(self.t[self.good], t, x, dt)
-        return self._with(note, t=t, u=u, x=x, reference=r, dt=dt, channels=more, masked=masked)
+        masked = bad_readings.filled(self.t[self.good], new["t"], new["x"], dt)
+        return self._with(note, dt=dt, masked=masked, **_channels_apart(new))
 
     @classmethod
     def from_irregular(
@@ -574,10 +571,10 @@ class Record:
         >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
-        found = checks.vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
-        good = usable_readings(options.pop("good", None), found.x.size)
+        found, made = checks.vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
+        good = usable_readings(options.pop("good", None), found["x"].size)
         found, good, lacking = checks.sound_rows(found, good)
-        tv, uv, xv, rv, more, made = found
+        tv = found["t"]
         if x is None:
             labels = checks.checked_units(options.get("units"))
             options |= {"units": labels | position_unit(labels), "quantum": 0.0}
@@ -594,11 +591,10 @@ class Record:
                 f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
             )
         factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
-        xv, rv = checks.unwrapped(xv, rv, options.pop("unwrap", None), factor)
+        found = checks.unwrapped(found, options.pop("unwrap", None), factor)
         notes = [*checks.checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
-        xv, masked, seen = repaired(xv, options.get("quantum"), factor, good)
-        options["quantum"] = seen
-        checks.check_motion(uv, xv, seen or None)
+        xv, masked, seen = repaired(found["x"], options.get("quantum"), factor, good)
+        checks.check_motion(found["u"], xv, seen or None)
         even = bad_readings.evened(tv, xv, checks.spread_of(xv, seen))
         if even is not None:
             late = float(np.ptp(tv - even))
@@ -607,13 +603,14 @@ class Record:
         notes.append(
             f"resampled from stamps {steps.min():.4g} to {steps.max():.4g} s apart to {step:g} s"
         )
-        new = checks.resample(Channels(tv, uv, xv, rv, more), step, hold, interpolation)
+        new = checks.resample(found | {"t": tv, "x": xv}, step, hold, interpolation)
         # Readings that were bad leave a gap as those that were lost do.
         stamps = tv[bad_readings.without(tv.size, masked.indices)]
-        gaps = bad_readings.filled(stamps, new.t, new.x, step)
+        gaps = bad_readings.filled(stamps, new["t"], new["x"], step)
         lost = len(gaps.reasons)
-        options |= {"notes": notes, "good": bad_readings.without(new.t.size, gaps.indices)}
-        record = cls(new.t, new.u, new.x, new.reference, channels=new.more, **options)
+        usable = bad_readings.without(new["t"].size, gaps.indices)
+        options |= {"notes": notes, "good": usable, "quantum": seen, **_channels_apart(new)}
+        record = cls(**options)
         if lost or even is not None or lacking:
             parts = [f"{lost} filled and masked"] * bool(lost) + notes[-2:-1] * (even is not None)
             before = f"{lacking} in the source; " if lacking else ""
@@ -645,14 +642,16 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
-        tv, uv, xv, rv, more, _ = checks.vectors(t, u, x, reference, channels)
+        found, _ = checks.vectors(t, u, x, reference, channels)
+        tv = found["t"]
         steps = checks.increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
-        checks.check_motion(uv, xv)
+        checks.check_motion(found["u"], found["x"])
         labels, step = checks.checked_units(units), float(np.median(steps))
-        quantum = checks.estimated_quantum(xv, 1.0)
-        parts: tuple[Any, ...] = (tv, uv, xv, rv, step, labels, name, (), quantum, more, {}, NONE)
-        whole = _made(dict(zip(_PARTS, parts, strict=True)))
+        quantum = checks.estimated_quantum(found["x"], 1.0)
+        parts = {"dt": step, "units": labels, "name": name, "notes": (), "raw": {}}
+        parts |= {"quantum": quantum, "masked": NONE}
+        whole = _made(_channels_apart(found) | parts)
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= checks.MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -927,6 +926,12 @@ def repaired(
 def told(counts: Mapping[str, int]) -> str:
     """Counts in words."""
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+
+
+def _channels_apart(arrays: Mapping[str, Floats]) -> dict[str, Any]:
+    """Arrays by name as a record has them."""
+    own = {role: arrays.get(role) for role in ROLES}
+    return own | {"channels": {name: arrays[name] for name in EXTRAS if name in arrays}}
 
 
 def _made(parts: Mapping[str, Any]) -> Record:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -132,21 +132,10 @@ def vector(name: str, value: Any, gaps: bool = False) -> Floats:
     return out
 
 
-class Channels(NamedTuple):
-    """The channels of a record as vectors of one length, and what was made up of them."""
-
-    t: Floats
-    u: Floats
-    x: Floats
-    reference: Floats | None
-    more: dict[str, Floats]
-    notes: tuple[str, ...] = ()
-
-
 def vectors(
     t: Any, u: Any, x: Any, reference: Any, channels: Any = None, gaps: bool = False
-) -> Channels:
-    """The channels as vectors; no drive is one of zero, no position that of the velocity."""
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Channels by name as vectors, and what was made up: no drive is 0, no x the integral of v."""
     if channels is not None and not isinstance(channels, Mapping):
         raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
     for name in channels or {}:
@@ -172,20 +161,23 @@ def vectors(
         x = np.full(tv.size, np.nan)
         x[sound] = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
         notes += ("x is the integral of v, from 0: its offset is free, that of v makes it drift",)
-    uv, xv = checked("u", u), checked("x", x)
-    rv = None if reference is None else checked("reference", reference)
+    found = {"t": tv, "u": checked("u", u), "x": checked("x", x)}
+    if reference is not None:
+        found["reference"] = checked("reference", reference)
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
-    return Channels(tv, uv, xv, rv, more, notes)
+    return found | more, notes
 
 
 # Parts of the rows that may lack a number, or repeat a stamp, and be bridged.
 _LACKING, _DOUBLED = 0.2, 0.05
 
 
-def sound_rows(found: Channels, good: Bools | None) -> tuple[Channels, Bools | None, str]:
+def sound_rows(
+    found: dict[str, Floats], good: Bools | None
+) -> tuple[dict[str, Floats], Bools | None, str]:
     """Channels and mask without rows that lack a number or repeat a stamp, and what was wrong."""
-    t, u, x, reference, more, notes = found
+    t, u, x = (found[name] for name in "tux")
     whole = np.isfinite(t) & np.isfinite(u) & np.isfinite(x)
     lacking = int(np.count_nonzero(~whole))
     if lacking > _LACKING * t.size:
@@ -206,9 +198,7 @@ def sound_rows(found: Channels, good: Bools | None) -> tuple[Channels, Bools | N
 
     kinds = (lacking, "without a number"), (repeats, "with the stamp of the row before")
     words = [f"{n} row{'s' * (n > 1)} {what}" for n, what in kinds if n]
-    rest = None if reference is None else part(reference)
-    more = {name: part(values) for name, values in more.items()}
-    sound = Channels(t[keep], u[keep], x[keep], rest, more, notes)
+    sound = {name: part(values) for name, values in found.items()}
     return sound, None if good is None else good[keep], " and ".join(words)
 
 
@@ -336,8 +326,6 @@ def _set_to_zero(x: Floats, steps: Floats) -> int | None:
     near = ndimage.maximum_filter1d(np.where(steps < 0.5 * steps.max(), steps, 0.0), 7)
     near = np.maximum(near, np.min(steps[steps > 0.0]))
     jumps = (steps > _RESET * near) & (np.abs(x[1:]) <= _AT_ZERO * near)
-    if not jumps.any():
-        return None
     found = np.flatnonzero(jumps & (steps > _LARGEST * steps[~jumps].max(initial=0.0)))
     return int(found[0]) if found.size else None
 
@@ -373,12 +361,11 @@ def _period(x: Floats, wraps: Ints, grid: float | None) -> float:
 _OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
 
 
-def unwrapped(
-    x: Floats, reference: Floats | None, period: float | None, factor: float
-) -> tuple[Floats, Floats | None]:
-    """Position and reference without the jumps of an encoder of a period, None for none."""
+def unwrapped(found: dict[str, Floats], period: float | None, factor: float) -> dict[str, Floats]:
+    """Channels without the jumps of an encoder of a period, None for none."""
     if period is None:
-        return x, reference
+        return found
+    x = found["x"]
     period, grid = positive("unwrap", period), grid_of(x, factor)
     steps = np.abs(np.diff(x))
     if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
@@ -405,10 +392,11 @@ def unwrapped(
             if alike:
                 raise ValueError(message)
             warn(message)
-    if reference is not None:
-        reference = np.unwrap(reference, period=period)
-        reference = reference - period * np.rint((reference[0] - path[0]) / period)
-    return path, reference
+    found = found | {"x": path}
+    if "reference" in found:
+        asked = np.unwrap(found["reference"], period=period)
+        found["reference"] = asked - period * np.rint((asked[0] - path[0]) / period)
+    return found
 
 
 # Suspected unit of time: name, short name, factor, step and time since 1970 from which on.
@@ -585,9 +573,11 @@ def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
     return np.append(more[0], t[-1]), np.append(more[1], u[-1])
 
 
-def resample(found: Channels, dt: float, hold: str, interpolation: str) -> Channels:
+def resample(
+    found: dict[str, Floats], dt: float, hold: str, interpolation: str
+) -> dict[str, Floats]:
     """The channels on a uniform grid that starts at t[0]."""
-    t, u = found.t, found.u
+    t, u = found["t"], found["u"]
     if hold not in ("zero", "first"):
         raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
     if interpolation not in ("monotone", "linear", "cubic"):
@@ -620,6 +610,5 @@ def resample(found: Channels, dt: float, hold: str, interpolation: str) -> Chann
         upto = np.interp(grid, at, impulse), np.interp(grid + dt, at, impulse)
         beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
         held = np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
-    reference = None if found.reference is None else smooth(found.reference)
-    more = {name: smooth(values) for name, values in found.more.items()}
-    return Channels(grid, held, smooth(found.x), reference, more)
+    others = {name: smooth(one) for name, one in found.items() if name not in ("t", "u")}
+    return {"t": grid, "u": held} | others

@@ -26,9 +26,7 @@ from dryfric_control.diagnosis.thresholds import (
     EQUAL,
     EXCHANGED,
     FREE,
-    LARGEST,
     LEAST,
-    LONGEST,
     MOST,
     MOVED,
     NOTED,
@@ -41,6 +39,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.estimation.continuation import LOUD, continued, held, with_force
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -68,37 +67,6 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     fall = less.held_out() - more.held_out()
     gain = min(float(fall[np.isfinite(fall)].sum()), seen)
     return gain / long_run(more) + prior - costs
-
-
-def long_run(fit: Solution) -> float:
-    """Ratio of the long-run variance of a fit's innovations to their variance, at least 1.
-
-    The integrated autocorrelation while sliding, up to the first lag at which it is no more
-    than chance: so many samples tell as much as one.
-    """
-    products, pairs = np.zeros(1), np.zeros(1)
-    for run, out, states in zip(fit.problem.runs, fit.point.out, fit.point.states, strict=True):
-        seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
-        e = np.zeros(seen.size)
-        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -LARGEST, LARGEST)
-        lags = min(round(LONGEST / run.record.dt), seen.size // 4)
-        size = 2 * (e.size + lags)
-        rows = [
-            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: lags + 1]
-            for one in (e, seen.astype(float))
-        ]
-        longest = max(lags + 1, products.size)
-        products, pairs = (
-            np.pad(a, (0, longest - a.size)) + np.pad(b, (0, longest - b.size))
-            for a, b in zip((products, pairs), rows, strict=True)
-        )
-    if products[0] <= 0.0:
-        return 1.0
-    part = products / np.maximum(pairs, 1.0)
-    part /= part[0]
-    chance = np.flatnonzero(part[1:] < 2.0 / math.sqrt(pairs[0]))
-    last = int(chance[0]) + 1 if chance.size else part.size
-    return max(1.0, 1.0 + 2.0 * float(part[1:last].sum()))
 
 
 def begun(

@@ -51,8 +51,6 @@ ANSWER, RIVALS = 0.3, 4
 # Shortest time, over the sampling time, that counts as a delay, a lag or a lead of the drive;
 # anything else that is over within a sample has no visible course.
 SOONEST = 0.02
-# Long-run variance: longest lag [s], and size at which innovations are clipped [deviations].
-LONGEST, LARGEST = 1.0, 4.0
 # Fall of the mean score of unseen free runs, log(1 + cost/(4 n)), that a cause must bring: in
 # itself, and over its standard error; evidence above which the force alone shows it, in itself
 # and over that of the strongest cause.

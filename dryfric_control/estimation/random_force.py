@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,9 +20,9 @@ FloatArray = NDArray[np.float64]
 _ABOUT, _SLOW, _FAST = 0.01, 0.02, 0.95
 # Least fraction of the sliding samples that must remain without them.
 _LEFT = 0.3
-# Longest lag of the autocorrelation of the innovations [s], and size at which they are
+# Longest lags of the autocorrelation of the innovations [s], and size at which they are
 # clipped, in standard deviations.
-_LASTING, _LARGEST = 0.025, 4.0
+_LASTING, _LONG_RUN, _LARGEST = 0.025, 1.0, 4.0
 # Log-likelihood that a random force must bring.
 _LEAST = 6.0
 
@@ -51,25 +53,50 @@ def away_from_rest(run: Run, states: FloatArray) -> Run:
     return replace(run, active=run.active & clear)
 
 
-def lasting(found: Solution) -> float:
-    """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
-    worst = 0.0
+def _correlated(found: Solution, longest: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Products of the innovations of each record while sliding, and their pairs, over the lag."""
     for run, out, states in zip(
         found.problem.runs, found.point.out, found.point.states, strict=True
     ):
         seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
-        if not seen.any():
-            continue
         e = np.zeros(seen.size)
         e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_LARGEST, _LARGEST)
-        longest = max(2, round(_LASTING / run.record.dt))
-        size = 2 * (e.size + longest)
+        lags = min(max(2, round(longest / run.record.dt)), seen.size // 4)
+        size = 2 * (e.size + lags)
         products, pairs = (
-            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: longest + 1]
+            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: lags + 1]
             for one in (e, seen.astype(float))
         )
+        yield products, pairs
+
+
+def lasting(found: Solution) -> float:
+    """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
+    worst = 0.0
+    for products, pairs in _correlated(found, _LASTING):
         correlation = products / np.maximum(pairs, 1.0)
-        weights = 1.0 - np.arange(longest + 1) / (longest + 1)
+        weights = 1.0 - np.arange(correlation.size) / correlation.size
         total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
         worst = max(worst, total / max(correlation[0], 1e-300))
     return worst
+
+
+def long_run(found: Solution) -> float:
+    """Ratio of the long-run variance of a fit's innovations to their variance, at least 1.
+
+    The integrated autocorrelation while sliding, up to the first lag at which it is no more
+    than chance: so many samples tell as much as one.
+    """
+    rows = list(_correlated(found, _LONG_RUN))
+    longest = max(one.size for one, _ in rows)
+    products, pairs = (
+        np.sum([np.pad(row[k], (0, longest - row[k].size)) for row in rows], axis=0)
+        for k in range(2)
+    )
+    if products[0] <= 0.0:
+        return 1.0
+    part = products / np.maximum(pairs, 1.0)
+    part /= part[0]
+    chance = np.flatnonzero(part[1:] < 2.0 / math.sqrt(pairs[0]))
+    last = int(chance[0]) + 1 if chance.size else part.size
+    return max(1.0, 1.0 + 2.0 * float(part[1:last].sum()))

@@ -77,6 +77,13 @@ def test_a_column_is_the_change_that_the_filter_shows(here, slug, coefficients, 
     assert error < 0.05 * np.linalg.norm(expected[sliding])
 
 
+def test_a_factor_of_the_friction_is_taken_over_by_the_level(here):
+    """A warm-up that lasts far longer than the record is one."""
+    effect = dfc.effects.WarmUp(rise=0.25, time_constant=1e5)
+    change = here.taken_over(effect, ["mass", "viscous", "coulomb"])
+    assert change == pytest.approx([0.0, 0.0, 0.25 * 8.0], abs=1e-3)
+
+
 @pytest.mark.parametrize("name", catalogue(AXIS))
 def test_shapes_of_every_effect(here, turning, name):
     """Columns of the length of the records, finite, and values that the effect accepts."""

@@ -136,17 +136,25 @@ def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
     return result
 
 
+def _steps(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, factors: Floats
+) -> Iterator[tuple[int, int, Floats, Floats, Floats, Floats]]:
+    """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
+    for i, j in graph.edges:
+        model = models[graph.labels[i]]
+        F, G = model.closed(gains[model.node(i, j)])
+        inverse = np.linalg.inv(factors[i]).T
+        yield i, j, F, G, inverse, model.Z @ inverse
+
+
 def proved_gain(
     models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, lyapunov: Floats
 ) -> float:
     """Smallest gamma that given Lyapunov matrices prove."""
     factors = _factors(lyapunov, graph, "gain")
     worst = 0.0
-    for i, j in graph.edges:
-        model = models[graph.labels[i]]
-        F, G = model.closed(gains[model.node(i, j)])
-        inverse = np.linalg.inv(factors[i]).T
-        step, enter, out = factors[j].T @ F @ inverse, factors[j].T @ G, model.Z @ inverse
+    for i, j, F, G, inverse, out in _steps(models, graph, gains, factors):
+        step, enter = factors[j].T @ F @ inverse, factors[j].T @ G
         kept = np.eye(3) - out.T @ out - step.T @ step
         if np.linalg.eigvalsh(kept)[0] < LEAST_MARGIN:
             raise CertificateError(
@@ -167,26 +175,23 @@ def evaluate_blocks(
     lyapunov: Floats,
     lyapunov_decay: Floats,
 ) -> tuple[Block, ...]:
-    """Largest eigenvalue of every inequality, from the gains.
-
-    With P = R R' the gain block of a step i to j is, dimensionless,
-    ``T'T + U'U - I``, ``T = R_j' [F R_i^-T, G / gamma]``, ``U = [Z R_i^-T, 0]``.
-    """
+    """Largest eigenvalue of every inequality, from the gains."""
+    # With P = R R' the gain block of a step i to j is, dimensionless,
+    # T'T + U'U - I, T = R_j' [F R_i^-T, G / gamma], U = [Z R_i^-T, 0].
     P = _factors(lyapunov, graph, "gain")
     Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P
     blocks = []
-    for i, j in graph.edges:
-        model = models[graph.labels[i]]
-        F, G = model.closed(gains[model.node(i, j)])
-        inverse = np.linalg.inv(P[i]).T
+
+    def add(kind: str, i: int, j: int, T: Floats, U: Floats) -> None:
+        top = np.linalg.eigvalsh(T.T @ T + U.T @ U - np.eye(T.shape[1]))[-1]
+        blocks.append(Block(kind, graph.names[i], graph.names[j], float(top)))
+
+    for i, j, F, G, inverse, out in _steps(models, graph, gains, P):
         T = P[j].T @ np.hstack([F @ inverse, G / gamma])
-        U = np.hstack([model.Z @ inverse, np.zeros((len(model.Z), G.shape[1]))])
-        top = float(np.linalg.eigvalsh(T.T @ T + U.T @ U - np.eye(T.shape[1]))[-1])
-        blocks.append(Block("gain", graph.names[i], graph.names[j], top))
+        add("gain", i, j, T, np.hstack([out, np.zeros((len(out), G.shape[1]))]))
         if decay < 1.0:
             T = Q[j].T @ F @ np.linalg.inv(Q[i]).T / decay
-            top = float(np.linalg.eigvalsh(T.T @ T - np.eye(3))[-1])
-            blocks.append(Block("decay", graph.names[i], graph.names[j], top))
+            add("decay", i, j, T, np.zeros((1, 3)))
     return tuple(blocks)
 
 

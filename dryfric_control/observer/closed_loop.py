@@ -32,11 +32,9 @@ _PLANT = ("x", "v", "F", "mode", "u", "y")
 def filter_reference(
     reference: ArrayLike, bandwidth: float, dt: float, start: float = 0.0
 ) -> Floats:
-    """Reference behind the Butterworth low-pass of `reference_filter`.
-
-    It steps the very block that `observed_loop` contains: through an encoder a
-    difference in the last digit can grow to a whole increment.
-    """
+    """Reference behind the Butterworth low-pass of `reference_filter`, shape (n,)."""
+    # Steps the very block that `observed_loop` contains: through an encoder a difference in
+    # the last digit can grow to a whole increment.
     start = finite("start", start)
     r = samples("reference", reference) - start
     block = reference_filter(bandwidth, dt)
@@ -74,14 +72,13 @@ class ObservedLoop(Result):
         _, delay = self.delays
         if not delay.size:
             return
-        missed = int(np.isnan(delay).sum())
         seen = delay[np.isfinite(delay)] * 1e3
         spread = (
             f", delay {np.median(seen):.1f} ms in the middle, {seen.max():.1f} ms at most"
             if seen.size
             else ""
         )
-        yield f"switches     {delay.size}, missed {missed}{spread}"
+        yield f"switches     {delay.size}, missed {delay.size - seen.size}{spread}"
 
     def to_dict(self) -> dict[str, Any]:
         """Score and delays as plain numbers."""
@@ -98,13 +95,6 @@ class ObservedLoop(Result):
 
         `what` is "all", "maps" (friction over the travel; paper, Fig. 7), "position", "speed",
         "friction" or "mode" with its error (Figs 8 to 11); `ax` four axes, one, or two.
-
-        Examples
-        --------
-        >>> from dryfric_control import presets
-        >>> run = presets.clutch_experiment(duration=1.0)
-        >>> run.plot(what="speed").axes[1, 0].get_ylabel()
-        'error [inc/s]'
         """
         one_of("what", what, ("all", "position", "speed", "friction", "mode", "maps"))
         if what == "maps":
@@ -169,15 +159,9 @@ def simulate_observed_loop(
         r = filter_reference(r, bandwidth, design.dt, x0)
     plant = simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
     estimate = runtime.observe(
-        design,
-        plant.y[4],
-        plant.y[5],
-        xhat0=xhat0,
-        vhat0=vhat0,
-        what0=what0,
-        switching=switching,
-        encoder_quantum=quantum,
-    )
+        design, plant.y[4], plant.y[5], xhat0=xhat0, vhat0=vhat0, what0=what0,
+        switching=switching, encoder_quantum=quantum,
+    )  # fmt: skip
     start = float(plant.y[5, 0] if xhat0 is None else xhat0)
     return ObservedLoop(axis, design, r, plant, estimate, start)
 
@@ -236,16 +220,9 @@ def observed_loop(
     sources |= {"u": "controller.u", "y": "encoder.y", "xref": "reference_filter.xref"}
     sources |= {name: f"observer.{name}" for name in runtime.OUTPUTS[:4]}
     sources["mode_hat"] = "observer.mode"
+    # Signals of one name are connected.
     return ct.interconnect(
         parts,
-        connections=[
-            ["controller.xref", "reference_filter.xref"],
-            ["controller.y", "encoder.y"],
-            ["plant.u", "controller.u"],
-            ["encoder.x", "plant.x"],
-            ["observer.u", "controller.u"],
-            ["observer.y", "encoder.y"],
-        ],
         inplist=["reference_filter.r"],
         outlist=list(sources.values()),
         inputs=["r"],

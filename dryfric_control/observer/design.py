@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import control
 import numpy as np
@@ -17,6 +18,7 @@ from dryfric_control.observer.certificate import Certificate, CertificateError, 
 from dryfric_control.observer.error_model import (
     DISCRETIZATIONS,
     FORMS,
+    C,
     ErrorModel,
     axis_matrices,
     check_detectable,
@@ -24,9 +26,8 @@ from dryfric_control.observer.error_model import (
     error_models,
     mode_classes,
 )
-from dryfric_control.observer.inequalities import SOLVERS
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
-from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
+from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights, own_axis
 from dryfric_control.store.saved import load_object, save_object
 from dryfric_control.text import Result, documented, stated
@@ -109,13 +110,10 @@ class ObserverDesign(Result):
         Shape (nnodes, 3), column ``mode + 1``.  A step that `pairs` excludes leads to the state
         in which the new mode has lasted; the certificate does not cover it.
         """
-        following, resting = self.graph.next_nodes(), self.graph.resting()
+        following, resting = self.graph.next_nodes(), self.resting_nodes()
         return np.array(
             [
-                [
-                    following.get((node, self.classes[mode]), resting[self.classes[mode]])
-                    for mode in (-1, 0, 1)
-                ]
+                [following.get((node, self.classes[m]), resting[m + 1]) for m in (-1, 0, 1)]
                 for node in range(len(self.graph.labels))
             ]
         )
@@ -166,19 +164,19 @@ class ObserverDesign(Result):
             estimated) and `e_w` = -w [N].  Estimated minus true friction is
             `force` + `e_w`.
         """
-        A2, _, integral = self.mode_matrices(mode)
-        force = axis_matrices(self.axis, mode, self.dt, self.discretization)[1]
-        gain = self.gains[mode]
-        A, keep = np.eye(3), np.eye(3)
-        A[:2, :2], A[:2, 2] = A2, integral
-        output, direct = np.eye(3), np.zeros((3, 3))
+        _check_mode(mode)
+        uncertainty = dict.fromkeys(MODES, 1.0)
+        model = error_models(
+            self.axis, self.dt, uncertainty=uncertainty, noise=1.0, drift=1.0,
+            performance=(1.0, 1.0, 1.0), discretization=self.discretization,
+            integral_modes=self.integral_modes,
+        )[mode_classes(uncertainty)[mode]]  # fmt: skip
+        gain, output, direct = self.gains[mode], np.eye(3), np.zeros((3, 3))
         if self.form == "current":
             # State: the error before the correction; what counts is the one after it.
-            keep[:, 0] -= gain
-            output, direct[:, 1] = keep, -gain
-            gain = A @ gain
-        F = A - np.outer(gain, [1.0, 0.0, 0.0])
-        B = np.column_stack([[*force, 0.0], -gain, [0.0, 0.0, 1.0]])
+            output, direct[:, 1] = output - np.outer(gain, C), -gain
+            gain = model.A @ gain
+        F, B = model.closed(gain)
         return control.ss(
             F,
             B,
@@ -245,8 +243,6 @@ class ObserverDesign(Result):
 
 #: What stands in a file of a design.
 SAVED = (ObserverDesign, ModeGraph)
-_NUMBERS = {name: name in ("noise", "encoder_quantum", "drift") for name in (
-    "dt", "noise", "encoder_quantum", "drift", "decay", "gamma", "output_scale")}  # fmt: skip
 _WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
@@ -256,17 +252,9 @@ def _check_mode(mode: int) -> None:
 
 
 def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
-    return error_models(
-        design.axis,
-        design.dt,
-        uncertainty=design.uncertainty,
-        noise=design.noise,
-        drift=design.drift,
-        performance=design.performance,
-        discretization=design.discretization,
-        integral_modes=design.integral_modes,
-        form=design.form,
-    )
+    names = ("uncertainty", "noise", "drift", "performance", "discretization", "integral_modes")
+    given: dict[str, Any] = {name: getattr(design, name) for name in (*names, "form")}
+    return error_models(design.axis, design.dt, **given)
 
 
 def design_pi_observer(
@@ -398,11 +386,12 @@ def design_pi_observer(
         own, dt, uncertainty=uncertainty, noise=noise, drift=drift, decay=decay,
         performance=performance, encoder_quantum=encoder_quantum,
     )  # fmt: skip
-    models = error_models(
-        own, dt, uncertainty=weights.uncertainty, noise=weights.noise, drift=weights.drift,
-        performance=weights.performance, discretization=discretization, integral_modes=modes,
-        form=form,
-    )  # fmt: skip
+    given: dict[str, Any] = {
+        "uncertainty": weights.uncertainty, "noise": weights.noise, "drift": weights.drift,
+        "performance": weights.performance, "discretization": discretization,
+        "integral_modes": modes, "form": form,
+    }  # fmt: skip
+    models = error_models(own, dt, **given)
     classes = mode_classes(weights.uncertainty)
     scales = scales_of(models, weights)
     check_detectable(models, scales.state, weights.decay)
@@ -422,17 +411,10 @@ def design_pi_observer(
         dt=float(dt),
         method=method,
         window=int(window),
-        discretization=discretization,
-        form=form,
-        uncertainty=weights.uncertainty,
-        noise=weights.noise,
         encoder_quantum=float(
             np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
         ),
-        drift=weights.drift,
         decay=weights.decay,
-        performance=weights.performance,
-        integral_modes=modes,
         graph=graph,
         node_gains=gains,
         gamma=certificate.gamma,
@@ -441,6 +423,7 @@ def design_pi_observer(
         lyapunov=candidate.lyapunov,
         lyapunov_decay=candidate.lyapunov_decay,
         certificate=certificate,
+        **given,
     )
 
 
@@ -494,22 +477,18 @@ def checked(design: ObserverDesign) -> ObserverDesign:
             raise ValueError(f"{name} must hold numbers in shape {shape}")
     if not np.all(design.state_scale > 0.0):
         raise ValueError(f"state_scale must be positive, got {design.state_scale.tolist()!r}")
-    for name, zero in _NUMBERS.items():
-        positive(name, getattr(design, name), zero=zero)
+    for name in ("encoder_quantum", "gamma", "output_scale"):
+        positive(name, getattr(design, name), zero=name == "encoder_quantum")
     for name, known in _WORDS.items():
         one_of(name, getattr(design, name), known)
-    if not design.decay <= 1.0:
-        raise ValueError(f"decay must be at most 1, got {design.decay!r}")
-    for mode in MODES:
-        positive(f"uncertainty[{mode}]", design.uncertainty[mode], zero=True)
     for mode in design.integral_modes:
         one_of("integral_modes", mode, MODES)
     if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
         raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
     check_sampling(design.axis, design.dt, design.discretization)
-    if len(design.performance) != 3:
-        raise ValueError(f"performance must be three weights, got {design.performance!r}")
-    for weight in design.performance:
-        positive("performance", weight, zero=True)
+    default_weights(
+        design.axis, design.dt, uncertainty=design.uncertainty, noise=design.noise,
+        drift=design.drift, decay=design.decay, performance=design.performance,
+    )  # fmt: skip
     whole("window", design.window)
     return replace(design, certificate=design.check())

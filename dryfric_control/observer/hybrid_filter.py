@@ -58,15 +58,7 @@ class HybridResponse(ObserverResponse):
 
 @dataclass(frozen=True)
 class HybridFilter:
-    """A filter of three modes for position, velocity, friction and mode; see `hybrid_filter`.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).excess_speed
-    0.0011
-    """
+    """A filter of three modes for position, velocity, friction and mode; see `hybrid_filter`."""
 
     axis: FrictionAxis
     dt: float
@@ -125,15 +117,7 @@ class HybridFilter:
         )  # fmt: skip
 
     def stepper(self) -> HybridStepper:
-        """The filter sample by sample, for a loop of your own.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-6).stepper().step(u=5.0, y=0.0).mode
-        0
-        """
+        """The filter sample by sample, for a loop of your own."""
         return HybridStepper(self)
 
 

@@ -43,24 +43,17 @@ class Mismatch:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
         """Uniform: levels 20 % off, mass 15 %, excess up to 60 %, stick velocities 0.3 to 1."""
-        plus, minus = rng.uniform(0.8, 1.2, 2)
-        return cls(
-            float(plus),
-            float(minus),
-            float(rng.uniform(0.85, 1.15)),
-            float(rng.uniform(0.0, 0.6)),
-            float(rng.uniform(0.3, 1.0)),
-        )
+        low, high = zip((0.8, 1.2), (0.8, 1.2), (0.85, 1.15), (0.0, 0.6), (0.3, 1.0), strict=True)
+        return cls(*rng.uniform(low, high).tolist())
 
     def plant(
         self, design: ObserverDesign, axis: FrictionAxis, stribeck_speed: float | None
     ) -> FrictionAxis:
         """The plant that differs in this way from an axis; without a Stribeck velocity no peak."""
-        peak = None if stribeck_speed is None else Stribeck(self.excess, stribeck_speed)
         return axis.replace(
             mass=self.mass * axis.mass,
             coulomb=axis.coulomb.scaled(self.plus, self.minus),
-            stribeck=peak,
+            stribeck=None if stribeck_speed is None else Stribeck(self.excess, stribeck_speed),
             stick_speed=design.axis.stick_speed / self.stick_ratio,
             name="plant",
         )
@@ -84,14 +77,8 @@ class SwitchedEstimator:
 
     def estimate(self, u: Floats, y: Floats, xhat0: float = 0.0) -> Floats:
         """Rows xhat, vhat, Fhat, what, mode of a run started at `xhat0`."""
-        run = observe(
-            self.design,
-            u,
-            y,
-            xhat0=xhat0,
-            switching=self.switching,
-            encoder_quantum=self.encoder_quantum,
-        )
+        rule, quantum = self.switching, self.encoder_quantum
+        run = observe(self.design, u, y, xhat0=xhat0, switching=rule, encoder_quantum=quantum)
         return np.asarray(run.y)
 
 

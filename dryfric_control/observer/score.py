@@ -18,15 +18,7 @@ SETTLED_POSITION, SETTLED = 0.1, 0.2
 
 @dataclass(frozen=True)
 class EstimateScore:
-    """Errors of an estimate against the plant, after 0.1 s or 0.2 s.
-
-    Examples
-    --------
-    >>> from dryfric_control import presets
-    >>> score = presets.clutch_experiment(duration=1.0).score
-    >>> score.position < 2.0
-    True
-    """
+    """Errors of an estimate against the plant, after 0.1 s or 0.2 s."""
 
     position: float  # largest, after 0.1 s [m]
     speed: float  # RMS over the RMS of the speed, after 0.2 s [1]

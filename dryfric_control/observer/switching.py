@@ -10,13 +10,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from dryfric_control.arrays import Floats, Ints
+from dryfric_control.arrays import Floats
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.ties import ranked
@@ -27,6 +26,8 @@ WIDTH = 2e-5
 LONGEST = 20_000
 #: The same while a search only ranks sequences.
 COARSE, SHORT = 1e-3, 2_000
+#: Rounds of changes to the best sequence.
+ROUNDS = 3
 
 
 @njit(cache=True, error_model="numpy")
@@ -63,26 +64,27 @@ def _correct(S, noise):  # type: ignore[no-untyped-def]
     """Correction by a reading of the first state, with the best gain."""
     power = S[0, 0] + noise * noise
     if power > 0.0:
-        a, b, c = S[0, 0], S[1, 0], S[2, 0]
-        S[0, 0] -= a * a / power
-        S[0, 1] -= a * b / power
-        S[0, 2] -= a * c / power
-        S[1, 0] = S[0, 1]
-        S[1, 1] -= b * b / power
-        S[1, 2] -= b * c / power
-        S[2, 0] = S[0, 2]
-        S[2, 1] = S[1, 2]
-        S[2, 2] -= c * c / power
+        column = S[0, 0], S[1, 0], S[2, 0]
+        for i in range(3):
+            for j in range(3):
+                S[i, j] -= column[i] * column[j] / power
+
+
+class _Game(NamedTuple):
+    """One of the two recursions: arrays with a row for each place that a word may name."""
+
+    F: Floats  # shape (n, 3, 3)
+    N: Floats  # shape (n, 3, 3)
+    Z: Floats  # shape (n, nz, 3)
+    noise: Floats  # of the readings, shape (n,)
+    # Whether each step corrects by the best gain: after its error counts (1, a predicting
+    # observer), before (2), or not (0).
+    best: int
 
 
 @njit(cache=True, error_model="numpy")
-def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-untyped-def]
-    """Whether some disturbance along the repeated word beats `gamma`.
-
-    `word` holds places in F (n,3,3), N (n,3,3), Z (n,nz,3).  With `best` each step corrects by the
-    best gain for noise `noise` (n,): after its error counts (1, a predicting observer), or before
-    (2).
-    """
+def _exceeds(game, word, gamma, longest):  # type: ignore[no-untyped-def]
+    """Whether some disturbance along the repeated word, places in `game`, beats `gamma`."""
     S = np.zeros((3, 3))
     out = np.empty((3, 3))
     before = np.zeros(3)
@@ -90,13 +92,13 @@ def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-unt
     place = 0
     for _ in range(longest):
         i = word[place]
-        if best == 2:
-            _correct(S, noise[i])
-        if not _grow(S, Z[i], level):
+        if game.best == 2:
+            _correct(S, game.noise[i])
+        if not _grow(S, game.Z[i], level):
             return True
-        if best == 1:
-            _correct(S, noise[i])
-        _move(S, F[i], N[i], out)
+        if game.best == 1:
+            _correct(S, game.noise[i])
+        _move(S, game.F[i], game.N[i], out)
         S, out = out, S
         place += 1
         if place == word.size:
@@ -112,50 +114,29 @@ def _exceeds(word, F, N, Z, noise, best, gamma, longest):  # type: ignore[no-unt
 
 
 @njit(cache=True, error_model="numpy")
-def _gain_along(word, F, N, Z, noise, best, low, high, width, longest):  # type: ignore[no-untyped-def]
+def _gain_along(game, word, low, high, width, longest):  # type: ignore[no-untyped-def]
     """Largest gamma in [low, high] that is provably exceeded, else `low`."""
-    if not _exceeds(word, F, N, Z, noise, best, low, longest):
+    if not _exceeds(game, word, low, longest):
         return low
     while high > low * (1.0 + width):
         middle = math.sqrt(low * high)
-        if _exceeds(word, F, N, Z, noise, best, middle, longest):
+        if _exceeds(game, word, middle, longest):
             low = middle
         else:
             high = middle
     return low
 
 
-@dataclass(frozen=True)
-class _Game:
-    """One of the two recursions with its arrays; `keys` names the places."""
-
-    keys: list[Any]
-    F: Floats
-    N: Floats
-    Z: Floats
-    noise: Floats
-    best: int
-
-    def exceeds(self, place: Ints, gamma: float, longest: int) -> bool:
-        return bool(_exceeds(place, self.F, self.N, self.Z, self.noise, self.best, gamma, longest))
-
-    def gain(self, place: Ints, low: float, high: float, width: float, longest: int) -> float:
-        return float(
-            _gain_along(
-                place, self.F, self.N, self.Z, self.noise, self.best, low, high, width, longest
-            )
-        )
-
-
-def _best_game(models: Mapping[int, ErrorModel]) -> _Game:
+def _best_game(models: Mapping[int, ErrorModel]) -> tuple[list[int], _Game]:
+    """Names of the places, and the recursion with the best gain."""
     keys = sorted(models)
-    return _Game(
-        keys=keys,
-        F=np.array([models[key].A for key in keys]),
-        N=np.array([models[key].W @ models[key].W.T for key in keys]),
-        Z=np.array([models[key].Z for key in keys]),
-        noise=np.array([models[key].noise for key in keys]),
-        best=2 if models[keys[0]].current else 1,
+    at = [models[key] for key in keys]
+    return keys, _Game(
+        np.array([model.A for model in at]),
+        np.array([model.W @ model.W.T for model in at]),
+        np.array([model.Z for model in at]),
+        np.array([model.noise for model in at]),
+        2 if at[0].current else 1,
     )
 
 
@@ -166,17 +147,17 @@ def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     from a zero initial error (Hassibi, Sayed and Kailath, Indefinite-Quadratic Estimation and
     Control, SIAM 1999).  A breakdown within finitely many samples makes the bound strict.
     """
-    game = _best_game(models)
-    place = np.array([game.keys.index(key) for key in word])
+    keys, game = _best_game(models)
+    place = np.array([keys.index(key) for key in word])
     high = 1.0
-    while game.exceeds(place, high, LONGEST):
+    while _exceeds(game, place, high, LONGEST):
         high *= 2.0
     low = high
-    while not game.exceeds(place, low, LONGEST):
+    while not _exceeds(game, place, low, LONGEST):
         low /= 2.0
         if low < 1e-12 * high:
             return 0.0
-    return game.gain(place, low, high, WIDTH, LONGEST)
+    return float(_gain_along(game, place, low, high, WIDTH, LONGEST))
 
 
 def _words(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
@@ -239,7 +220,6 @@ def _search(
     best: float,
     worst: tuple[int, ...],
     high: float,
-    rounds: int = 3,
 ) -> tuple[float, tuple[int, ...]]:
     """Word with the largest gain in [best, high]: the words given, then changes to the winner."""
     tried: set[tuple[int, ...]] = set()
@@ -254,18 +234,18 @@ def _search(
             return False
         low = best * (1.0 + COARSE)
         place = np.array(path)
-        if not game.exceeds(place, low, SHORT):
+        if not _exceeds(game, place, low, SHORT):
             return False
-        best, worst = game.gain(place, low, high, COARSE, SHORT), word
+        best, worst = float(_gain_along(game, place, low, high, COARSE, SHORT)), word
         return True
 
     for word in words:
         attempt(word)
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         if not any([attempt(word) for word in _neighbours(worst)]):
             break
     place = np.array(places(worst), dtype=np.int64)
-    return game.gain(place, best, high, WIDTH, LONGEST), worst
+    return float(_gain_along(game, place, best, high, WIDTH, LONGEST)), worst
 
 
 def worst_switching(
@@ -278,12 +258,11 @@ def worst_switching(
         model.closed(gains[model.node(i, j)]) for model, (i, j) in zip(at, graph.edges, strict=True)
     ]
     game = _Game(
-        keys=list(steps),
-        F=np.array([f for f, _ in closed]),
-        N=np.array([g @ g.T for _, g in closed]),
-        Z=np.array([model.Z for model in at]),
-        noise=np.zeros(len(closed)),
-        best=0,
+        np.array([f for f, _ in closed]),
+        np.array([g @ g.T for _, g in closed]),
+        np.array([model.Z for model in at]),
+        np.zeros(len(closed)),
+        0,
     )
 
     def places(word: tuple[int, ...]) -> list[int] | None:
@@ -300,13 +279,13 @@ def hardest_switching(
     models: Mapping[int, ErrorModel], graph: ModeGraph, high: float
 ) -> tuple[float, tuple[int, ...]]:
     """Gain that no causal observer is below on the hardest sequence found, and the sequence."""
-    game = _best_game(models)
+    keys, game = _best_game(models)
     alone = {key: best_gain(models, (key,)) for key in models}
     start = list(alone)[ranked([-gain for gain in alone.values()])[0]]
 
     def places(word: tuple[int, ...]) -> list[int] | None:
         allowed = path_of(graph, word) is not None
-        return [game.keys.index(key) for key in word] if allowed else None
+        return [keys.index(key) for key in word] if allowed else None
 
     if alone[start] == 0.0:
         return 0.0, (start,)

@@ -25,10 +25,13 @@ which makes the optimal gamma a number a little above 1 whatever the units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from dryfric_control.arrays import Floats
@@ -39,11 +42,11 @@ from dryfric_control.observer.certificate import (
     proved_gain,
 )
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.observer.inequalities import MatrixProgram
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import best_gain
 from dryfric_control.observer.weights import Weights
 
+SOLVERS = ("clarabel", "scs")
 #: Strictness asked of the solver, raised until the certificate holds; the first-order
 #: solver starts from the third, its own accuracy being no better.
 MARGINS = (1e-8, 1e-7, 1e-6, 1e-5)
@@ -142,6 +145,46 @@ def _block(
     return out, constant
 
 
+class _Inequality(NamedTuple):
+    """Demand that ``constant + sum_k x[places[k]] columns[k]`` is negative: few entries a block.
+
+    cvxpy then has little to analyse, for two memory states as for hundreds.
+    """
+
+    places: NDArray[np.intp]
+    columns: Floats
+    constant: Floats
+
+
+def _minimise(
+    size: int, last: int, blocks: Sequence[_Inequality], margin: float, solver: str
+) -> tuple[Floats, str]:
+    """Unknowns x, shape (size,), with the smallest x[last] subject to ``block + margin I <= 0``."""
+    import cvxpy as cp
+
+    x = cp.Variable(size)
+    constraints = []
+    for places, columns, constant in blocks:
+        n = constant.shape[0]
+        entries = sp.csr_array(columns.reshape(len(places), n * n).T)
+        matrix = cp.reshape(entries @ x[places] + constant.ravel(), (n, n), order="C")
+        constraints.append(matrix << -margin * np.eye(n))
+    problem = cp.Problem(cp.Minimize(x[last]), constraints)
+    # SCS is a first-order method: at its own tolerances its answer fails the certificate.
+    options: dict[str, Any] = {"solver": cp.CLARABEL}
+    if solver == "scs":
+        options = {"solver": cp.SCS, "eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000}
+    with warnings.catch_warnings():
+        # "The solution may be inaccurate": the certificate decides that here.
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            problem.solve(**options)
+        except cp.SolverError as problem_found:
+            return np.full(size, np.nan), str(problem_found)
+    values = np.full(size, np.nan) if x.value is None else np.asarray(x.value)
+    return values, str(problem.status)
+
+
 def solve_lmi(
     models: Mapping[int, ErrorModel],
     graph: ModeGraph,
@@ -160,7 +203,7 @@ def solve_lmi(
     slack_at = 0 if paper else (12 if separate else 6)
     gain_at = 6 if paper else slack_at + 9
     size = gain_at + 3
-    program = MatrixProgram(nodes * size + 1, margin)
+    blocks: list[_Inequality] = []
     identity = np.eye(3)
     level = 1.0
     if around is not None:
@@ -193,15 +236,15 @@ def solve_lmi(
 
     for i in range(nodes):
         for start in sorted(set(offsets.values())):
-            program.below_zero(i * size + start + np.arange(6), -_SYMMETRIC, np.zeros((3, 3)))
+            at = i * size + start + np.arange(6)
+            blocks.append(_Inequality(at, -_SYMMETRIC, np.zeros((3, 3))))
+    last = nodes * size
     for i, j in graph.edges:
-        columns, constant = block(i, j, True)
-        program.below_zero(np.append(index(i, j, "P"), nodes * size), columns, constant)
+        blocks.append(_Inequality(np.append(index(i, j, "P"), last), *block(i, j, True)))
         if with_decay:
-            columns, constant = block(i, j, False)
-            program.below_zero(index(i, j, "Q"), columns, constant)
+            blocks.append(_Inequality(index(i, j, "Q"), *block(i, j, False)))
 
-    x, status = program.minimise(nodes * size, solver)
+    x, status = _minimise(last + 1, last, blocks, margin, solver)
     if status == "infeasible" or not np.all(np.isfinite(x)) or x[-1] <= 0.0:
         raise InfeasibleError(f"no design exists, says the solver ({status})")
     table = x[:-1].reshape(nodes, size)
@@ -229,35 +272,41 @@ def certified_solution(
     best: tuple[Candidate, float] | None = None
     for _ in range(refine + 1):
         around = best[0] if best else None
-        improved = None
-        failure: Exception | None = None
-        for margin in MARGINS if solver == "clarabel" else MARGINS[2:]:
-            try:
-                found = solve_lmi(
-                    models, graph, decay, paper=paper, around=around, solver=solver, margin=margin
-                )
-                gamma = proved_gain(models, graph, found.gains, found.lyapunov)
-                blocks = evaluate_blocks(
-                    models, graph, found.gains, gamma, decay, found.lyapunov, found.lyapunov_decay
-                )
-                check_blocks(blocks)
-            except CertificateError as error:
-                failure = error
-                continue
-            except InfeasibleError as error:
-                failure = error
-                break
-            improved = (found, gamma)
-            break
-        if improved is None:
+        try:
+            found = _proved(models, graph, decay, paper, around, solver)
+        except (CertificateError, InfeasibleError) as failure:
             if best is None:
                 raise ValueError(_advice(models, graph, decay, paper, solver)) from failure
             break
-        if best is not None and improved[1] >= best[1]:
+        if best is not None and found[1] >= best[1]:
             break
-        best = improved
+        best = found
     assert best is not None
     return best
+
+
+def _proved(
+    models: Mapping[int, ErrorModel], graph: ModeGraph, decay: float, paper: bool,
+    around: Candidate | None, solver: str,
+) -> tuple[Candidate, float]:  # fmt: skip
+    """A solution and the gain it proves, at the smallest strictness with which it does."""
+    failure: CertificateError
+    for margin in MARGINS if solver == "clarabel" else MARGINS[2:]:
+        found = solve_lmi(
+            models, graph, decay, paper=paper, around=around, solver=solver, margin=margin
+        )
+        try:
+            gamma = proved_gain(models, graph, found.gains, found.lyapunov)
+            check_blocks(
+                evaluate_blocks(
+                    models, graph, found.gains, gamma, decay, found.lyapunov, found.lyapunov_decay
+                )
+            )
+        except CertificateError as error:
+            failure = error
+        else:
+            return found, gamma
+    raise failure
 
 
 def _advice(

@@ -20,6 +20,9 @@ _RAISED = str.maketrans(
     "-0123456789", "\u207b\u2070\xb9\xb2\xb3\u2074\u2075\u2076\u2077\u2078\u2079"
 )
 
+# Where the documentation is published.
+_SITE = "https://dryfric-control.github.io/dryfric-control"
+
 #: Longest line [characters].
 WIDTH = 100
 
@@ -35,6 +38,11 @@ def wrapped(lines: Iterable[str], indent: int = 4) -> str:
         else line
         for line in lines
     )  # fmt: skip
+
+
+def see(page: str) -> str:
+    """Where a message is explained: the address of a page of the documentation."""
+    return f" ({_SITE}/{page}.html)"
 
 
 def did_you_mean(word: str, choices: Iterable[str]) -> str:

@@ -335,3 +335,10 @@ def test_notebooks_are_stored_with_small_outputs_of_no_machine(page):
     assert any("image/png" in output.get("data", {}) for output in outputs)
     words = json.dumps([one.get("text", one.get("data", {}).get("text/plain")) for one in outputs])
     assert not re.findall(r"/(?:home|root|tmp|work|usr|Users)/|step/s|it/s", words)
+
+
+def test_pages_that_messages_name_exist():
+    text = "".join(path.read_text() for path in (ROOT / "dryfric_control").rglob("*.py"))
+    pages = set(re.findall(r'\bsee\("([^"]+)"\)', text))
+    assert "howto/read_csv" in pages
+    assert not [page for page in pages if not (ROOT / "docs" / f"{page}.md").exists()]

@@ -35,7 +35,7 @@ from dryfric_control.observer.design import checked as checked_design
 from dryfric_control.observer.weights import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import load_object, save_object
-from dryfric_control.text import Result, documented, length_text, prefixed, stated, typeset
+from dryfric_control.text import Result, documented, length_text, prefixed, see, stated, typeset
 
 #: What a file of a compensation is.
 KIND = "friction compensation"
@@ -499,7 +499,7 @@ def design_compensation(
         raise ValueError(
             f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
             f"{breakaway:.4g} {axis.units[1]}: the axis would stay where it is; give the largest "
-            "force of the drive"
+            "force of the drive" + see("howto/compensate")
         )
     observer = None
     if law in ("learned", "fixed"):
@@ -514,6 +514,7 @@ def design_compensation(
             raise ValueError(
                 f"no observer can be designed for dt = {dt:g} s and a drive delay of "
                 f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
+                + see("howto/compensate")
             ) from None
     made = Compensation(
         axis=axis,

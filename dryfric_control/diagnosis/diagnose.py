@@ -47,7 +47,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
-from dryfric_control.text import length_text
+from dryfric_control.text import length_text, see
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
@@ -452,6 +452,7 @@ def _cut(
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "
             f"{window:g} s: give at least {least} windows, or a shorter window"
+            + see("howto/diagnose")
         )
     return windows
 
@@ -462,7 +463,7 @@ def _check_motion(windows: Sequence[Windows], several: bool) -> None:
             name = f"record[{i}]" if several else "record"
             raise ValueError(
                 f"{name}: the axis hardly moves, so friction cannot be determined; use a record "
-                "with slow and fast moves in both directions"
+                "with slow and fast moves in both directions" + see("howto/diagnose")
             )
 
 

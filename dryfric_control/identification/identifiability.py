@@ -12,7 +12,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
-from dryfric_control.text import percent
+from dryfric_control.text import percent, see
 from dryfric_control.ties import samples
 
 # A standard error beyond this part of the value leaves the value open.
@@ -71,7 +71,7 @@ def cannot_tell(
             much = f"{percent(share)} of" if share < 10.0 else "more than ten times"
             messages.append(
                 f"{p.name} is hardly determined (standard error {much} its value): "
-                f"{_cause(axis, records, p)}"
+                f"{_cause(axis, records, p)}" + see("troubleshooting")
             )
             named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)

@@ -24,7 +24,7 @@ from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import Events, SimulationResponse, located
-from dryfric_control.text import rotary_words, table
+from dryfric_control.text import rotary_words, see, table
 from dryfric_control.units import axis_units, on_axis
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
@@ -914,7 +914,7 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
         raise ValueError(
             f"a mode has no place for {' and '.join(elastic)}: leave it out, as in "
             "axis.replace(effects=...), or linearise the whole axis where it moves, "
-            "control.linearize(dfc.axis_block(axis, dt), states, [u])"
+            "control.linearize(dfc.axis_block(axis, dt), states, [u])" + see("howto/modes")
         )
     return inner
 

@@ -33,7 +33,7 @@ from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.model.responses import SimulationResponse, located
 from dryfric_control.order import check_bandwidth_and_dt
-from dryfric_control.text import stated, with_parameters
+from dryfric_control.text import see, stated, with_parameters
 from dryfric_control.units import same_unit
 
 
@@ -347,7 +347,7 @@ def _warn_if_divergent(
         cause = "The drive stays at its limit, which does not hold the load: raise the limit"
     warnings.warn(
         f"the loop diverges: its error reaches {error:.3g} {length}, where reference, start and "
-        f"disturbance account for {travel:.3g} {length}. {cause}",
+        f"disturbance account for {travel:.3g} {length}. {cause}" + see("troubleshooting"),
         RuntimeWarning,
         stacklevel=3,  # the caller of simulate_loop
     )

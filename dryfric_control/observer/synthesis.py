@@ -45,6 +45,7 @@ from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import best_gain
 from dryfric_control.observer.weights import Weights
+from dryfric_control.text import see
 
 SOLVERS = ("clarabel", "scs")
 #: Strictness asked of the solver, raised until the certificate holds; the first-order
@@ -322,8 +323,9 @@ def _advice(
             return (
                 f"decay = {decay:.6g} per sample cannot be certified for every allowed switching; "
                 "relax decay towards 1, or use more memory (method='path' or 'dwell')"
+                + see("observer")
             )
     return (
         "no gain can be certified for the allowed changes of mode; forbid some by pairs, lower "
-        "stick_rate, or use more memory (method='path' or 'dwell')"
+        "stick_rate, or use more memory (method='path' or 'dwell')" + see("observer")
     )

@@ -17,6 +17,7 @@ from dryfric_control.simulators.files import applied, number, read_model, writte
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.simulators.xml_text import Element, attributes_set, elements
 from dryfric_control.store.files import existing_file
+from dryfric_control.text import see
 
 _MJCF = joint_values.Format(
     joint_values.straight,
@@ -132,7 +133,9 @@ def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
         return there
     others = [one.attributes.get("file", "") for one in tags if one.name == "include"]
     mend = f"give the included file with them ({', '.join(others)})" if others else "name them"
-    raise ValueError(f"model {path.name} has no joint with a name in a body: {mend}")
+    raise ValueError(
+        f"model {path.name} has no joint with a name in a body: {mend}" + see("howto/simulator")
+    )
 
 
 def _joints(

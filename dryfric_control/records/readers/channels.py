@@ -15,7 +15,7 @@ import numpy as np
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
-from dryfric_control.text import did_you_mean
+from dryfric_control.text import did_you_mean, see
 from dryfric_control.units import known_unit, si_unit
 
 ROLES = ("t", "u", "x", "reference")
@@ -254,6 +254,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
             raise ValueError(
                 f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
                 f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
+                + see("howto/read_csv")
             )
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:

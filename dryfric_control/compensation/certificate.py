@@ -147,11 +147,9 @@ class TrackingCertificate(Result):
 
 
 def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Floats, Floats]:
-    """Linear loop of the tracking error: what acts on it beside friction.
-
-    One sample as the compiled law runs it, read off column by column; the axis is sampled exactly.
-    The integral of a law that bounds it counts among the forces.
-    """
+    """Linear loop of the tracking error: state matrix, and columns of force and reading error."""
+    # One sample as the compiled law runs it, read off column by column; the axis is sampled
+    # exactly.  The integral of a law that bounds it counts among the forces.
     c = loop.numbers
     dt = loop.dt
     whole = int(delay / dt + 1e-9)
@@ -212,11 +210,9 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Floats:
 
 
 def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Floats]:
-    """Spectral radius of the linear loop of one axis, and responses until they have faded.
-
-    Shape (n, 3, 2): position, velocity and drive 1 to n samples after a force of 1 N began to act
-    over a sample, and after a reading 1 m off; empty if the loop is unstable.
-    """
+    """Spectral radius of the linear loop of one axis, and responses until they have faded."""
+    # Shape (n, 3, 2): position, velocity and drive 1 to n samples after a force of 1 N began to
+    # act over a sample, and after a reading 1 m off; empty if the loop is unstable.
     A, B = loop_matrices(loop, mass, viscous, delay)
     radius = spectral_radius(A)
     if radius >= 1.0:
@@ -274,21 +270,12 @@ def delay_margin(loop: Loop) -> float:
 
 
 def stick_slip_gain(force: Floats) -> float:
-    """Largest error of an axis that slips and sticks, for 1 N left while it slips [m/N].
-
-    Notes
-    -----
-    A slip that starts at rest with an error E ends at most at ::
-
-        E abs(1 - h(t) / h(inf)) + D sum_{k < t} abs(g[k]),        h the step response
-
-    t samples later.  This stays within E if, for every t::
-
-        E >= D sum_{k < t} abs(g[k]) / (1 - abs(1 - h(t) / h(inf)))
-
-    so that the smallest such E is a fixed point of slips and stops; the map contracts if no
-    denominator vanishes, else the gain is infinite.
-    """
+    """Largest error of an axis that slips and sticks, for 1 N left while it slips [m/N]."""
+    # A slip that starts at rest with an error E ends at most at, t samples later, with the step
+    # response h and the response g, E abs(1 - h(t) / h(inf)) + D sum_{k < t} abs(g[k]), which
+    # stays within E if, for every t, E >= D sum_{k < t} abs(g[k]) / (1 - abs(1 - h(t) / h(inf))):
+    # the smallest such E is a fixed point of slips and stops; the map contracts if no denominator
+    # vanishes, else the gain is infinite.
     if not force.size:
         return math.inf
     step = np.cumsum(force)
@@ -307,35 +294,24 @@ def certify_tracking(
     excess: float,
     reference: MotionProfile | None = None,
 ) -> TrackingCertificate:
-    """Compute the tracking tube and check the conditions of rest.
-
-    Notes
-    -----
-    The feedback reads nothing but the error, and its loop is linear: with g the response of the
-    position to a force, in the worst of the loops within the mismatch (corners of mass, viscous
-    coefficient and delay) ::
-
-        e = -g * (w + m a + f v missing + reading errors),   w = feedforward + integral - friction
-
-    *Sliding with the reference*, w is at most ::
-
-        D = (1 - l) (mu L + c L) + max(sigma L, (1 + mu) sigma_a L)
-
-    with L the largest level, mu the mismatch, l what was learned, c the largest correction by
-    learning and integral together, sigma and sigma_a the nominal and the largest excess: axis and
-    reference may be at different velocities.  *Stuck*, or *sliding against the reference*, it
-    is at most W, all of the feedforward and all of the friction; but then w drives the axis on only
-    while the error's velocity has the sign that takes it back.  A law that
-    does not bound its corrections, and a law without feedforward, leaves W always: abs(e) <= L1 W.
-
-    At rest, after a settling time, the integral may go beyond its bound, so slowly that it
-    changes by no more than the correction within the memory of the loop; the slip that ends
-    it starts from a net force of zero, and what acts on it is again at most D.
-
-    The forces m a and f v of a reference are known sample by sample, and so is what lacks of
-    them on each axis, early or late feedforward included.  Forces and levels that depend on place
-    enter by their slope.  Friction counts as constant over a sample.
-    """
+    """Compute the tracking tube and check the conditions of rest."""
+    # The feedback reads nothing but the error, and its loop is linear: with g the response of the
+    # position to a force, in the worst of the loops within the mismatch (corners of mass, viscous
+    # coefficient and delay), e = -g * (w + m a + f v missing + reading errors), where
+    # w = feedforward + integral - friction.  Sliding with the reference, w is at most
+    #     D = (1 - l) (mu L + c L) + max(sigma L, (1 + mu) sigma_a L)
+    # with L the largest level, mu the mismatch, l what was learned, c the largest correction by
+    # learning and integral together, sigma and sigma_a the nominal and the largest excess: axis
+    # and reference may be at different velocities.  Stuck, or sliding against the reference, it is
+    # at most W, all of the feedforward and all of the friction; but then w drives the axis on only
+    # while the error's velocity has the sign that takes it back.  A law that does not bound its
+    # corrections, and a law without feedforward, leaves W always: abs(e) <= L1 W.
+    # At rest, after a settling time, the integral may go beyond its bound, so slowly that it
+    # changes by no more than the correction within the memory of the loop; the slip that ends it
+    # starts from a net force of zero, and what acts on it is again at most D.
+    # The forces m a and f v of a reference are known sample by sample, and so is what lacks of
+    # them on each axis, early or late feedforward included.  Forces and levels that depend on
+    # place enter by their slope.  Friction counts as constant over a sample.
     axis, mu, dt = loop.axis, mismatch, loop.dt
     c = loop.numbers
     speed = 0.0 if reference is None else float(np.abs(reference.velocity).max())
@@ -490,14 +466,10 @@ def _laws(
     share: float,
     speed: float,
 ) -> _Laws:
-    """Read levels and force effects of an axis over place and over time.
-
-    Levels are compared within a `reach` [m], where the held drive is a `share` of them.  Forces
-    are read up to a fifth above `speed` [m/s], both ways.
-
-    Places are those of the travel.  Without one they are those of the reference and a tenth of
-    its way on either side.
-    """
+    """Read levels and force effects of an axis over place and over time."""
+    # Levels are compared within a `reach` [m], where the held drive is a `share` of them.  Forces
+    # are read up to a fifth above `speed` [m/s], both ways.  Places are those of the travel;
+    # without one, those of the reference and a tenth of its way on either side.
     arrays = axis.arrays(dt)
     low, high = axis.travel or (-1.0, 1.0)
     known = axis.travel is not None
@@ -543,52 +515,54 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
     held = c[kernel.HOLD_SHARE] * laws.held if holds else math.inf
     least = (1.0 - mu) * laws.kept
     reach = length_text(_BESIDE * loop.tolerance, length)
-    places = ""
+    unsure = ""
     if laws.guessed:
         low, high = laws.guessed
-        places = (
+        unsure = (
             f"; levels depend on the position and are read from {low:g} to {high:g} {length}, as "
             "the axis has no travel: give it, axis.replace(travel=(low, high))"
         )
-    return (
-        Condition(
+    left = max(least - held, 0.0)
+    # Name, whether it holds, detail, and what to do if it does not.
+    rows = [
+        (
             "the linear loop is stable for every axis within the mismatch",
             worst.radius < 1.0,
-            f"spectral radius at most {worst.radius:.5f}"
-            + ("" if worst.radius < 1.0 else ": lower bandwidth or mismatch"),
+            f"spectral radius at most {worst.radius:.5f}",
+            "lower bandwidth or mismatch",
         ),
-        Condition(
+        (
             "the drive is constant at rest after finitely many corrections",
-            bool(holds and c[kernel.GROWTH] > 1.0),
+            holds and c[kernel.GROWTH] > 1.0,
             f"each one widens the tolerance {length_text(loop.tolerance, length)} "
             f"by {c[kernel.GROWTH]:g}"
             if holds
             else 'the integral goes on at rest: law="learned" and "fixed" hold it',
+            "",
         ),
-        Condition(
+        (
             "the held drive stays below the least Coulomb level",
             held <= least,
-            f"{held:.3g} of {least:.3g} {force}"
-            + (
-                ""
-                if held <= least or not holds
-                else f": the level changes too much over {reach}, or the design was made for a "
-                f"lower mismatch{places}"
-            ),
+            f"{held:.3g} of {least:.3g} {force}",
+            f"the level changes too much over {reach}, or the design was made for a lower "
+            f"mismatch{unsure}"
+            if holds
+            else "",
         ),
-        Condition(
+        (
             "other forces and levels do not change with time by more than is left",
-            bool(laws.wander <= max(least - held, 0.0)),
-            f"they change by {laws.wander:.3g} of {max(least - held, 0.0):.3g} {force}"
-            + (
-                ""
-                if laws.wander <= max(least - held, 0.0)
-                else ": rest is not certain, however the loop is designed"
-            ),
+            laws.wander <= left,
+            f"they change by {laws.wander:.3g} of {left:.3g} {force}",
+            "rest is not certain, however the loop is designed",
         ),
-        Condition(
+        (
             "the encoder's last digit does not end the hold",
-            bool(2.5 * loop.tolerance >= loop.encoder_quantum),
+            2.5 * loop.tolerance >= loop.encoder_quantum,
             f"released at {length_text(2.5 * loop.tolerance, length)}",
+            "",
         ),
+    ]
+    return tuple(
+        Condition(name, bool(ok), detail if ok or not mend else f"{detail}: {mend}")
+        for name, ok, detail, mend in rows
     )

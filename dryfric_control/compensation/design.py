@@ -163,16 +163,9 @@ class Compensation(Result):
             f"{1e3 * (self.drive_delay + self.input_delay):.3g} ms"
         )
         if self.encoder_quantum > 0.0:
-            level = tuned.largest_level(self.rigid_axis)
-            share = (
-                f", {100.0 * self.drive_step / level:.3g} % of the Coulomb level"
-                if level > 0.0
-                else ""
-            )
-            yield (
-                f"noise  one encoder increment steps the drive by {self.drive_step:.3g} {force}"
-                f"{share}"
-            )
+            level, step = tuned.largest_level(self.rigid_axis), self.drive_step
+            share = f", {100.0 * step / level:.3g} % of the Coulomb level" if level > 0.0 else ""
+            yield f"noise  one encoder increment steps the drive by {step:.3g} {force}{share}"
             free = self._free_of_noise()
             if free is not None:
                 yield (
@@ -191,10 +184,7 @@ class Compensation(Result):
             return None
         delay = self.drive_delay + self.input_delay
         slow, quick = (
-            min(
-                self.tuning.phase / (delay + tuned.SAMPLED * self.dt + filtered),
-                tuned.FASTEST / self.dt,
-            )
+            min(tuned.highest(self.tuning, self.dt, delay, filtered), tuned.FASTEST / self.dt)
             for filtered in (self.filter_time, least)
         )
         w = quick if math.isclose(self.bandwidth, slow) else self.bandwidth
@@ -258,11 +248,9 @@ class Compensation(Result):
 
     @property
     def drive_step(self) -> float:
-        """Step of the drive when the reading changes by one encoder increment [N].
-
-        While the axis slides; at rest the drive is held.  It is the force that the drive is to
-        make, before gain and dead zone of the input are inverted.
-        """
+        """Step of the drive for one encoder increment [N], while the axis slides."""
+        # At rest the drive is held.  It is the force that the drive is to make, before gain and
+        # dead zone of the input are inverted.
         axis = self.rigid_axis
         _, B = loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
         return self.encoder_quantum * abs(float(B[DRIVE, 1]))
@@ -274,6 +262,8 @@ class Compensation(Result):
         keep = math.exp(-dt / self.filter_time) if self.filter_time > 0.0 else 0.0
         rest_speed = 0.1 * self.encoder_quantum or 1e-6 * axis.stick_speed
         extended = tuned.extended_gains(axis, dt, self.disturbance_bandwidth)
+        most = self.correction * tuned.largest_level(axis)
+        estimates = self.law in ("disturbance observer", "adrc")
         numbers = np.zeros(kernel.LENGTH)
         values = {
             kernel.DT: dt,
@@ -296,8 +286,10 @@ class Compensation(Result):
             kernel.BAND: self.correction,
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
-            kernel.RESIDUAL: self._residual,
-            kernel.SPEED_SHARE: self._share,
+            kernel.RESIDUAL: tuned.ESTIMATE if estimates else self.tuning.residual,
+            kernel.SPEED_SHARE: tuned.share(
+                self.tuning, (self.drive_delay + self.input_delay) / dt
+            ),
             kernel.BUILD: tuned.presliding_distance(self.axis),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,
@@ -305,7 +297,8 @@ class Compensation(Result):
             kernel.GROWTH: tuned.GROWTH,
             kernel.HOLD_SHARE: tuned.HOLD_SHARE * (1.0 - self.mismatch),
             kernel.SETTLE: tuned.SETTLE / (w * dt) + self.lead + 2.0,
-            kernel.SLOW: self._slow,
+            # The error at rest with which the integral goes over its band in a settling time.
+            kernel.SLOW: most * w / (tuned.SETTLE * self.ki) if self.ki > 0.0 else math.inf,
             kernel.MEAN: -math.expm1(-dt * w / 2.6),
             kernel.GAIN_X: (
                 self.disturbance_bandwidth if self.law == "disturbance observer" else extended[0]
@@ -321,20 +314,6 @@ class Compensation(Result):
         return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
-    def _share(self) -> float:
-        """Share of the estimated velocity in the one fed back."""
-        whole_delay = self.drive_delay + self.input_delay
-        return tuned.share(self.tuning, whole_delay / self.dt)
-
-    @property
-    def _slow(self) -> float:
-        """Error at rest with which the integral goes over its band in a settling time."""
-        if self.ki == 0.0:
-            return math.inf
-        most = self.correction * tuned.largest_level(self.rigid_axis)
-        return most * self.bandwidth / (tuned.SETTLE * self.ki)
-
-    @property
     def drive_delay(self) -> float:
         """Delay and lag of the drive that the axis itself has [s]."""
         numbers = self.rigid_axis.arrays(self.dt).numbers
@@ -344,13 +323,6 @@ class Compensation(Result):
     def drive_lag(self) -> float:
         """Lag of the drive that the axis itself has [s]."""
         return float(self.rigid_axis.arrays(self.dt).numbers[kernel.axis_step.LAG])
-
-    @property
-    def _residual(self) -> float:
-        """Share of the estimated friction, or of its residual, that is fed back."""
-        return (
-            tuned.ESTIMATE if self.law in ("disturbance observer", "adrc") else self.tuning.residual
-        )
 
     @property
     def tuning(self) -> tuned.Tuning:
@@ -480,7 +452,7 @@ def design_compensation(
     if gains is None:
         most_step = noise * level / quantum if quantum and level else math.inf
         filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
-    highest = tuning.phase / (whole_delay + tuned.SAMPLED * dt + filter_time)
+    highest = tuned.highest(tuning, dt, whole_delay, filter_time)
     w = min(highest, tuned.FASTEST / dt) if bandwidth is None else bandwidth
     if w * dt > 0.5:
         raise ValueError(

@@ -58,7 +58,7 @@ class CompensatedController:
             Reference whose first samples the controller knows already.
             Default: it rests at the first reference it is given.
         """
-        history = int(self.law.observer_axis_integers[_N_HISTORY])
+        history = int(self.law.observer_axis_integers[kernel.axis_step.N_HISTORY])
         memory = np.zeros(kernel.LINE + kernel.STRIDE * self.lead + OBSERVER_LINE + history)
         if motion is not None:
             memory[kernel.DIRECTION] = 1.0
@@ -159,6 +159,3 @@ class CompensationStepper:
         """
         given = (finite("xref", xref), finite("vref", vref), finite("aref", aref), finite("y", y))
         return float(kernel.step(self.controller.law, self._memory, *given))
-
-
-_N_HISTORY = kernel.axis_step.N_HISTORY

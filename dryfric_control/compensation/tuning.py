@@ -10,7 +10,8 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled import compensation as kernel
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.axis import FrictionAxis, without_effects
+from dryfric_control.model.friction import middle_level
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import tables
 from dryfric_control.observer.weights import LEFT_OUT, UNCERTAIN_FRACTION, coulomb_level
@@ -80,29 +81,19 @@ GROWTH = 1.5
 
 def rigid(axis: FrictionAxis) -> FrictionAxis:
     """The axis that acts, without effects that need inner states."""
-    return _without(axis, LEFT_OUT)
-
-
-def _without(axis: FrictionAxis, actions: tuple[str, ...]) -> FrictionAxis:
-    """The axis that acts, without effects of some actions."""
-    acting = axis.effective()
-    return acting.replace(effects=tuple(e for e in acting.effects if e.action not in actions))
+    return without_effects(axis.effective(), LEFT_OUT)
 
 
 def presliding_distance(axis: FrictionAxis) -> float:
     """Way over which friction builds up at a reversal [m], 0 without presliding."""
     acting = axis.effective()
-    stiffness = acting.arrays(1.0).numbers[kernel.axis_step.CONTACT_STIFFNESS]
-    middle = 0.5 * sum(acting.travel or (0.0, 0.0))
-    level = 0.5 * float(acting.coulomb(middle, 1) + acting.coulomb(middle, -1))
-    return level / float(stiffness) if stiffness > 0.0 else 0.0
+    stiffness = float(acting.arrays(1.0).numbers[kernel.axis_step.CONTACT_STIFFNESS])
+    return middle_level(acting.coulomb, acting.travel) / stiffness if stiffness > 0.0 else 0.0
 
 
 def observer_lag(observer: ObserverDesign) -> float:
-    """Part of a change of friction that the observer states a sample later.
-
-    Quicker than the mean delay while sliding: the observer starts from what was learned.
-    """
+    """Part of a change of friction that the observer states a sample later."""
+    # Quicker than the mean delay while sliding: the observer starts from what was learned.
     sliding = observer.error_dynamics(1)
     # Errors of x and v, and of friction, under a unit of unmodelled friction.
     state, late = np.zeros(3), 0.0
@@ -150,11 +141,9 @@ def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) ->
 
 
 def calm_noise(axis: FrictionAxis, dt: float, quantum: float, fastest: float) -> float:
-    """Reading noise [m] for which the observer is as calm as the law was tuned with.
-
-    Rounding of the encoder, within limits of the natural frequency [rad/sample], of which
-    `fastest` is one; `benchmarks/compensation.py` sets them.
-    """
+    """Reading noise [m] for which the observer is as calm as the law was tuned with."""
+    # Rounding of the encoder, within limits of the natural frequency [rad/sample], of which
+    # `fastest` is one; `benchmarks/compensation.py` sets them.
     step = dt**2 * UNCERTAIN_FRACTION * coulomb_level(axis) / axis.mass
     frequency = _CALM
     if quantum:
@@ -164,12 +153,10 @@ def calm_noise(axis: FrictionAxis, dt: float, quantum: float, fastest: float) ->
 
 
 def watchable(axis: FrictionAxis) -> FrictionAxis:
-    """The axis as its observer has it.
-
-    Without an elastic contact, which the law compensates by itself, and without delay and
-    lag of the drive: its velocity is then ahead of the axis, as the feedback wants it.
-    """
-    return _without(axis, ("contact", "delay", "lag"))
+    """The axis as its observer has it."""
+    # Without an elastic contact, which the law compensates by itself, and without delay and
+    # lag of the drive: its velocity is then ahead of the axis, as the feedback wants it.
+    return without_effects(axis.effective(), ("contact", "delay", "lag"))
 
 
 def largest_level(axis: FrictionAxis) -> float:
@@ -182,6 +169,11 @@ def share(tuning: Tuning, delay: float) -> float:
     """Share of the estimated velocity in the one fed back, by the delay [samples]."""
     early, late = SHARED
     return tuning.share * min((delay + early) / late, 1.0)
+
+
+def highest(tuning: Tuning, dt: float, delay: float, filtered: float) -> float:
+    """Bandwidth that the whole delay of the loop allows [rad/s]."""
+    return tuning.phase / (delay + SAMPLED * dt + filtered)
 
 
 def proportional(axis: FrictionAxis, tuning: Tuning, w: float) -> tuple[float, float]:
@@ -205,8 +197,7 @@ def filter_time(
     """Time constant of the low-pass on the velocity that keeps the noise in the drive [s]."""
 
     def step(filtered: float) -> float:
-        w = min(tuning.phase / (delay + SAMPLED * dt + filtered), FASTEST / dt)
-        w = w if bandwidth is None else bandwidth
+        w = bandwidth or min(highest(tuning, dt, delay, filtered), FASTEST / dt)
         kp, kd = proportional(axis, tuning, w)
         part = share(tuning, delay / dt)
         gain = extended_gains(axis, dt, estimate_bandwidth(w, dt, delay, filtered))[1]

@@ -136,7 +136,7 @@ def _levels(numbers, plant, t, x, v, w, s):
 @axis_step.internal
 def _force_effects(plant, t, x, v, u, s):
     """Force effects of the axis in a given state."""
-    return axis_step.load(plant, axis_step.Drive(u, 0.0, 0.0, 0.0), t, 0.0, x, v, s, 0.0) - u
+    return axis_step.load_under(plant, u, t, x, v, s, 0.0) - u
 
 
 @axis_step.internal
@@ -195,11 +195,9 @@ def disturbance(c, memory, y):
 
 @axis_step.internal
 def _learn(c, plant, t, memory, y, mode, v, what):
-    """Correct levels and excess by the observer's friction; the residual [N].
-
-    Normalised least mean squares over (1, peak), both filtered like the observer's
-    estimate: its lag must not be learned as an error.
-    """
+    """Correct levels and excess by the observer's friction; the residual [N]."""
+    # Normalised least mean squares over (1, peak), both filtered like the observer's
+    # estimate: its lag must not be learned as an error.
     s = float(mode)
     level, excess = _levels(c, plant, t, y, v, c[VISCOUS] * v, s)
     phi = _peak(c, s * v)
@@ -265,12 +263,10 @@ def _follow_reference(c, memory, x, v):
 
 @njit(cache=True, error_model="numpy")
 def _rest(c, memory, mode, error, moving, forces, level):
-    """Whether the integral is held at this sample, and whether the drive is.
-
-    The held drive differs from the one that balances the other `forces` by at most a
-    fraction of the smaller Coulomb `level`.  Every slip, and every release of the held
-    drive, widens the tolerance, so that corrections end and the drive becomes constant.
-    """
+    """Whether the integral is held at this sample, and whether the drive is."""
+    # The held drive differs from the one that balances the other `forces` by at most a
+    # fraction of the smaller Coulomb `level`.  Every slip, and every release of the held
+    # drive, widens the tolerance, so that corrections end and the drive becomes constant.
     if c[HOLDS] == 0.0:
         return False, False
     if moving or memory[STILL] <= c[LEAD] + 2.0:
@@ -327,10 +323,7 @@ def _begin(c, memory, x, v, y, watch):
 
 @njit(cache=True, error_model="numpy")
 def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
-    """Drive of one sample; `memory` is advanced.
-
-    Reference, its velocity and acceleration are those LEAD samples ahead.
-    """
+    """Drive of one sample; `memory` is advanced.  The reference is that LEAD samples ahead."""
     c = law.numbers
     plant = axis_step.point(law.axis_numbers, law.axis_integers)
     watch = LINE + STRIDE * int(c[LEAD])
@@ -431,11 +424,7 @@ def read_laws(numbers, integers, t, x, v):
 
 @njit(cache=True, error_model="numpy")
 def run_loop(numbers, integers, state, law, memory, reference, disturbance, quantum, dt, room, out):
-    """Closed loop into `out`: rows x, v, friction, mode, u, y.
-
-    `reference` has the rows position, velocity and acceleration.  Returns the
-    located switches, and the number of those for which there was no room.
-    """
+    """Closed loop into `out`, as `loop.run_loop`; `reference`: position, velocity, acceleration."""
     plant = axis_step.point(numbers, integers)
     at = axis_step.pointer(state)
     n = reference.shape[1]

@@ -29,10 +29,7 @@ class Recursion(NamedTuple):
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
 def respond(force, reading, r, out):
-    """Change of the innovations, shape (n, c), if the model gains forces and reading errors.
-
-    `force`, `reading` : ndarray, shape (n, c), or (0, c) for none.
-    """
+    """Change of the innovations if the model gains forces and reading errors, shape (n or 0, c)."""
     n, c = out.shape
     forced, read = force.shape[0] == n, reading.shape[0] == n
     x, v = np.zeros(c), np.zeros(c)

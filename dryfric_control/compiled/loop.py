@@ -11,6 +11,7 @@ from dryfric_control.compiled import axis_step
 
 # Largest span of the velocity estimate [samples]; it sizes the controller's memory.
 LONGEST_SPAN = 8
+# Indices of the memory, the last readings newest first, and of the gains.
 INTEGRAL, SPEED, READINGS = 0, 1, 2
 KP, KI, KD, LIMIT, KEEP, SPAN, STEP = range(7)
 
@@ -23,12 +24,7 @@ def encode(x, quantum):
 
 @njit(cache=True, error_model="numpy")
 def control_force(gains, memory, reference, y):
-    """Drive force before and after saturation, and the velocity estimate.
-
-    `gains` is kp, ki, kd, limit, velocity filter, span, dt; `memory` contains the
-    integral, the filtered velocity and the last readings, newest first.  Both
-    may be arrays or pointers.
-    """
+    """Drive force before and after saturation, and the velocity estimate."""
     span = gains[SPAN]
     difference = (y - memory[READINGS + int(span) - 1]) / (span * gains[STEP])
     speed = gains[KEEP] * memory[SPEED] + (1.0 - gains[KEEP]) * difference
@@ -67,10 +63,9 @@ def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
 def run_loop(
     numbers, integers, memory, gains, controller, reference, disturbance, quantum, dt, room, out
 ):
-    """Closed loop into `out`: rows x, v, friction, mode, u, y.
+    """Closed loop into `out`, rows x, v, friction, mode, u, y; switches, and how many lost.
 
-    The drive force is u + disturbance.  Returns the located switches, and the number of
-    those for which there was no room; `room` is the room per sample.
+    `room`: for the switches of one sample.
     """
     plant = axis_step.point(numbers, integers)
     state = axis_step.pointer(memory)

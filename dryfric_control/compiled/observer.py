@@ -99,8 +99,7 @@ def shift_drive(plant, dt, memory, u):
 @axis_step.internal(forceinline=True)
 def _load(plant, t, memory, drive, y, s):
     """Net force on the mass without friction, at the measured position."""
-    held = axis_step.Drive(drive, 0.0, 0.0, 0.0)
-    return axis_step.load(plant, held, t, 0.0, y, memory[VHAT], s, memory[REST])
+    return axis_step.load_under(plant, drive, t, y, memory[VHAT], s, memory[REST])
 
 
 @axis_step.internal
@@ -178,11 +177,7 @@ def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
 
 @axis_step.internal(forceinline=True)
 def _decide(tables, memory, t, u, y):
-    """Determine the mode for a new drive and reading; `memory` changes in place.
-
-    Returns the friction estimate, the net force without friction, the nominal
-    friction and the drive after the input effects.
-    """
+    """Friction estimate, net force without friction, nominal friction, drive behind effects."""
     plant, numbers = tables.plant, tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
     seen = mean_drive(plant, numbers[DT], memory, drive)

@@ -1,8 +1,4 @@
-"""Root finding and the length of the next step, shared by all compiled loops.
-
-Both work on plain numbers: the caller's loop evaluates its own function, which may
-repeat a step or move a whole state.
-"""
+"""Root finding and the length of the next step: the caller's loop evaluates its own function."""
 
 from __future__ import annotations
 
@@ -14,11 +10,8 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.1, 3.0
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def between(a, fa, b, fb):
-    """Next point in (a, b), or b if there is no number between them.
-
-    The point of the secant, or the middle if that is outside: a value at `a` that is not
-    positive (a root at the start) gives no secant.
-    """
+    """Next point in (a, b), by the secant or in the middle; b if there is no number between."""
+    # A value at `a` that is not positive (a root at the start) gives no secant.
     c = (fa * b - fb * a) / (fa - fb) if fa > 0.0 else a
     if not a < c < b:
         c = 0.5 * (a + b)
@@ -27,11 +20,8 @@ def between(a, fa, b, fb):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def narrowed(a, fa, b, fb, side, c, fc):
-    """Bracket after an evaluation at c, by the Illinois rule.
-
-    The value at an end that stays twice is halved.  `fa` is positive, `fb` is not; `side`
-    is the end that moved last (0 at first).
-    """
+    """Bracket after an evaluation at c, by the Illinois rule: fa is positive, fb is not."""
+    # The value at an end that stays twice is halved; `side`: the end that moved last, 0 at first.
     if fc > 0.0:
         return c, fc, b, (0.5 * fb if side == 1 else fb), 1
     return a, (0.5 * fa if side == -1 else fa), c, fc, -1

@@ -17,10 +17,8 @@ _SQUARED = 6
 
 @step.internal
 def transition(plant, dt, mode):
-    """How n states move in one sample, in one mode of the load, shape (n + 2, n + 2).
-
-    The last two rows and columns: random forces on the motor and on the load.
-    """
+    """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
+    # The last two rows and columns: random forces on the motor and on the load.
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
     motor = numbers[step.INVERSE_MOTOR]
@@ -52,12 +50,10 @@ def transition(plant, dt, mode):
 
 @step.internal
 def predict(moves, cov, force, pinned, work):
-    """Covariance of two masses one sample later, in place; `force`: of the random force.
-
-    It moves the motor, as noise of the drive, and the load by as much, as what is not modelled:
-    a load whose model is wrong would else be followed as if it were known.  `pinned`: whether the
-    velocity of the load is known to be zero; `work`: scratch, shaped as cov.
-    """
+    """Covariance of two masses one sample later, in place; `pinned`: the load is known to rest."""
+    # The random force, of variance `force`, moves the motor, as noise of the drive, and the load
+    # by as much, as what is not modelled: a load whose model is wrong would else be followed as
+    # if it were known.
     n = cov.shape[0]
     for i in range(n):
         for j in range(n):
@@ -97,10 +93,7 @@ def correct(cov, variance):
 
 @step.internal
 def joined(cov, place, speed, strain, mode):
-    """Covariance of two masses whose positions and velocities are those of one, in place.
-
-    `place`, `speed`: variances; `strain`: that of the distance between them.
-    """
+    """Covariance of two masses that move as one, by variances; `strain`: of their distance."""
     cov[:] = 0.0
     cov[0, 0] = cov[0, 2] = cov[2, 0] = place
     cov[2, 2] = place + strain

@@ -152,6 +152,12 @@ class CoulombMap:
                 )
 
 
+def middle_level(level: CoulombMap, travel: tuple[float, float] | None) -> float:
+    """Mean of the levels of both directions in the middle of the travel."""
+    place = 0.5 * sum(travel or (0.0, 0.0))
+    return 0.5 * float(level(place, 1) + level(place, -1))
+
+
 def _surely_positive(c: tuple[float, ...], travel: tuple[float, float]) -> bool:
     """Whether the value in the middle exceeds all that the other terms can take off."""
     middle, half = 0.5 * (travel[0] + travel[1]), 0.5 * (travel[1] - travel[0])

@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from dryfric_control.model.effects.columns import PARTS, Column, View, amount
+from dryfric_control.model.effects.columns import Column, View, peaks
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.friction import MOST_EXCESS, Stribeck
 
@@ -195,7 +193,4 @@ class StribeckPeak(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for part in PARTS:
-            peak = np.exp(-np.minimum((view.v / (part * view.fast)) ** 2, 40.0))
-            force = -view.direction * view.level * peak
-            yield amount("excess", force, positive=True, speed=part * view.fast)
+        yield from peaks(view, "excess", -view.direction * view.level, positive=True)

@@ -83,6 +83,36 @@ def sine(**others: float) -> Callable[[Sequence[float]], dict[str, float]]:
     return values
 
 
+def sines(view: View, kind: str) -> Iterator[Column]:
+    """Sines at the strongest frequencies of a "force" or "reading" along x, or of "time"."""
+    waves, lobes = view.waves(kind)
+    for wave in waves:
+        angle = 2.0 * math.pi * wave * (view.t if kind == "time" else view.x)
+        values = sine(frequency=wave) if kind == "time" else sine(period=1.0 / wave)
+        pair = (np.sin(angle), np.cos(angle))
+        if kind == "reading":
+            yield Column(values, (), pair, shapes=lobes)
+        else:
+            yield Column(values, pair, shapes=lobes)
+
+
+def peaks(view: View, name: str, force: Floats, positive: bool = False) -> Iterator[Column]:
+    """A force that fades over velocity as a Stribeck peak, over parts of the usual speed."""
+    for part in PARTS:
+        speed = part * view.fast
+        peak = np.exp(-np.minimum((view.v / speed) ** 2, 40.0))
+        yield amount(name, force * peak, positive, speed=speed)
+
+
+def later(
+    view: View, name: str, delayed: Callable[[float], Floats], samples: Sequence[float]
+) -> Iterator[Column]:
+    """Drives that act late by some samples, as a force over the time."""
+    for late in samples:
+        found = amount(name, (delayed(late) - view.drive) / (late * view.dt), positive=True)
+        yield found._replace(most=2.0 * late * view.dt)
+
+
 def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
     """Columns of an effect over a grid of its parameters, from its law."""
     grid = {item.name: _parts(item, view) for item in fields(effect)}

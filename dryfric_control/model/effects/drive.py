@@ -10,12 +10,14 @@ import numpy as np
 from scipy.signal import lfilter
 
 from dryfric_control.arrays import Floats
-from dryfric_control.model.effects.columns import Column, View, amount, simulated
+from dryfric_control.model.effects.columns import Column, View, amount, later, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 
 # Times the noise of the drive that a limit must cut off, and a dead zone must hide
 # (`benchmarks/diagnosis.py`).
 _PEAKS = 2.0
+# Delays and lags tried, in samples.
+_LATE = (0.5, 1, 2, 4, 8, 16)
 # Part of the samples that may exceed a limit.
 _NEARLY_ALL = 0.9
 
@@ -65,10 +67,7 @@ class InputDelay(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         at = np.arange(view.drive.size)
-        for samples in (0.5, 1, 2, 4, 8, 16):
-            late = np.interp(at - samples, at, view.drive)
-            found = amount("delay", (late - view.drive) / (samples * view.dt), positive=True)
-            yield found._replace(most=2.0 * samples * view.dt)
+        yield from later(view, "delay", lambda late: np.interp(at - late, at, view.drive), _LATE)
 
 
 @register_effect
@@ -111,13 +110,12 @@ class ActuatorLag(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for samples in (0.5, 1, 2, 4, 8, 16):
-            kept = math.exp(-1.0 / samples)
-            late = lfilter([1.0 - kept], [1.0, -kept], view.drive, zi=[kept * view.drive[0]])[0]
-            found = amount(
-                "time_constant", (late - view.drive) / (samples * view.dt), positive=True
-            )
-            yield found._replace(most=2.0 * samples * view.dt)
+        def lagged(late: float) -> Floats:
+            kept = math.exp(-1.0 / late)
+            start = [kept * view.drive[0]]
+            return np.asarray(lfilter([1.0 - kept], [1.0, -kept], view.drive, zi=start)[0])
+
+        yield from later(view, "time_constant", lagged, _LATE)
 
 
 @register_effect

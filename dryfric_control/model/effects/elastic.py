@@ -11,17 +11,12 @@ from scipy import signal
 
 from dryfric_control.model.effects.columns import Column, View, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
+from dryfric_control.model.friction import middle_level
 
 # Damping ratio of a spring between motor and load.
 _RATIO = 0.05
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
-
-
-def _level(axis: BaseAxis) -> float:
-    """Coulomb level, the mean of both directions in the middle of the travel."""
-    middle = 0.5 * sum(axis.travel or (0.0, 0.0))
-    return 0.5 * float(axis.coulomb(middle, 1) + axis.coulomb(middle, -1))
 
 
 def _elastic_length(view: View) -> float:
@@ -76,7 +71,7 @@ class Presliding(Effect):
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Stiffness of the contact, none without a Coulomb level.
-        return Inner(contact=_level(axis) / self.distance)
+        return Inner(contact=middle_level(axis.coulomb, axis.travel) / self.distance)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # From one sign of the Coulomb level to the other.

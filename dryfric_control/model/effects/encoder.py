@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from dryfric_control.model.effects.columns import Column, View, sine
+from dryfric_control.model.effects.columns import Column, View, sines
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 
 
@@ -70,8 +68,4 @@ class EccentricEncoder(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        waves, lobes = view.waves("reading")
-        for wave in waves:
-            angle = 2.0 * math.pi * wave * view.x
-            found = sine(period=1.0 / wave)
-            yield Column(found, (), (np.sin(angle), np.cos(angle)), shapes=lobes)
+        yield from sines(view, "reading")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.model.effects.columns import Column, View, amount, sine
+from dryfric_control.model.effects.columns import Column, View, amount, sine, sines
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
@@ -402,11 +402,7 @@ class Cogging(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        waves, lobes = view.waves("force")
-        for wave in waves:
-            angle = 2.0 * math.pi * wave * view.x
-            found = sine(period=1.0 / wave)
-            yield Column(found, (np.sin(angle), np.cos(angle)), shapes=lobes)
+        yield from sines(view, "force")
 
 
 @register_effect
@@ -460,8 +456,4 @@ class TimePeriodic(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        waves, lobes = view.waves("time")
-        for wave in waves:
-            angle = 2.0 * math.pi * wave * view.t
-            found = sine(frequency=wave)
-            yield Column(found, (np.sin(angle), np.cos(angle)), shapes=lobes)
+        yield from sines(view, "time")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.model.effects.columns import PARTS, Column, View, amount, simulated
+from dryfric_control.model.effects.columns import PARTS, Column, View, amount, peaks, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.effects.forces import BiasForce
 from dryfric_control.model.effects.naming import named
@@ -317,10 +317,7 @@ class StribeckAsymmetry(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for part in PARTS:
-            peak = np.exp(-np.minimum((view.v / (part * view.fast)) ** 2, 40.0))
-            force = -np.abs(view.direction) * view.level * peak
-            yield amount("difference", force, speed=part * view.fast)
+        yield from peaks(view, "difference", -np.abs(view.direction) * view.level)
 
 
 @register_effect

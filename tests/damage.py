@@ -55,7 +55,8 @@ def _written(folder: Path, name: str, write: Callable[[Path], object]) -> bytes:
     return path.read_bytes()
 
 
-def _bam() -> bytes:
+def bam_log() -> bytes:
+    """Log of a servo."""
     entries = [
         {"timestamp": 4e-3 * k, "position": float(np.sin(0.1 * k)), "speed": 0.0,
          "goal_position": 0.5, "load": 100 + k, "input_volts": 7.5, "temp": 28.0,
@@ -195,7 +196,7 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
         ],
         **_MODELS,
         "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
-        "bam": [_bam()],
+        "bam": [bam_log()],
     }  # fmt: skip
     return {kind: contents for kind, contents in files.items() if contents}
 

@@ -13,13 +13,13 @@ import dataclasses
 import functools
 import inspect
 import itertools
-import json
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import damage
 import joblib
 import numpy as np
 import pytest
@@ -47,9 +47,15 @@ AXIS = dfc.FrictionAxis(
 )
 RUN = AXIS.simulate([0.0, 1.0], DT)
 X = 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=DT).y[0])
-RECORD = dfc.Record(T, U, X, X)
+RECORD = dfc.Record(T, U, X, 1.1 * X, channels={"v": np.gradient(X, DT)})
 CONTROLLER = dfc.PositionController(kp=400.0, ki=0.0, kd=40.0, dt=DT)
 SLOWER = dataclasses.replace(CONTROLLER, dt=2e-3)
+DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", dfc.FitWarning)
+    FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
+_REST = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
+PLAN = Experiment("change_of_bench", "a change of the bench", "turn it", *_REST)
 HUGE = 10**400  # a whole number that no float holds
 
 
@@ -58,34 +64,6 @@ def nan_at(array: Any, place: int = 7) -> Any:
     spoiled = np.array(array, dtype=float)
     spoiled[place] = NAN
     return spoiled
-
-
-@functools.cache
-def design() -> dfc.ObserverDesign:
-    return dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
-
-
-@functools.cache
-def fitted() -> dfc.Fit:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", dfc.FitWarning)
-        return dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
-
-
-@functools.cache
-def experiment() -> Experiment:
-    rest = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
-    return Experiment("change_of_bench", "a change of the bench", "turn it", *rest)
-
-
-def method(make: Callable[[], Any], name: str) -> Callable[..., Any]:
-    """A method of what is made when it is called."""
-    return lambda **given: getattr(make(), name)(**given)
-
-
-def designed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, given a design."""
-    return lambda **given: function(**({"design": design()} | given))
 
 
 class Magnet(fx.Effect):
@@ -103,135 +81,6 @@ def magnet(**changes: Any) -> Any:
     return fx.register_effect(type("Magnet", (Magnet,), changes))
 
 
-# A sound call of every name: what the rows below spoil in one argument.
-LOOP = dict(controller=CONTROLLER, reference=[0.0, 0.1])
-MADE: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
-    "FrictionAxis.replace": (AXIS.replace, {}),
-    "FrictionAxis.arrays": (AXIS.arrays, dict(dt=DT)),
-    "FrictionAxis.breakaway": (AXIS.breakaway, dict(x=[0.0], direction=1)),
-    "FrictionAxis.simulate": (AXIS.simulate, dict(u=[0.0, 1.0], dt=DT)),
-    "FrictionAxis.stepper": (AXIS.stepper, dict(dt=DT)),
-    "FrictionAxis.mode": (AXIS.mode, dict(index=1)),
-    "FrictionAxis.mode_ss": (AXIS.mode_ss, dict(index=1, dt=DT)),
-    "AxisStepper": (AxisStepper, dict(axis=AXIS, dt=DT)),
-    "AxisStepper.step": (AxisStepper(AXIS, DT).step, dict(u=0.0)),
-    "CoulombMap.__call__": (dfc.CoulombMap(8.0), dict(x=[0.0], direction=1)),
-    "CoulombMap.scaled": (dfc.CoulombMap(8.0).scaled, dict(plus=1.0)),
-    "Sign": (dfc.laws.Sign, {}),
-    "Tanh": (dfc.laws.Tanh, dict(speed=1e-3)),
-    "Karnopp": (dfc.laws.Karnopp, dict(band=1e-3)),
-    "Dahl": (dfc.laws.Dahl, dict(stiffness=1e5)),
-    "LuGre": (dfc.laws.LuGre, dict(stiffness=1e5, damping=100.0)),
-    "Law": (dfc.laws.Sign().run, dict(axis=AXIS, u=[0.0, 1.0], dt=DT)),
-    "PositionController.from_bandwidth": (
-        dfc.PositionController.from_bandwidth,
-        dict(axis=AXIS, bandwidth=20.0, dt=DT),
-    ),
-    "PositionController.memory": (CONTROLLER.memory, {}),
-    "SimulationResponse": (RUN.plot, {}),
-    "Events": (RUN.events.times, dict(before=0, after=1)),
-    "parameter": (fx.parameter, dict(unit="N", doc="force")),
-    "Effect": (fx.Spring, dict(stiffness=10.0)),
-    "register_effect": (magnet, {}),
-    "Record.from_irregular": (dfc.Record.from_irregular, dict(t=T, u=U, x=X)),
-    "Record.split_at_gaps": (dfc.Record.split_at_gaps, dict(t=T, u=U, x=X)),
-    "Record.from_frame": (dfc.Record.from_frame, dict(frame={})),
-    "Record.window": (RECORD.window, {}),
-    "Record.split": (RECORD.split, dict(parts=2)),
-    "Record.blocks": (RECORD.blocks, dict(seconds=0.5)),
-    "Record.decimated": (RECORD.decimated, dict(factor=2)),
-    "Record.resampled": (RECORD.resampled, dict(dt=2e-3)),
-    "Record.commanded": (dfc.Record(T, U, X, 1.1 * X).commanded, {}),
-    "Record.derivatives": (RECORD.derivatives, {}),
-    "Record.to_csv": (RECORD.to_csv, dict(path="run.csv")),
-    "Record.plot": (RECORD.plot, {}),
-    "Record.read": (RECORD.read, dict(positions=X, rng=np.random.default_rng(0))),
-    "Record.compare": (dfc.Record(T, U, X, channels={"v": U}).compare, dict(name="v")),
-    "Scaling.of": (dfc.Scaling.of, dict(gain=2.0)),
-    "Scaling.from_dict": (dfc.Scaling.from_dict, dict(data={})),
-    "Scaling.from_file": (dfc.Scaling.from_file, dict(path="axis.toml")),
-    "ObserverDesign.mode_matrices": (method(design, "mode_matrices"), dict(mode=1)),
-    "ObserverDesign.error_dynamics": (method(design, "error_dynamics"), dict(mode=1)),
-    "ObserverDesign.save": (method(design, "save"), dict(path="/nowhere/observer.json")),
-    "ObserverStepper.step": (
-        lambda **given: dfc.ObserverStepper(design()).step(**given),
-        dict(u=0.0, y=0.0),
-    ),
-    "Fit.interval": (method(fitted, "interval"), {}),
-    "Fit.bootstrap": (method(fitted, "bootstrap"), {}),
-    "Fit.replay": (method(fitted, "replay"), dict(record=RECORD)),
-    "Fit.plot": (method(fitted, "plot"), {}),
-    "Experiment.to_csv": (method(experiment, "to_csv"), dict(path="plan.csv")),
-    "Experiment.plot": (method(experiment, "plot"), {}),
-    "datasets.emps": (dfc.datasets.emps, dict(path="DATA_EMPS.mat")),
-    "presets.clutch_observer": (presets.clutch_observer, {}),
-    "presets.clutch_controller": (presets.clutch_controller, {}),
-    "presets.crawl_and_steps": (presets.crawl_and_steps, {}),
-    "presets.clutch_experiment": (designed(presets.clutch_experiment), {}),
-    "presets.clutch_monte_carlo": (designed(presets.clutch_monte_carlo), {}),
-    **{
-        name: (designed(getattr(dfc, name)), arguments)
-        for name, arguments in {
-            "pi_observer": {},
-            "ObserverStepper": {},
-            "observe": dict(u=[0.0, 1.0], y=[0.0, 0.0]),
-            "observed_loop": dict(axis=AXIS, controller=CONTROLLER),
-            "simulate_observed_loop": dict(axis=AXIS, **LOOP),
-            "monte_carlo": LOOP | dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
-        }.items()
-    },
-}
-ARGUMENTS: dict[str, dict[str, Any]] = {
-    "FrictionAxis": dict(mass=2.0, viscous=15.0, coulomb=8.0),
-    "CoulombMap": dict(plus=8.0),
-    "Stribeck": dict(excess=0.3, speed=0.01),
-    "PositionController": dict(kp=400.0, ki=0.0, kd=40.0, dt=DT),
-    "simulate_loop": dict(axis=AXIS, **LOOP),
-    "axis_block": dict(axis=AXIS, dt=DT),
-    "switched_axis": dict(axis=AXIS, dt=DT),
-    "supervisor": dict(axis=AXIS, dt=DT),
-    "encoder": dict(quantum=1e-6, dt=DT),
-    "reference_filter": dict(bandwidth=20.0, dt=DT),
-    "position_controller": dict(axis=AXIS, bandwidth=20.0, dt=DT),
-    "plot_state_machine": dict(axis=AXIS),
-    "Record": dict(t=T, u=U, x=X),
-    "read_record": dict(source={"t": T, "u": U, "x": X}),
-    "Scaling": {},
-    "load_fit": dict(path="fit.json"),
-    "load_record": dict(path="record.json"),
-    "load_diagnosis": dict(path="diagnosis.json"),
-    "read_bam": dict(path="log.json"),
-    "read_axis": dict(path="axis.toml"),
-    "write_axis": dict(axis=AXIS, path="/nowhere/axis.toml"),
-    "load_design": dict(path="observer.json"),
-    "design_pi_observer": dict(axis=AXIS, dt=DT),
-    "hybrid_filter": dict(axis=AXIS),
-    "design_compensation": dict(axis=AXIS, dt=DT),
-    "load_compensation": dict(path="/nowhere/compensation.json"),
-    "export_c": dict(obj=AXIS, folder="new"),
-    "export_fmu": dict(obj=AXIS, path="axis.fmu"),
-    "to_mjcf": dict(result=AXIS, model="/nowhere/arm.xml"),
-    "to_urdf": dict(result=AXIS, model="/nowhere/arm.urdf"),
-    "to_modelica": dict(result=AXIS, model="/nowhere/Arm.mo"),
-    "to_isaac": dict(result=AXIS, path="/nowhere/friction.py", load=0.0),
-    "to_simscape": dict(result=AXIS, path="/nowhere/friction.m"),
-    "motion_profile": dict(
-        points=[0.0, 0.1], dt=DT, velocity=0.1, acceleration=1.0, jerk=50.0, dwell=0.0
-    ),
-    "fit": dict(axis=AXIS, record=RECORD),
-    "identify_coulomb": dict(record=RECORD),
-    "identify_stribeck": dict(axis=AXIS, record=RECORD),
-    "replay": dict(axis=AXIS, record=RECORD),
-    "replay_loop": dict(axis=AXIS, record=RECORD, controller=CONTROLLER),
-    "slow_ramp_experiment": dict(axis=AXIS, duration=5.0),
-    "diagnose": dict(axis=AXIS, record=RECORD),
-    "diagnose_batch": dict(axis=AXIS, records=[RECORD], progress=False),
-    "diagnose_joints": dict(joints={"elbow": (AXIS, RECORD)}, progress=False),
-    "run_batch": dict(function=math.sqrt, cases={"a": 4.0}, progress=False),
-    "next_experiment": dict(axis=AXIS, rivals=[AXIS.replace(mass=2.5)], record=RECORD),
-}
-SOUND = MADE | {name: (getattr(dfc, name), given) for name, given in ARGUMENTS.items()}
-
 PUBLIC = {
     name: getattr(space, name)
     for space in (dfc, dfc.effects, dfc.laws)
@@ -245,6 +94,82 @@ NOTHING_TO_SPOIL = set(
     "__version__ Cause Certificate CertificateError Compensation Diagnosis MotionProfile FitWarning "
     "Inner RecordWarning".split()
 )
+
+
+# Made by the package: the table spoils the arguments of their methods.
+GIVEN = {"SimulationResponse", "Events", "Fit", "Experiment", "ObserverDesign", "Law"}
+
+#: Sound values of the arguments that must be given, by their names.
+USUAL: dict[str, Any] = {
+    **dict.fromkeys(("axis", "obj", "result"), AXIS),
+    **dict(record=RECORD, records=[RECORD], design=DESIGN, controller=CONTROLLER, dt=DT),
+    **dict(t=T, u=U, x=X, y=X, positions=X, reference=[0.0, 0.1], points=[0.0, 0.1]),
+    **dict(mass=2.0, viscous=15.0, coulomb=8.0, plus=8.0, excess=0.3, speed=0.01, band=1e-3),
+    **dict(stiffness=1e5, damping=100.0, quantum=1e-6, bandwidth=20.0, gain=2.0, duration=5.0),
+    **dict(kp=400.0, ki=0.0, kd=40.0, velocity=0.1, acceleration=1.0, jerk=50.0, seconds=0.5),
+    **dict(direction=1, index=1, mode=1, before=0, after=1, parts=2, factor=2, name="v"),
+    **dict(unit="N", doc="force", frame={}, data={}, source={"t": T, "u": U, "x": X}),
+    **dict(path="/nowhere/axis.toml", model="/nowhere/arm.xml", folder="new"),
+    **dict(rng=np.random.default_rng(0), function=math.sqrt, cases={"a": 4.0}),
+    **dict(joints={"elbow": (AXIS, RECORD)}, rivals=[AXIS.replace(mass=2.5)]),
+}
+#: Further arguments of a sound call.
+FURTHER: dict[str, dict[str, Any]] = {
+    "FrictionAxis.mode_ss": dict(dt=DT),
+    "AxisStepper.step": dict(u=0.0),
+    "ObserverStepper.step": dict(u=0.0, y=0.0),
+    "monte_carlo": dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
+    "export_fmu": dict(path="axis.fmu"),
+    "to_isaac": dict(load=0.0),
+    "diagnose_batch": dict(progress=False),
+    "diagnose_joints": dict(progress=False),
+    "run_batch": dict(progress=False),
+}
+CALLS: dict[str, Callable[..., Any]] = {
+    **{n: one for n, one in PUBLIC.items() if n not in NOTHING_TO_SPOIL | GIVEN and callable(one)},
+    **{
+        f"{type(one).__name__}.{name}": getattr(one, name)
+        for one, names in (
+            (AXIS, "replace arrays breakaway simulate stepper mode mode_ss"),
+            (AxisStepper(AXIS, DT), "step"),
+            (dfc.CoulombMap(8.0), "__call__ scaled"),
+            (CONTROLLER, "from_bandwidth memory"),
+            (
+                RECORD,
+                "from_irregular split_at_gaps from_frame window split blocks decimated resampled",
+            ),
+            (RECORD, "commanded derivatives to_csv plot read compare"),
+            (dfc.Scaling(), "of from_dict from_file"),
+            (DESIGN, "mode_matrices error_dynamics save"),
+            (dfc.ObserverStepper(DESIGN), "step"),
+            (FIT, "interval bootstrap replay plot"),
+            (PLAN, "to_csv plot"),
+        )
+        for name in names.split()
+    },
+    **{
+        f"presets.{name}": getattr(presets, name)
+        for name in "clutch_observer clutch_controller crawl_and_steps clutch_experiment "
+        "clutch_monte_carlo".split()
+    },
+    "AxisStepper": AxisStepper,
+    "SimulationResponse": RUN.plot,
+    "Events": RUN.events.times,
+    "Law": dfc.laws.Sign().run,
+    "Effect": fx.Spring,
+    "register_effect": magnet,
+    "datasets.emps": dfc.datasets.emps,
+}
+
+
+def sound(name: str, call: Callable[..., Any]) -> dict[str, Any]:
+    """Arguments of a sound call: what the rows below spoil, one at a time."""
+    asked = inspect.signature(call).parameters.values()
+    needed = {one.name for one in asked if one.default is one.empty}
+    return {key: USUAL[key] for key in needed & USUAL.keys()} | FURTHER.get(name, {})
+
+
+SOUND = {name: (call, sound(name, call)) for name, call in CALLS.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -320,69 +245,27 @@ def columns(*arrays: Any, heading: str = "t,u,x") -> str:
 
 NUMBER = "must be a (finite )?number|must be finite|not finite"
 POSITIVE, NOT_NEGATIVE = "more than zero|positive", "zero or more|more than zero|positive"
-FINITE = tuple((bad, NUMBER) for bad in (NAN, INF, "1 m", True))
-KINDS = {
-    "finite": FINITE,
-    "not_negative": (*FINITE, (-1.0, NOT_NEGATIVE)),
-    "positive": (*FINITE, (-1.0, POSITIVE), (0.0, POSITIVE)),
-}
-
-
-def numbers(names: str, **kinds: str) -> None:
-    """Rows of arguments that are numbers of one kind: finite, not negative, or positive."""
-    for kind, arguments in kinds.items():
-        for argument, (bad, mend) in itertools.product(arguments.split(), KINDS[kind]):
-            rows((names, {argument: bad}, mend))
 
 
 # ------------------------------------------------------------------ numbers
-numbers("FrictionAxis", positive="mass stick_speed stick_rate", not_negative="viscous")
-numbers("FrictionAxis.replace", positive="mass")
-numbers("AxisStepper.step", finite="u")
-numbers("CoulombMap CoulombMap.scaled", finite="plus minus")
-numbers("Stribeck", not_negative="excess", positive="speed")
-numbers("Sign", positive="tolerance")
-numbers("Tanh", positive="speed tolerance")
-numbers("Karnopp", positive="band tolerance")
-numbers("Dahl", positive="stiffness tolerance")
-numbers("LuGre", positive="stiffness tolerance", finite="damping")
-numbers("PositionController", positive="kp", not_negative="ki filter_time", finite="kd")
-numbers("PositionController.memory", finite="reading speed")
-numbers("parameter", finite="default neutral", positive="size")
-numbers("Record", positive="unwrap")
-numbers("Record.from_irregular", positive="max_gap")
-numbers("Record.blocks", positive="seconds")
-numbers("read_record", finite="gain", positive="rate unwrap")
-numbers("Scaling.of Record.commanded", finite="gain")
-numbers(
-    "design_pi_observer",
-    not_negative="uncertainty noise drift",
-    finite="decay",
-    positive="stick_speed",
+_FEW = Each(-1.0, 0.0)
+_NUMBERS = Each(NAN, INF, "1 m", True)
+rows(
+    ("CoulombMap", dict(plus=_NUMBERS), NUMBER),
+    ("CoulombMap", dict(minus=_NUMBERS), NUMBER),
+    ("motion_profile", dict(points=_NUMBERS), NUMBER),
+    ("read_record Scaling.of", dict(gain=_NUMBERS), NUMBER),
+    ("design_pi_observer", dict(uncertainty=_NUMBERS), NUMBER),
+    ("to_isaac", dict(load=_NUMBERS), NUMBER),
+    ("Stribeck Tanh", dict(speed=_FEW), POSITIVE),
+    ("Dahl LuGre", dict(stiffness=_FEW), POSITIVE),
+    ("Record", dict(unwrap=_FEW), POSITIVE),
+    ("Record.from_irregular", dict(max_gap=_FEW), POSITIVE),
 )
-numbers(
-    "hybrid_filter",
-    positive="excess excess_speed force_noise",
-    not_negative="level_walk",
-    finite="mass_error",
-)
-numbers(
-    "design_compensation",
-    not_negative="input_delay learning mismatch correction",
-    positive="tolerance disturbance_bandwidth noise",
-)
-numbers("to_isaac", not_negative="load")
-numbers("motion_profile", finite="points jerk", positive="velocity acceleration")
-numbers("ObserverStepper.step", finite="u y")
-numbers("monte_carlo", positive="stribeck_speed")
-numbers("fit", positive="block")
-numbers("fit replay Fit.replay diagnose diagnose_batch diagnose_joints", positive="window")
-numbers("replay", finite="shift")
 
 # -------------------------------------------------------------------- axis
 LATE = AXIS.replace(effects=fx.InputDelay(5e-3))
 rows(
-    ("FrictionAxis", dict(mass=[2.0]), NUMBER),
     ("FrictionAxis", dict(mass=5e-324), "unit"),
     ("FrictionAxis", dict(coulomb=-8.0), "magnitude"),
     ("FrictionAxis", dict(coulomb=NAN), "finite", "plus"),
@@ -394,17 +277,13 @@ rows(
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
     ("FrictionAxis", dict(stribeck=Each(0.3, (0.3, 0.01))), "dfc.Stribeck"),
-    ("FrictionAxis", dict(travel=(0.1, 0.1)), "low to high"),
     ("FrictionAxis", dict(travel=(0.0, 0.1, 0.2)), r"\(low, high\)"),
     ("FrictionAxis", dict(switching="Filippov"), '"filippov" or "paper"'),
-    ("FrictionAxis", dict(switching=Each(None, ["paper"])), '"filippov"'),
-    ("FrictionAxis", dict(effects=3), "sequence of effects"),
     ("FrictionAxis", dict(effects=Each("spring", (fx.Spring,))), "dfc.effects.Spring"),
     ("FrictionAxis", dict(effects=2 * (fx.InputDelay(0.1),)), "more than one delay"),
     ("FrictionAxis", dict(effects=2 * (fx.Presliding(1e-5),)), "more than one contact"),
     ("FrictionAxis", dict(effects=(fx.Backlash(1e-3, 0.5), fx.Compliance(1e4, 1.0, 0.5))), "one"),
     ("FrictionAxis", dict(effects=(fx.ActuatorLag(0.1), fx.ActuatorLag(0.2))), "add them up"),
-    ("FrictionAxis", dict(name=3), "text"),
     ("FrictionAxis", dict(units=Each("m", ("m", 3), 3)), "position and force"),
     ("FrictionAxis", dict(units=("deg", "Nm")), "converted as they are read", "not in 'deg'"),
     ("FrictionAxis", dict(units=("m", "kN")), "converted as they are read", "not in 'kN'"),
@@ -419,22 +298,15 @@ rows(
     ("FrictionAxis.simulate", dict(u=U + 1j), "real part"),
     ("FrictionAxis.simulate", dict(u=np.ma.masked_less([1.0, -1.0], 0.0)), "fill or remove"),
     ("FrictionAxis.simulate", dict(u=np.array(["1", "2"])), "numbers"),
-    ("FrictionAxis.simulate", dict(x0=[0.0, 1.0]), NUMBER),
     ("FrictionAxis.simulate", dict(law=Each("lugre", dfc.laws.Sign)), r"dfc.laws.LuGre"),
     ("FrictionAxis.mode", dict(index=Each(2, "+1", [1], True)), "stuck", "mode"),
-    ("FrictionAxis.mode_ss", dict(index=None), "stuck", "mode"),
     ("FrictionAxis.mode_ss", dict(dt=-1.0), NOT_NEGATIVE),
-    ("FrictionAxis.mode_ss", dict(method="tustin"), '"euler" or "zoh"'),
-    ("FrictionAxis.mode_ss", dict(input="u"), '"drive" or "force"'),
     ("FrictionAxis.mode_ss", dict(index=0, dt=0.01), 'lower dt|method="zoh"', "stick_rate"),
     ("FrictionAxis.mode_ss", dict(at=Each(0.1, (0.1, 0.2, 3.0, 4.0))), "position, veloc", "at"),
     ("FrictionAxis.mode_ss", dict(at=(NAN, 0.1)), NUMBER, "at"),
     ("FrictionAxis.mode_ss", dict(at=(0.0, -0.1)), "sign of the mode", "at"),
-    ("AxisStepper.step", dict(u=[1.0, 2.0]), NUMBER),
     ("CoulombMap", dict(plus=[]), "constant level"),
-    ("CoulombMap", dict(plus=Each("8", None)), "coefficients"),
     ("CoulombMap", dict(plus=[8.0, NAN]), "finite", r"plus\[1\]"),
-    ("CoulombMap", dict(minus=[[7.0]]), "number", r"minus\[0\]"),
     ("CoulombMap", dict(plus={"c0": 8.0}), "number"),
     ("CoulombMap.__call__", dict(direction=Each(2, None)), r"\+1 or -1"),
     ("CoulombMap.__call__", dict(x="here"), "array of numbers"),
@@ -468,6 +340,14 @@ rows(
     ("switched_axis supervisor", dict(axis=LATE), "axis_block", "input_delay"),
     ("reference_filter", dict(bandwidth=4000.0), "lower it"),
     ("reference_filter", dict(order=Each(0, 2.5, "two", [2])), "1 to 8"),
+    ("encoder", dict(quantum=DT, dt=1e-6), "give both by name", "quantum = 0.001 and dt = 1e-06"),
+    (
+        "hybrid_filter design_compensation",
+        dict(dt=1e-6, encoder_quantum=DT),
+        "encoder_quantum=1e-06",
+    ),
+    ("reference_filter", dict(bandwidth=DT, dt=20.0), "bandwidth=20, dt=0.001"),
+    ("position_controller", dict(bandwidth=DT, dt=5.0), "bandwidth=5, dt=0.001"),
     ("plot_state_machine", dict(ax=[1, 2]), "1 axes"),
     ("plot_state_machine", dict(ax="here"), "Axes"),
     ("SimulationResponse", dict(ax=[1.0]), "3 axes"),
@@ -481,14 +361,8 @@ rows(
     ("parameter", dict(bounds=Each((1.0, 0.0), (NAN, 1.0))), "low to high"),
     ("parameter", dict(bounds=3.0), r"\(low, high\)"),
     ("parameter", dict(bounds=(0.0, 1.0), default=2.0), "bounds", "default"),
-    ("parameter", dict(unit=3), "text"),
-    ("parameter", dict(doc=None), "text"),
     ("parameter", dict(kind="length"), "one of amount"),
-    ("parameter", dict(free=1), "True or False"),
-    ("parameter", dict(breaks_away="no"), "True or False"),
-    ("parameter", dict(logarithmic=None), "True or False"),
     ("Effect", dict(stiffness=None), NUMBER, "spring.stiffness"),
-    ("Effect", dict(rest=[0.0, 1.0]), NUMBER),
     ("EndStop", dict(low=0.2, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
     ("register_effect", dict(slug=Each("", "a b", 3)), "lower-case word"),
     ("register_effect", dict(action="torque"), "must be one of"),
@@ -506,47 +380,32 @@ for _cls in REGISTRY.values():
     SOUND[_cls.__name__] = (_cls, _middle)
     for _name, _ends in _bounds.items():
         _says = f"{_cls.slug}.{_name}"
-        rows((_cls.__name__, {_name: Each(NAN, INF, "1.0 N")}, NUMBER, _says))
         for _end, _beyond in zip(_ends, (-INF, INF), strict=True):
             if math.isfinite(_end):
                 _out = math.nextafter(_end, _beyond)
                 rows((_cls.__name__, {_name: _out}, "must lie between", _says))
 
 # ------------------------------------------------------------------ records
-WRAPPED = np.mod(40.0 * T, 2.0 * np.pi)
 KEPT = np.ones(N, bool)
 KEPT[700:720] = False  # 20 samples dropped
 rows(
-    ("Record", dict(t=T[:-1]), "cut them to one length", "u"),
-    ("Record", dict(x=X[:-3]), "one length"),
     ("Record", dict(reference=X[:9]), "one length"),
     ("Record", dict(good=[True, False]), "one for each reading", "good"),
     ("Record", dict(good=np.zeros(N, bool)), "at least", "good"),
     ("Record", dict(good=X), "True or False", "good"),
-    ("Record", dict(u=nan_at(U)), "from_irregular"),
-    ("Record", dict(units={"w": "m/s"}), "t, u and x"),
     ("Record", dict(units={"x": "MM"}), "Did you mean 'mm'", "'MM' of x"),
     ("Record", dict(units={"x": "N"}), "check the columns", "x cannot be in 'N'"),
     ("Record", dict(u=U > 0), "astype", "u holds true and false"),
-    ("Record", dict(x=2**62 + np.arange(N)), r"pass x - x\[0\]", "x"),
     ("Record", dict(quantum=1e50), "in the unit of x", "quantum"),
-    ("Record", dict(units="m"), "mapping"),
     ("Record", dict(unwrap=1e-9), "period of the encoder", "unwrap"),
-    ("Record", dict(channels=3), "mapping", "channels"),
     ("Record", dict(channels={"w": X}), "known are v, a, x2", "channels"),
     ("Record", dict(channels={"v": X[:5]}), "one length", "channels"),
-    ("Record", dict(channels={"v": nan_at(X)}), "remove", "channels"),
-    ("Record", dict(raw=3), "mapping", "raw"),
     ("Record", dict(raw={"x": "counts"}), "unit and a factor", "raw"),
     ("Record", dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
-    ("Record", dict(name=3), "text"),
-    ("Record", dict(notes=Each(3, [3])), "text"),
     ("Record", dict(notes="filtered"), "sequence"),
-    ("Record", dict(t=[0.0, HUGE, *T[2:]]), "convert it|physical"),
     ("Record.from_irregular", dict(t=T[::-1]), "sort the samples"),
     ("Record.from_irregular", dict(dt=1e-12), "samples"),
     ("Record.from_irregular", dict(dt=10.0), "it takes"),
-    ("Record.from_irregular", dict(interpolation="spline"), '"monotone"'),
     ("Record.from_irregular", dict(t=T[KEPT], u=U[KEPT], x=X[KEPT]), "max_gap=", "gap"),
     ("Record.from_irregular", dict(x=np.full(N, np.nan)), "remove"),
     ("Record.from_irregular", dict(x=np.where(T < 1.0, np.nan, X)), "too many", "rows"),
@@ -554,11 +413,8 @@ rows(
     ("Record.from_irregular", dict(colour="red"), "unexpected", None, TypeError),
     ("Record.split_at_gaps", dict(t=T[::-1]), "sort"),
     ("Record.split_at_gaps", dict(x=nan_at(X)), "remove"),
-    ("Record.split_at_gaps", dict(units="m"), "mapping"),
-    ("Record.split_at_gaps", dict(channels={"v": X[:5]}), "one length"),
     ("Record.from_frame", dict(frame=Each([1, 2], X)), "data frame"),
     ("Record.window", dict(t0=1.0, t1=0.5), "record runs from", "window"),
-    ("Record.window", dict(t0="start"), NUMBER),
     ("Record.window", dict(t0=Each(NAN, 90.0)), "record runs from", "window"),
     ("Record.split", dict(parts=0), "parts"),
     ("Record.split", dict(parts=Each(1.5, [0.5, 0.6], NAN)), "positive with sum 1", "fractions"),
@@ -569,7 +425,6 @@ rows(
     ("Record.split", dict(parts=[]), "empty", "fractions"),
     ("Record.blocks", dict(seconds=1e-3), "fewer than 2", "0.001"),
     ("Record.decimated", dict(factor=0), "at least 1"),
-    ("Record.decimated", dict(factor=Each(2.0, True)), "whole number"),
     ("Record.decimated", dict(factor=N), "fewer than 2", "2000"),
     ("Record.resampled", dict(dt=5.0), "it takes"),
     ("Record.commanded", dict(gain=0.0), "more than zero|positive"),
@@ -579,7 +434,6 @@ rows(
     ("Record.read", dict(positions=X[:5]), "give one each", "positions"),
     ("Record.read", dict(positions=nan_at(X)), "remove these samples", "positions"),
     ("Record.compare", dict(name="w"), "it has v", "'w'"),
-    ("Record.compare", dict(window=4), "odd"),
     ("Record.to_csv", dict(path="run.xlsx"), "csv", "to_csv"),
     ("Record.plot", dict(ax=3), "one for each row"),
     ("Record", {}, "slice", "record", lambda: RECORD[3], TypeError),
@@ -595,20 +449,15 @@ rows(
     ("read_record", dict(source={"t": T, "u": U}), "columns=", "x"),
     ("read_record", dict(source={"t": T, "u": U > 0, "x": X}, gain=2.0), "astype", "u holds true"),
     ("read_record", dict(gain=0.0), "not zero"),
-    ("read_record", dict(gain=HUGE), "finite|number"),
     ("read_record", dict(columns={"t": "zeit"}), "available"),
     ("read_record", dict(columns={"time": "t"}), "roles"),
     ("read_record", dict(columns={"t": 9}), "0 to 2"),
     ("read_record", dict(columns={"t": "u"}), "serves as both", "column"),
-    ("read_record", dict(columns="t,u,x"), "map t, u, x"),
     ("read_record", dict(columns={"t": 1.5}), "name or an index"),
     ("read_record", dict(columns={"referense": "x"}), "Did you mean 'reference'"),
     ("read_record", dict(columns={"x": None}), "column of velocity", "x"),
     ("read_record", dict(units={"t": "fortnight"}), "use s, ms", "fortnight"),
-    ("read_record", dict(units={"x": "s"}), "check the columns", "x"),
     ("read_record", dict(units={"x": "Ft"}), "Did you mean 'ft'", "'Ft' of x"),
-    ("read_record", dict(units="ms"), "mapping"),
-    ("read_record", dict(units={"q": "m"}), "t, u and x"),
     ("read_record", dict(max_rows=0), "positive"),
     ("read_record", dict(max_rows=100), "max_rows=", "rows"),
     ("read_record", dict(rate=1e3), "leave rate= out", "column of time"),
@@ -617,9 +466,7 @@ rows(
     ("read_record", dict(dt=1e-3, max_gap=-1.0), "more than zero", "max_gap"),
     ("read_record", dict(gain={"w": 2.0}), "channels are", "'w'"),
     ("read_record", dict(gain={"v": 2.0}), "it has t, u, x", "'v'"),
-    ("read_record", dict(name=7), "text"),
     ("read_record", dict(joint="elbow"), "available", "joint 'elbow'"),
-    ("Scaling", dict(gain=3), "number or a mapping"),
     ("Scaling", dict(gain={"x": 0.0}), "not zero", "gain"),
     ("Scaling", dict(gain={"x": NAN}), "finite", "gain"),
     ("Scaling", dict(gain={"y": 1.0}), "the channels are", "'y'"),
@@ -628,83 +475,44 @@ rows(
     ("Scaling", dict(rated_torque=1.0, rated_force=1.0), "a motor has one"),
     ("Scaling", dict(lead=0.1, pinion_radius=0.02), "an axis has one"),
     *(("Scaling", {name: 0.0}, "more than zero") for name in _MOTOR.split()),
-    ("Scaling", dict(load_encoder="yes"), "True or False"),
     ("Scaling.from_dict", dict(data={"counts_per_trun": 1}), "'counts_per_turn'", "record.counts_"),
 )
-BACK = T.copy()
-BACK[900] = 0.0
 files(
     "read_record",
     ("two.csv", columns(T[:20], U[:20], heading="t,u"), "two.csv", "at least t, u and x"),
-    ("back.csv", columns(BACK, U, X), "t", "sort"),
-    ("twice.csv", columns(np.repeat(T, 2), np.repeat(U, 2), np.repeat(X, 2)), "t", "keep one"),
-    ("wrap.csv", columns(T, U, WRAPPED), "x", "unwrap="),
-    ("still.csv", columns(T, U, 0 * X), "x", "never moved"),
     ("huge.csv", columns(T, U, X), "huge.csv", "max_rows=", dict(max_rows=1000)),
     ("long.csv", b"t,u,x\n" + b"1" * 1_100_000, "line 2", "too long"),
     ("wide.csv", "t,u,x\n0,0,0\n".encode("utf-16")[:-1], "wide.csv", "plain text"),
-    ("comma.csv", "t;u;x\n0,0;1.5;0\n", "comma.csv", "one way"),
     ("run.xlsx", "t", "run.xlsx", "no .xlsx file"),
     ("run.xls", "t", "run.xls", "or CSV"),
-    ("run.csv.gz", "t", "run.csv.gz", "not compressed by gzip"),
-    ("run.json", "{}", "run.json", "read_bam"),
     ("run.foo", "t", "run.foo", "save it as CSV"),
-    ("run", "t", "run", "are not read"),
     ("none.mat", "MATLAB 5.0", "none.mat", "no MAT-file"),
     ("v73.mat", b"MATLAB 7.3 MAT-file" + bytes(200), "v73.mat", "-v7"),
-    ("hdf.mat", b"\x89HDF" + bytes(200), "hdf.mat", "-v7"),
     ("names.mat", {"a": T, "b": U}, "names.mat", "columns="),
     ("words.mat", {"t": "abc"}, "words.mat", "no numeric variable"),
-    ("short.mat", {"t": T, "u": U[:-1], "x": X}, "u", "one length"),
-    ("complex.mat", {"t": T, "u": U + 1j, "x": X}, "u", "real part"),
     ("table.mat", {"t": T, "u": np.zeros((50, 40, 2)), "x": X}, "u", "1-D"),
 )
-
-
-def bam(**changes: Any) -> str:
-    """Log of 30 samples, of which the last one is spoiled."""
-    sound = {"goal_position": 0.0, "input_volts": 7.5, "temp": 28.0, "torque_enable": True}
-    entries = [
-        {"timestamp": 4e-3 * k, "position": math.sin(0.1 * k), "load": 100 + k} | sound
-        for k in range(30)
-    ]
-    entries[-1] |= changes
-    head = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "a", "trajectory": "b"}
-    return json.dumps(head | {"entries": entries})
 
 
 files(
     "read_bam",
     ("empty.log", "", "empty.log", "empty"),
-    ("torn.log", bam()[:-40], "torn.log", "JSON"),
-    ("list.log", "[]", "list.log", "entries"),
+    ("torn.log", damage.bam_log()[:-40], "torn.log", "JSON"),
     ("none.log", '{"entries": []}', "none.log", "entries"),
     ("bare.log", '{"entries": [1]}', "entry 0", "not a number"),
-    ("word.log", bam(position="here"), "position", "not a number"),
-    ("null.log", bam(load=None), "load", "not a number"),
-    ("nan.log", bam(position=NAN), "x|position", "remove|not finite"),
-    ("back.log", bam(timestamp=0.0), "t", "sort"),
-    ("gap.log", bam(timestamp=9.0), "gap", "max_gap|split"),
-    ("big.log", bam(load=HUGE), "load", "too large"),
-    ("deep.log", "[" * 100_000, "deep.log", "JSON"),
-    ("step.log", bam(), "dt", "more than zero", dict(dt=0.0)),
+    ("step.log", damage.bam_log(), "dt", "more than zero", dict(dt=0.0)),
 )
 files("datasets.emps", ("emps.csv", columns(T, U, X), "not the EMPS record", "read_record"))
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
 files(
     "read_axis",
     ("empty.toml", "", "empty.toml", "is empty"),
-    ("torn.toml", "mass = ", "torn.toml", "TOML"),
     ("latin.toml", b"name = '\xff'", "latin.toml", "TOML"),
-    ("deep.toml", "mass=" + "[" * 9999, "deep", "TOML"),
     ("text.toml", TOML.replace("2.0", '"2 kg"'), "mass", NUMBER),
     ("less.toml", TOML.replace("2.0", "-2.0"), "mass", POSITIVE),
-    ("nan.toml", TOML.replace("2.0", "nan"), "mass", NUMBER),
     ("date.toml", TOML.replace("2.0", "2026-11-21"), "mass", NUMBER),
-    ("vast.toml", TOML.replace("2.0", "9" * 400), "mass", NUMBER),
     ("digits.toml", TOML.replace("2.0", "9" * 9000), "digits.toml", "digits"),
     ("typo.toml", TOML + "stik_speed = 1e-4", "stik_speed", "stick_speed"),
-    ("newer.toml", TOML + "flux = 3", "flux", "known are"),
     ("pair.toml", TOML.replace("8.0", "[8.0]"), "coulomb", "pair"),
     ("lone.toml", TOML.replace("8.0", "{minus = 7.0}"), "coulomb", "lacks plus"),
     ("minos.toml", TOML.replace("8.0", "{plus = 7.0, minos = 7.0}"), "coulomb.minos", "'minus'"),
@@ -712,7 +520,6 @@ files(
     ("stribeck.toml", TOML + "stribeck = 3.0", "stribeck", "a table such as"),
     ("sped.toml", TOML + "[stribeck]\nexcess = 0.3\nsped = 0.1", "stribeck.sped", "'speed'"),
     ("peak.toml", TOML + "[stribeck]\nexcess = 0.3", "stribeck.speed", "add speed"),
-    ("low.toml", TOML + "[stribeck]\nexcess = 0.3\nspeed = -1.0", "stribeck.speed", POSITIVE),
     ("who.toml", TOML + "[[effects]]\nstiffness = 1.0", r"effects\[0\]", "name the effect"),
     ("other.toml", TOML + '[[effects]]\neffect = "sprng"', "sprng", "spring"),
     ("lack.toml", TOML + '[[effects]]\neffect = "spring"', "stiffness", "add stiffness"),
@@ -724,23 +531,6 @@ files(
     ),
     ("bound.toml", TOML + '[[effects]]\neffect = "input_delay"\ndelay = -1.0', "delay", "between"),
     ("flat.toml", TOML + "effects = 3", "effects", r"\[\[effects\]\]"),
-    ("unit.toml", TOML + 'units = "m"', "units", "position and force"),
-    ("name.toml", TOML + "name = 3", "name", "text"),
-    ("rule.toml", TOML + 'switching = "none"', "switching", "filippov"),
-    ("way.toml", TOML + "travel = [0.3, 0.0]", "travel", "low to high"),
-)
-_DESIGN = '{"format": "dryfric-control observer design", "version": %d}'
-files(
-    "load_design",
-    ("empty.json", "", "empty.json", "JSON"),
-    ("torn.json", '{"format": ', "torn.json", "JSON"),
-    ("list.json", "[1, 2]", "list.json", "no observer design"),
-    ("other.json", '{"format": "a"}', "other.json", "format = 'a', not"),
-    ("newer.json", _DESIGN % 3, "version 3", "newer package"),
-    ("bare.json", _DESIGN % 1, "content", "save the observer"),
-    ("deep.json", "[" * 100_000, "deep.json", "JSON"),
-    ("vast.json", "9" * 9000, "vast.json", "JSON"),
-    ("wide.json", b"\xff\xfe{\x00", "wide.json", "JSON"),
 )
 for _names, _file in (
     ("read_axis Scaling.from_file", "axis.toml"),
@@ -758,9 +548,8 @@ rows(
     ("read_record", dict(source="a\0b.csv"), "no file", "a", FileNotFoundError),
     ("read_record", dict(source="/"), "give one file in it", "directory", IsADirectoryError),
     ("read_record", dict(source=Each(3, None, [T, U, X])), "path", "read_record", TypeError),
-    ("read_bam datasets.emps read_axis", dict(path=3), "file name", "3"),
     ("write_axis", {}, "axis.toml", "nowhere", FileNotFoundError),
-    ("ObserverDesign.save", {}, "observer.json", "nowhere", FileNotFoundError),
+    ("ObserverDesign.save", {}, "axis.toml", "nowhere", FileNotFoundError),
     ("Record.to_csv", dict(path="/nowhere/run.csv"), "make it", "/nowhere", FileNotFoundError),
 )
 
@@ -768,10 +557,6 @@ rows(
 _SMOOTH = AXIS.replace(coulomb=0.0)
 rows(
     ("design_pi_observer", dict(dt=1.0, discretization="euler"), "lower dt", "dt"),
-    ("design_pi_observer", dict(form="filtered"), "must be one of"),
-    ("design_pi_observer", dict(method=Each("lqr", ["paper"])), "must be one of"),
-    ("design_pi_observer", dict(solver="mosek"), "must be one of"),
-    ("design_pi_observer", dict(discretization="tustin"), "must be one of"),
     ("design_pi_observer", dict(uncertainty=0.0), "small force", "uncertainty is zero"),
     ("design_pi_observer", dict(uncertainty={0: 1.0}), "name the modes"),
     ("design_pi_observer", dict(uncertainty={0: 1.0, 1: NAN, -1: 1.0}), "finite"),
@@ -781,9 +566,7 @@ rows(
     ("design_pi_observer", dict(performance=(1.0, -1.0, 0.0)), NOT_NEGATIVE),
     ("design_pi_observer", dict(window=2), "'path' or 'dwell'"),
     ("design_pi_observer", dict(method="path", window=Each(0, 65)), "1 to 64", "window"),
-    ("design_pi_observer", dict(window=Each(1.5, "4")), "whole number"),
     ("design_pi_observer", dict(refine=-1), "at least 0"),
-    ("design_pi_observer", dict(refine=Each(0.5, "once")), "whole number"),
     ("design_pi_observer", dict(method="paper", refine=1), "0 for 'paper'", "refine"),
     ("design_pi_observer", dict(pairs=[(0, 3)]), "modes 0, 1, -1"),
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
@@ -796,33 +579,24 @@ rows(
     ("design_pi_observer", dict(encoder_quantum=1e-6, noise=HUGE), NUMBER, "noise"),
     ("hybrid_filter", dict(axis=_SMOOTH), "design_pi_observer", "no Coulomb friction"),
     ("design_compensation", dict(bandwidth=1e6), "too high"),
-    ("design_compensation", dict(law="magic"), "learned"),
     ("design_compensation", dict(gains=Each(3.0, (1.0, 2.0))), "kp, ki, kd"),
     ("design_compensation", dict(gains=(0.0, 1.0, 1.0)), POSITIVE),
     ("design_compensation", dict(gains=(1e9, 1.0, 1.0)), "lower", "unstable"),
     ("design_compensation", dict(limit=5.0), "breakaway friction force"),
     ("design_compensation", dict(mismatch=1.0), "below 1"),
     ("design_compensation", dict(noise=-0.1, gains=(1.0, 1.0, 1.0)), POSITIVE),
-    ("ObserverDesign.mode_matrices", dict(mode=Each(2, None)), r"0, \+1 or -1"),
-    ("ObserverDesign.error_dynamics", dict(mode=Each(2, None)), r"0, \+1 or -1"),
     ("observe", dict(u=[0.0]), "one of each", "u"),
     ("observed_loop simulate_observed_loop", dict(bandwidth=9000.0), "lower it"),
     ("observed_loop simulate_observed_loop monte_carlo", dict(controller=SLOWER), "one sampling"),
     ("monte_carlo", dict(runs=0), "at least 1"),
-    ("monte_carlo", dict(runs=Each(2.5, "many", NAN)), "whole number"),
     ("monte_carlo", dict(estimators={}), "at least one"),
-    ("monte_carlo", dict(estimators=3), "mapping"),
     ("monte_carlo", dict(estimators={"a": 3}), "estimate"),
-    ("monte_carlo", dict(store="nowhere/runs.jsonl"), "make it first"),
-    ("presets.clutch_monte_carlo", dict(runs=0), "at least 1"),
-    ("motion_profile", dict(points=[0.0, NAN]), "finite"),
     ("motion_profile", dict(points=[[0.0, 1.0]]), "shape"),
     ("motion_profile", dict(points=1e12), "units of points", "points"),
     ("motion_profile", dict(unit="rad", velocity=0.0), "rad/s", "velocity"),
     ("motion_profile", dict(jerk=1e-30), "check the units", "jerk"),
     ("motion_profile", dict(dwell=-1.0), NOT_NEGATIVE),
     ("motion_profile", dict(dwell=[0.0, 0.0, 0.0]), "one each"),
-    ("motion_profile", dict(unit=Each("deg", None)), '"m" or "rad".*convert'),
 )
 
 # ------------------------------------------------------ files that are written
@@ -833,13 +607,9 @@ rows(
     (_EXPORTS, dict(name=Each("switch", "dfc_axis")), "taken in C"),
     (_EXPORTS, dict(obj=_NAMED), r"pass name=.* or axis.replace\(name=", "2_x"),
     (_EXPORTS, dict(obj=AXIS.replace(effects=fx.InputDelay(30.0))), "late by", "30 s"),
-    ("export_c", dict(precision="half"), "double"),
-    ("export_c", dict(folder=3.0), "path"),
     ("export_fmu", dict(name="model"), "is that of a file in every FMU"),
-    ("export_fmu", dict(version="1.0"), "2.0"),
     ("export_fmu", dict(path="axis.zip"), "ends in .fmu"),
     ("export_fmu", dict(path="nowhere/axis.fmu"), "make it first", "nowhere"),
-    ("export_fmu", dict(path=3.0), "path"),
 )
 
 
@@ -894,14 +664,10 @@ for _name, _file, _text, _says, _mend in (
     rows((_name, {}, _mend, _says, into(getattr(dfc, _name), _file, _text)))
 _VOLTS = AXIS.replace(units=("counts", "V"))
 rows(
-    ("to_mjcf", dict(stiff=1), "True or False"),
     ("to_mjcf", dict(model="/nowhere/arm.xml"), "no file", "arm.xml", FileNotFoundError),
     ("to_mjcf", dict(load=-0.1), NOT_NEGATIVE, None, _ARM),
-    ("to_mjcf", dict(load="light"), NUMBER, None, _ARM),
     ("to_mjcf", dict(load={"y": 0.1}), "one of 'z'", None, _ARM),
     ("to_mjcf", dict(load={"z": NAN}), NUMBER, r"load\['z'\]", _ARM),
-    (_TO_FILES, dict(joint=3), "must be text"),
-    (_TO_FILES, dict(path=3), "path of a file"),
     ("to_isaac", dict(load=None), "give load"),
     ("to_simscape", dict(result=_VOLTS), "and the axis has units", "units"),
 )
@@ -912,7 +678,6 @@ rows(
     ("run_batch", dict(function=3), "callable"),
     ("run_batch", dict(cases=[1.0]), r"dict\(enumerate"),
     ("run_batch", dict(cases={NAN: 1.0}), "finite numbers, text", "cases"),
-    ("run_batch", dict(settings=3), "mapping of names"),
     ("run_batch", dict(settings={"x": X}), "finite numbers", "settings"),
     ("run_batch", dict(store="nowhere/a.jsonl"), "make it first"),
     ("diagnose_batch", dict(records=3), "mapping of names"),
@@ -927,7 +692,6 @@ rows(
     ("fit replay diagnose", dict(window=1e-3), "choose between"),
     ("fit replay diagnose diagnose_batch diagnose_joints", dict(window=60.0), "choose|windows"),
     ("fit diagnose", dict(known=("weight",)), _BASE),
-    ("fit diagnose", dict(tolerance=3), "such as"),
     ("fit diagnose", dict(tolerance={"mass": -1.0}), "more than zero"),
     ("fit diagnose", dict(tolerance={"weight": 0.1}), _BASE),
     ("fit diagnose", dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
@@ -945,7 +709,6 @@ rows(
     ("replay_loop", dict(record=dfc.Record(T, U, X)), "reference"),
     ("replay_loop slow_ramp_experiment", dict(controller=SLOWER), "agree"),
     ("identify_coulomb", dict(degree=Each(-1, 99, 1.5, "one")), "whole number from 0"),
-    ("identify_stribeck", dict(free=3), "names such as"),
     ("slow_ramp_experiment", dict(axis=AXIS.replace(travel=None)), "give travel", "travel"),
     ("slow_ramp_experiment", dict(duration=2e-3), "longer|samples"),
     ("slow_ramp_experiment", dict(duration=1e12), "samples"),
@@ -977,51 +740,99 @@ SAMPLES = (
     (nan_at(U), "index 7"),
     ("012", "array of numbers"),
 )
+#: By the name of an argument.
 EVERYWHERE: dict[str, tuple[tuple[Any, str], ...]] = {
-    "axis": (("z", "FrictionAxis"), (2.0, "FrictionAxis")),
-    "controller": ((400.0, "PositionController"),),
-    "design": ((AXIS, "design_pi_observer"), (3, "design_pi_observer")),
-    "record": ((X, "Record"), (3, "Record")),
     "reference": SAMPLES,
-    "hold": (("second", '"zero" or "first"'), (0, '"zero" or "first"')),
-    "seed": ((-1, "seed"), ("x", "seed")),
-    "starts": ((0, "at least 1"), (1.5, "whole number"), ("two", "whole number")),
-    "jobs": ((0, "whole number"), ("all", "whole number"), (True, "whole number")),
-    "store": ((3, "path of a file"), (".", "name a file in it")),
-    "switching": (("printed", "one of|filippov"), (None, "one of|filippov")),
-    "known": ((3, "names such as"), (("weight",), "choose from")),
-    "level": ((0.0, "between 0 and 1"), (90.0, "between 0 and 1"), (NAN, "between|finite")),
+    "seed": ((-1, "seed"),),
+    "starts": ((0, "at least 1"),),
+    "jobs": ((0, "whole number"), (True, "whole number")),
+    "store": ((".", "name a file in it"),),
+    "known": ((("weight",), "choose from"),),
+    "level": ((0.0, "between 0 and 1"), (90.0, "between 0 and 1")),
     "travel": ((0.3, r"\(low, high\)"), ((0.3, 0.0), "low to high"), ((0.0, NAN), "finite")),
-    **dict.fromkeys(("dt", "bandwidth", "time_limit", "duration"), KINDS["positive"]),
-    "limit": ((NAN, "number"), ("5 N", "number"), (0.0, POSITIVE), (-1.0, POSITIVE)),
-    **dict.fromkeys(("quantum", "encoder_quantum"), KINDS["not_negative"]),
-    **dict.fromkeys(("x0", "v0", "xhat0", "vhat0", "what0"), FINITE),
+    "limit": ((NAN, "number"), ("5 N", "number"), (-1.0, POSITIVE), (0.0, POSITIVE)),
+    **dict.fromkeys(
+        ("hold", "switching", "method", "input", "kind", "interpolation", "discretization", "form",
+         "solver", "precision", "version"),
+        (("printed", "one of|must be .* or "), (None, "one of|must be .* or ")),
+    ),
+}  # fmt: skip
+#: By the name of a number.
+SIGNED: dict[str, tuple[tuple[Any, str], ...]] = {
+    **dict.fromkeys(
+        "dt bandwidth time_limit duration mass stick_speed stick_rate kp band tolerance unwrap "
+        "seconds rate excess_speed force_noise disturbance_bandwidth size block velocity "
+        "acceleration stribeck_speed window".split(),
+        ((-1.0, POSITIVE), (0.0, POSITIVE)),
+    ),
+    **dict.fromkeys(
+        "quantum encoder_quantum viscous excess ki filter_time uncertainty noise drift level_walk "
+        "input_delay learning mismatch correction load".split(),
+        ((-1.0, NOT_NEGATIVE),),
+    ),
+}
+_WHOLE, _CHOICE = r"whole number|odd number|\+1( or|,)", "text|one of|must be .* or "
+#: By the start of its annotation.
+TYPED: dict[str, tuple[tuple[Any, str], ...]] = {
+    "float": tuple((bad, NUMBER) for bad in (NAN, INF, "1 m", True)),
+    "int": ((1.5, _WHOLE), ("two", _WHOLE)),
+    "str": ((3, _CHOICE),),
+    "str | os.PathLike": ((3, "path|file name"),),
+    "bool": ((1, "True or False"),),
+    "Mapping[str": ((3, "mapping|map "),),
+    "Sequence[str]": ((3, "names|text"),),
+    "FrictionAxis": (("z", "FrictionAxis"), (2.0, "FrictionAxis")),
+    "LoopController": ((400.0, "PositionController"),),
+    "PositionController": ((400.0, "PositionController"),),
+    "ObserverDesign": ((AXIS, "design_pi_observer"), (3, "design_pi_observer")),
+    "Record": ((X, "Record"), (3, "Record")),
 }
 
 
-def arguments(name: str) -> Iterable[str]:
-    """Names of the arguments of a public function, class or method."""
-    first, *rest = name.split(".")
-    thing = PUBLIC.get(first) or getattr(dfc, first, None)
-    thing = functools.reduce(getattr, rest, thing) if thing else SOUND[name][0]
-    return inspect.signature(thing).parameters.keys()
+def parameters(name: str) -> Iterator[tuple[str, str]]:
+    """Arguments of a public function, class or method, and how they are annotated."""
+    for parameter in inspect.signature(SOUND[name][0]).parameters.values():
+        if parameter.kind is not parameter.VAR_KEYWORD:
+            yield parameter.name, str(parameter.annotation)
+
+
+def typed(annotation: str) -> tuple[tuple[Any, str], ...]:
+    """What an argument of this annotation refuses."""
+    starts = [s for s in TYPED if annotation.removesuffix(" | None").startswith(s)]
+    plain = max(starts, key=len, default="")
+    whole = plain in ("Mapping[str", "str | os.PathLike") or annotation.split(" | None")[0] == plain
+    return TYPED[plain] if plain and whole else ()
 
 
 # Records check their columns by rules of their own; a log must be there first.
 OTHERWISE = {"Record", "Record.from_irregular", "Record.split_at_gaps", "read_bam", "Saturation"}
 # Kept by axis and dt, so that 1.0 and True are one; dt = 0 is continuous time.
 OTHERWISE |= {"FrictionAxis.arrays", "FrictionAxis.mode_ss"}
+# Effects have bounds; a model must be there first.
+OTHERWISE |= {"Effect", "Law", "to_mjcf", *(cls.__name__ for cls in REGISTRY.values())}
+# Handed on to matplotlib, python-control or the file system, endless on purpose, or used only
+# where a model, a log or another argument is there: rows of their own, if any.
+UNTYPED = set(
+    "title name progress limit source Law.tolerance read_bam.dt Record.window.t0 Record.window.t1 "
+    "Record.read.origin read_record.max_gap FrictionAxis.arrays.dt Record.to_csv.path "
+    "ObserverDesign.save.path write_axis.path Scaling.from_dict.data Record.from_frame.columns".split()
+) | {f"to_{model}.{name}" for model in ("mjcf", "urdf", "modelica") for name in ("joint", "out")}
+for _name in SOUND:
+    for _argument, _annotation in parameters(_name):
+        if _name not in OTHERWISE:
+            _signed = SIGNED.get(_argument, ()) if _annotation.startswith("float") else ()
+            _table = (*_signed, *EVERYWHERE.get(_argument, ()))
+            rows(*((_name, {_argument: bad}, mend) for bad, mend in _table))
+        if not UNTYPED & {_argument, f"{_name}.{_argument}"}:
+            _says = (
+                "3|path" if "PathLike" in _annotation else "mode" if _argument == "index" else None
+            )
+            rows(*((_name, {_argument: bad}, mend, _says) for bad, mend in typed(_annotation)))
 rows(
-    *(
-        (name, {argument: bad}, mend)
-        for name in SOUND
-        if name not in OTHERWISE
-        for argument, table in EVERYWHERE.items()
-        if argument in arguments(name)
-        for bad, mend in table
-    ),
     *(("FrictionAxis.simulate Law observe", dict(u=bad), mend) for bad, mend in SAMPLES),
     *(("observe", dict(y=bad), mend) for bad, mend in SAMPLES),
+    ("FrictionAxis Record read_record", dict(name=3), "text"),
+    ("design_compensation", dict(law="magic"), "learned"),
 )
 
 
@@ -1071,9 +882,6 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
         call, arguments = case.call, dict(case.spoil)
         if hasattr(call, "needs_folder"):
             arguments["folder"] = folder
-    design()  # made before anything is forbidden
-    if case.name.startswith("Fit."):
-        fitted()
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
     with no_work(monkeypatch), pytest.raises(case.kind) as caught:
@@ -1114,11 +922,9 @@ def test_every_argument_is_in_the_table():
     """Each argument of each public function is spoiled at least once."""
     # Blocks hand their name to python-control; `progress` is asked for its truth alone.
     free = {"progress", "name"}
-    # Made by the package: the table spoils the arguments of their methods.
-    made = {"SimulationResponse", "Events", "Fit", "Experiment", "ObserverDesign", "Law"}
     elsewhere = {"register_effect.cls", "write_axis.path"}
     missing = set()
-    for name in set(PUBLIC) - NOTHING_TO_SPOIL - made:
+    for name in set(PUBLIC) - NOTHING_TO_SPOIL - GIVEN:
         thing = PUBLIC[name]
         if callable(thing):
             spoiled = {key for case in CASES if case.name == name for key in case.spoil}
@@ -1129,17 +935,11 @@ def test_every_argument_is_in_the_table():
 
 # ------------------------------------------------------------------ warnings
 
-CLIPPED = np.clip(40.0 * np.sin(30.0 * T) + 5.0 * np.sin(211.0 * T), -20.0, 20.0)
-JUMP = np.where(np.arange(N) == 900, X + 0.9 * np.ptp(X), X)
 STRETCHES = (np.arange(N) < 700) | (np.arange(N) > 1994)
 CONTACT = AXIS.replace(effects=fx.Presliding(1e-5))
 COUNTS = "one count in m, not a number of counts"
 SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
     "time in ms": (dfc.Record, (1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
-    "time in us": (dfc.Record, (1e6 * T, U, X), "microseconds.*t \\* 1e-06"),
-    "input clipped": (dfc.Record, (T, CLIPPED, X), "clipped.*force that acted"),
-    "glitch": (dfc.Record, (T, U, JUMP), "masked: 1 jump"),
-    "irregular time in ms": (dfc.Record.from_irregular, (1e3 * T, U, X), "milliseconds"),
     "mapping, ms": (dfc.read_record, ({"t": 1e3 * T, "u": U, "x": X},), "milliseconds"),
     "short stretches lost": (
         dfc.Record.split_at_gaps,

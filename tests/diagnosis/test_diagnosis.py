@@ -34,9 +34,6 @@ def test_slightly_wrong_parameters_are_mended_and_nothing_else_is_accused():
         assert getattr(found.extended, name) == pytest.approx(case.actual[name], rel=3e-3)
 
 
-# -- the blind test would catch a diagnosis that cheats -----------------------------
-
-
 # -- what must not matter -----------------------------------------------------------
 
 
@@ -53,12 +50,13 @@ def answer(slug):
 @pytest.mark.slow
 def test_the_answer_hangs_on_no_name_and_no_order():
     case = case_of("bias_force")
-    right = diagnose(believed(case), record(case), jobs=1)
+    right = answer("bias_force")
     told = dfc.Record(case.t, case.u, case.x, name="spring")
     classes = dict(REGISTRY)
     REGISTRY.clear()  # until the end of the test
     REGISTRY.update((slug, classes[slug]) for slug in sorted(classes)[::-1])
-    found = diagnose(believed(case).replace(name="spring"), told, jobs=1)
+    with among(*RIVALS):
+        found = diagnose(believed(case).replace(name="spring"), told, jobs=1)
     assert causes(found) == causes(right)
     assert named_right(["bias_force"], case.twins, causes(right))
     # The order in which candidates are fitted leaves no trace in the numbers.
@@ -66,9 +64,9 @@ def test_the_answer_hangs_on_no_name_and_no_order():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("slug", "jobs"), [("bias_force", 1), ("quadratic_drag", 2)])
-def test_two_calls_agree_and_so_do_one_and_two_jobs(slug, jobs):
-    case, first = case_of(slug), answer(slug)
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_two_calls_agree_and_so_do_one_and_two_jobs(jobs):
+    case, first = case_of("bias_force"), answer("bias_force")
     axis, measured = believed(case), record(case)
     with among(*RIVALS):
         known = dict(REGISTRY)
@@ -104,12 +102,3 @@ def test_a_record_without_motion_is_refused():
     still = dfc.Record(t, np.sin(t), 0.1 + 1e-6 * rng.integers(0, 2, t.size))
     with pytest.raises(ValueError, match="hardly moves"):
         diagnose(AXIS, still)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("hidden", "seed", "alternatives"), [("coulomb", 1, ())])
-def test_what_does_the_same_as_one_wrong_base_parameter_is_stated(hidden, seed, alternatives):
-    case = make_case(hidden, seed, "short")
-    found = diagnose(believed(case), record(case), jobs=1)
-    assert [(c.effect, c.alternatives) for c in found.causes] == [("coulomb", alternatives)]
-    assert (found.next_experiment is not None) is bool(alternatives)

@@ -17,18 +17,15 @@ from hypothesis import strategies as st
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
 from dryfric_control.diagnosis.evidence import (
-    autocorrelation,
-    binned,
     evidence,
     since_reversal,
     where,
 )
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report import figures, findings, wording
-from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
+from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE, Cause, Gain, Unexplained
 from dryfric_control.diagnosis.report.page import html_page, html_summary
-from dryfric_control.drawing import control_plot, legend_above
 from dryfric_control.estimation.windows import cut
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.store.axis_file import axis_text, read_axis, write_axis
@@ -187,11 +184,6 @@ def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown,
     assert np.mean(still.mode_simulated == 0) > 0.8
 
 
-def test_effects_on_the_base_count_as_the_base(found, shown):
-    axis = found.axis.replace(mass=1.5, effects=dfc.effects.Inertia(factor=2.0))
-    np.testing.assert_array_equal(evidence(axis, found.record).residual, shown.residual)
-
-
 def test_time_since_reversal():
     t = DT * np.arange(4000)
 
@@ -206,31 +198,6 @@ def test_time_since_reversal():
     assert found[[1500, 3900]] == pytest.approx([0.5, 0.9], abs=0.01)
     # A rest is no reversal.
     assert np.isnan(since(0.0, 0.1, 0.1, 0.2, 0.3)).all()
-
-
-def test_autocorrelation_against_the_slow_sum():
-    rng = np.random.default_rng(6)
-    index = np.flatnonzero(rng.random(300) < 0.7)
-    values = rng.standard_normal(index.size)
-    _, found, white = autocorrelation(values, index, 1.0, longest=8.0)
-    r = dict(zip(index.tolist(), values - values.mean(), strict=True))
-    for lag in range(9):
-        pairs = [(r[k], r[k + lag]) for k in r if k + lag in r]
-        a, b = np.array(pairs).T
-        assert found[lag] == pytest.approx(np.sum(a * b) / np.sqrt(np.sum(a * a) * np.sum(b * b)))
-        assert white[lag] == pytest.approx(1.96 / math.sqrt(len(pairs)))
-
-
-def test_binned_quartiles_and_gaps():
-    by = np.array([0.1] * 9 + [0.9] * 4 + [2.5] * 5 + [np.nan])
-    values = np.array([*range(9), *range(4), 7.0, 7.0, 7.0, 7.0, np.nan, 1.0])
-    found = binned(values, by, [0.0, 1.0, 2.0, 3.0])
-    # The last bin keeps four known values: too few.
-    assert found.centre.tolist() == [0.5]
-    assert found.samples.tolist() == [13]
-    assert found.median[0] == pytest.approx(np.median(values[:13]))
-    assert found.low[0] == pytest.approx(np.quantile(values[:13], 0.25))
-    assert binned([], []).centre.size == 0
 
 
 MOMENTS = DT * np.arange(6000)
@@ -289,12 +256,9 @@ def test_what_is_no_force_is_left_out_and_said_so(effect, smoothed_away, found):
     assert wording.hidden_text(replace(d, extended=PLAIN), nominal.hidden) == ""
 
 
-def test_the_share_left_is_one_fact(found):
+def test_the_share_of_the_error_that_is_left():
     gain = Gain(4.2e-4, 9e-6, 1.2e-6, (38.0, 56.0), "m")
     assert gain.left == pytest.approx(math.sqrt((9e-6**2 - 1.2e-6**2) / (4.2e-4**2 - 1.2e-6**2)))
-    d = replace(found, gain=gain, unexplained=Unexplained(gain.left, True, ()))
-    for words in (d.summary(), words_of(html_summary(d))):
-        assert "2.1 % of the error above noise is left" in " ".join(words.split())
     for after, left in ((1e-3, 1.0), (1.1e-6, 0.0)):
         assert Gain(4.2e-4, after, 1.2e-6, (1.0, 1.0), "m").left == left
 
@@ -317,13 +281,6 @@ def test_the_words_of_a_rotary_axis(found):
         assert not re.search(r"\b([Ff]orce|mass)\b", rest), rest
     assert said in " ".join(d.summary().split())
     assert str(d.remaining).startswith("random torque left: 0.2 N m")
-    ax = matplotlib.pyplot.figure().subplots()
-    ax.plot([0.0, 1.0], [0.0, 1.0], label="force residual, nominal model")
-    ax.set_ylabel("force residual [N m]")
-    legend_above(ax)
-    control_plot(np.array([ax], dtype=object))
-    assert ax.get_ylabel() == "torque residual [N\xb7m]"
-    assert ax.get_legend().get_texts()[0].get_text() == "torque residual, nominal model"
     assert "Force residual over velocity: the force" in words_of(page_of(found))
 
 
@@ -428,18 +385,6 @@ def test_where_finds_what_bad_windows_share(wander, place, words, edges, off):
     assert {"x": " rad", "v": " rad/s", "t": " s"}.get(place, "") in first
 
 
-@pytest.mark.slow
-def test_where_says_nothing_of_noise(wander):
-    rng = np.random.default_rng(2)
-    assert where(rng.random(len(wander)), 1.0, wander) == ()
-    # Bad windows that lie anywhere: some 1 in 100 is tied to a place by chance.
-    claims = 0
-    for _ in range(40):
-        words = where(rng.random(len(wander)), 0.85, wander)
-        claims += not words[0].startswith("spread over the record")
-    assert claims <= 2
-
-
 def drawn(ax):
     """Finite data of everything drawn."""
     arrays = [np.asarray(line.get_xydata(), float) for line in ax.lines]
@@ -476,10 +421,9 @@ def test_page_draws_every_panel_with_units(found, nothing, shown):
     assert "no candidate had to be tried" in [t.get_text() for t in axes[-2].texts]
 
 
-@pytest.mark.parametrize("messages", [0, 30])
-def test_nothing_in_the_page_overlaps(found, messages):
+def test_nothing_in_the_page_overlaps(found):
     """However much text stands above the panels."""
-    said = tuple(f"message {i} of many" for i in range(messages))
+    said = tuple(f"message {i} of many" for i in range(30))
     figure = replace(found, messages=said).plot().figure
     figure.canvas.draw()
     boxes = [ax.get_tightbbox() for ax in figure.axes[1:]]
@@ -519,37 +463,28 @@ def test_bars_are_sorted_and_the_named_stand_out(found, uneven):
     assert ax.get_xlim()[0] == 1.0
 
 
-def test_a_bar_is_more_than_chance(found, uneven):
+def test_a_bar_is_more_than_chance(found):
     scores = {"": 0.0, "spring": -0.008, "bias_force": -0.004, "gravity": 1e-3, "drift": -1e-3}
     d = replace(found, scores=scores)
     ax = d.plot().axes.ravel()[-2]
-    assert ax.get_xlabel() == "gain of log-likelihood,\none-step predictions [1]"
     # Half the fall of the score at each of 8000 samples; 4 is no more than chance.
     bars = [patch.get_x() + patch.get_width() for patch in ax.patches]
     assert bars == pytest.approx([32.0, 16.0])
     assert [text.get_text() for text in ax.texts] == [" useful only in combination"]  # gravity
-    words = words_of(page_of(d))
-    assert "Gain of log-likelihood, one-step predictions: the best candidates" in words
-    assert "(below 6: chance). No better on their own: " in words
     # Where there is nothing to find no bar is drawn, however long.
     none = replace(d, verdict="nothing to find", causes=())
     assert not none.plot().axes.ravel()[-2].patches
-    assert "Bars:" not in page_of(none)
     # Without any bar a sentence stands there.
     flat = replace(found, scores={"": 3.0, "spring": 3.0, "gravity": 3.4})
     ax = flat.plot().axes.ravel()[-2]
     assert not ax.patches and not ax.axison
-    sentence = figures.no_bar_text(flat)
+    sentence = " ".join(ax.texts[0].get_text().split())
     assert sentence.endswith("Coulomb level. In combination: spring + bias force.")
-    assert " ".join(ax.texts[0].get_text().split()) == sentence
     assert sentence in words_of(page_of(flat)) and "Bars:" not in page_of(flat)
-    base = replace(uneven, causes=uneven.causes[-2:], scores=flat.scores)
-    assert sentence.startswith(figures.no_bar_text(base))  # base parameters: no candidates
 
 
-@pytest.mark.parametrize("which", ["found", "uneven"])
-def test_scale_of_the_force_holds_zero_and_every_median(which, request):
-    for ax in request.getfixturevalue(which).plot().axes.ravel()[2:6]:
+def test_scale_of_the_force_holds_zero_and_every_median(found):
+    for ax in found.plot().axes.ravel()[2:6]:
         low, high = ax.get_ylim()
         assert low < 0.0 < high
         labels = [line.get_label() for line in ax.lines]
@@ -567,9 +502,8 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
         "coulomb_asymmetry", "position_dependence", "viscous_asymmetry", "coulomb",
     ]  # fmt: skip
     assert found.small_corrections == ()
-    assert "Stribeck" not in figures.headline(uneven) and "inertia" not in figures.headline(uneven)
     heading = "small corrections of nominal values"
-    for text in (uneven.summary(), words_of(page_of(uneven)), words_of(html_summary(uneven))):
+    for text in (uneven.summary(), words_of(html_summary(uneven))):
         text = re.sub(r"\s+", " ", text).replace("\u2192", "->").replace("\u00b1", "+-")
         causes, _, small = text.partition(heading if heading in text else heading.capitalize())
         for change in (
@@ -580,29 +514,7 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
             assert change in small and change not in causes, change
         assert "coulomb 6 -> 5.40000 +- 0.00010 N (-10 %)" in causes
         assert heading.capitalize() not in words_of(html_summary(found))
-    told = uneven.to_dict()
-    assert told["small_corrections"] == ["stribeck", "inertia"]
-    assert told["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
-    assert told["causes"][0]["believed"] == {}
-    only = replace(uneven, causes=uneven.small_corrections)
-    assert figures.headline(only) == "explained: small corrections of nominal values"
-    Page(html_page(only))
-
-
-def test_what_moved_without_a_cause_is_told(found):
-    lighter = replace(found, extended=found.extended.replace(mass=0.915 * found.axis.mass))
-    line = "also changed in the extended model, by less than the remaining force shows: mass -8.5 %"
-    assert line in lighter.summary() and line in words_of(html_summary(lighter))
-    assert "also changed" not in found.summary()
-
-
-def test_a_place_is_measured_by_the_range_and_not_by_itself(found):
-    believed = found.axis.replace(effects=(dfc.effects.Spring(stiffness=12.0, rest=1e-4),))
-    near = cause("spring", {"stiffness": 12.1, "rest": 2e-4}, {"stiffness": 0.1, "rest": 1e-5})
-    far = replace(near, parameters={"stiffness": 12.1, "rest": 0.1})
-    d = replace(found, axis=believed, causes=(near,))
-    assert d.is_small(near) and not d.is_small(far)
-    assert "rest 0.0001 -> (2.00 +- 0.10)e-04 m (+0.0001 m)" in " ".join(d.summary().split())
+    assert uneven.to_dict()["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
 
 
 def law_level(x, way):
@@ -611,45 +523,16 @@ def law_level(x, way):
     return (5.4 - way * 1.0) * (1.0 + 1.5 * q + 3.0 * q**2)
 
 
-def test_levels_are_those_of_the_laws(uneven):
-    x = np.linspace(0.0, 0.3, 7)
-    for way in (1, -1):
-        # Rounding alone: both are the same few operations.
-        np.testing.assert_allclose(
-            wording.levels(uneven.extended, x, way), law_level(x, way), rtol=1e-12
-        )
-        np.testing.assert_allclose(wording.levels(uneven.axis, x, way), 6.0, rtol=1e-12)
-    table = uneven.to_dict()["coulomb_level"]
-    ends = uneven.record.x.min(), uneven.record.x.max()
-    np.testing.assert_allclose(table["x"], [ends[0], 0.5 * sum(ends), ends[1]])
-    np.testing.assert_allclose(table["found"]["backwards"], law_level(np.array(table["x"]), -1))
-    # A force and a load are no part of the level.
-    effects = dfc.effects.Spring(stiffness=100.0), dfc.effects.LoadDependence(coefficient=0.2)
-    assert wording.levels(uneven.axis.replace(effects=effects), [0.2], 1) == pytest.approx([6.0])
-
-
-@pytest.mark.slow
 def test_which_way_is_harder_is_told_in_newtons(uneven):
     x = np.array(uneven.to_dict()["coulomb_level"]["x"])
-    flat = re.sub(r"\s+", " ", uneven.summary())
-    page = words_of(page_of(uneven))
-    for text in (flat, page, words_of(html_summary(uneven))):
+    for words in (uneven.summary(), words_of(html_summary(uneven))):
+        text = re.sub(r"\s+", " ", words).replace("\xb7", " ")
         for way, name in ((1, "forwards"), (-1, "backwards")):
             places = ", ".join(f"{law_level(p, way):.3g} N at x = {p:.3g} m" for p in x)
             assert f"{name}: {places}" in text
-        assert (
-            "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5"
-            in text.replace("\xb7", " ")
-        )
-        assert "centre = 0.15 m" in text and "q = x - centre" in text
+        assert "viscous friction (x grows forwards): forwards 16.5 N s/m, backwards 11.5" in text
         # Two causes act on the level: it is told once.
         assert text.count("Coulomb level found") == 1
-    for i, p in enumerate(x):
-        assert f"Coulomb level backwards at x = {p:.3g} m 6 N {law_level(p, -1):.4g} N" in page, i
-    assert "viscous friction backwards 14 N\xb7s/m 11.5 N\xb7s/m -18 %" in page
-    assert (
-        "Coulomb + , Coulomb -" not in page and "the effects listed under them add to these" in page
-    )
 
 
 @pytest.mark.parametrize(
@@ -714,10 +597,8 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-@pytest.mark.parametrize("which", ["found", "nothing"])
-def test_page_stands_alone_and_escapes(which, request):
-    d = request.getfixturevalue(which)
-    text = page_of(d)
+def test_page_stands_alone_and_escapes(found):
+    text = page_of(found)
     page = Page(text)
     assert text.startswith("<!DOCTYPE html>")
     assert "script" not in page.tags and "link" not in page.tags
@@ -876,39 +757,18 @@ def test_command_writes_the_report(command, found, tmp_path, monkeypatch, capsys
     Page((out / "report.html").read_text())
 
 
-def test_report_is_written_whole_or_not_at_all(found, tmp_path, monkeypatch):
-    def fail(d):
-        raise ValueError("no page today")
-
-    monkeypatch.setattr("dryfric_control.diagnosis.report.diagnosis.html_page", fail)
-    with pytest.raises(ValueError, match="no page today"):
-        write_report(found, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    assert matplotlib.pyplot.get_fignums() == []
-
-
 def test_records_that_were_diagnosed_together_are_named(found):
-    def called(name):
-        r = found.record
-        return dfc.Record(r.t, r.u, r.x, quantum=r.quantum, name=name)
-
-    more = replace(found, others=(called("b"), called("c")))
-    first = replace(more, record=called("a"))
-    assert wording.records_text(first) == "3 records: a, b, c"
+    a, b, c = (dfc.Record(r.t, r.u, r.x, quantum=r.quantum, name=name)
+               for r, name in ((found.record, name) for name in "abc"))  # fmt: skip
+    first = replace(found, record=a, others=(b, c))
     assert str(first).startswith(f"verdict: {found.verdict} (of 3 records: a, b, c)")
     page = html_page(first)
     assert "3 records: a, b, c" in page
     # Curves, table and footer are of the first one, and say so.
     assert '<th scope="col">record a, the first of 3</th>' in page
-    assert "Record a, the first of 3: 8000 samples in" in page
     captions = re.findall("<figcaption>(.*?)</figcaption>", page)
     assert sum(one.endswith("Record a, the first of 3.") for one in captions) >= 8
-    text = first.plot().figure.axes[0].texts[1].get_text()
-    assert text.endswith("curves: record a, the first of 3")
     assert "the first of" not in page_of(found)
-    nameless = replace(more, record=called(""))
-    assert wording.records_text(nameless) == "3 records"
-    assert wording.shown_record(nameless) == "the first of 3 records"
 
 
 def test_what_is_advised_next(found):
@@ -917,8 +777,6 @@ def test_what_is_advised_next(found):
     steps = wording.next_steps(replace(found, unexplained=left, messages=(LATE,)))
     more, own = (i for i, one in enumerate(steps) if "more time" in one or "register" in one)
     assert more < own and "diagnose(d.extended, record)" in steps[more]
-    steps = wording.next_steps(replace(found, unexplained=left, messages=()))
-    assert not any("more time" in one for one in steps)
     wrong = replace(
         found.causes[0], effect="inertia", parameters={"mass": 2.5}, standard_errors={"mass": 0.1},
         units={"mass": "kg"}, alternatives=("input_gain+viscous+coulomb",),

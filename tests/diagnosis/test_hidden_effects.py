@@ -19,8 +19,8 @@ import dryfric_control as dfc
 SEEDS = {"spring": 0, "dwell_time": 0, "backlash": 1}
 # One of each action is looked for in the whole catalogue, the others among these.
 WHOLE = (
-    "inertia", "coulomb_asymmetry", "spring", "cogging", "load_dependence", "dwell_time",
-    "input_gain", "input_delay", "actuator_lag", "presliding", "backlash", "end_stop",
+    "inertia", "spring", "load_dependence", "dwell_time", "input_gain", "input_delay",
+    "actuator_lag", "presliding", "backlash",
 )  # fmt: skip
 RIVALS = (
     "bias_force", "coulomb_asymmetry", "viscous_asymmetry", "position_dependence", "spring",

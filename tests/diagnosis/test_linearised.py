@@ -134,17 +134,3 @@ def test_the_strongest_frequency_is_that_of_the_sine(effect, kind, frequency):
     # Half a main lobe, which is one period over the whole length.
     assert found[0] == pytest.approx(frequency, abs=0.5 / np.ptp(along))
     assert lobes > 10.0
-
-
-def test_where_nothing_repeats_no_frequency_stands_out():
-    here = view_of(AXIS, driven(AXIS))
-    for kind in ("force", "time", "reading"):
-        waves, lobes = here.waves(kind)
-        for wave in waves:
-            along = here.t if kind == "time" else here.x
-            pair = [f(2.0 * np.pi * wave * along) for f in (np.sin, np.cos)]
-            columns = (here.of_readings if kind == "reading" else here.of_forces)(pair)
-            amounts, *_ = np.linalg.lstsq(columns, here.y, rcond=None)
-            gain = 0.5 * float(here.y @ columns @ amounts)
-            # Largest of as many chi-squares of two degrees of freedom.
-            assert gain < math.log(lobes) + 12.0

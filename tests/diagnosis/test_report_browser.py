@@ -92,17 +92,3 @@ def test_the_report_opens_without_a_network(report, tmp_path, width):
     # As large as a telephone is wide.
     assert all(complete and pixels >= 400 for complete, pixels in seen.images)
     assert seen.wide <= 0
-
-
-def test_the_check_sees_what_it_is_there_to_see(tmp_path):
-    page = (
-        "<html><head></head><body><img src='https://example.invalid/a.png'>"
-        "<img src='data:image/png;base64,AAAA'><p style='width: 2000px'>wide</p>"
-        "<script>console.error('told'); missing();</script></body></html>"
-    )
-    seen = opened(page, tmp_path)
-    assert seen.hosts == {"example.invalid"}
-    assert [width for _, width in seen.images] == [0, 0]
-    assert seen.wide > 900
-    told = "\n".join(seen.console)
-    assert "told" in told and "missing is not defined" in told

@@ -29,15 +29,12 @@ def test_both_causes_of_a_pair_are_found():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("effects", "seed", "condition"), [(("input_gain",), 7, "exact"), (("input_gain",), 4, "short")]
-)
-def test_a_gain_is_not_taken_for_three_wrong_base_parameters(effects, seed, condition):
+def test_a_gain_is_not_taken_for_three_wrong_base_parameters():
     # The very same machine; one cause is plainer than three.
-    case = make_case(effects, seed, condition)
+    case = make_case("input_gain", 4, "short")
     with among(*BESIDE_GAIN):
         found = diagnose(believed(case), record(case), jobs=1)
-    assert sorted(causes(found)) == sorted(effects), str(found)
+    assert causes(found) == ["input_gain"], str(found)
 
 
 # -- effects in the believed axis ------------------------------------------------------

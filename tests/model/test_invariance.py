@@ -178,20 +178,6 @@ def test_simulation(data):
     np.testing.assert_array_equal(other.events.after, one.events.after)
 
 
-@pytest.mark.parametrize("method", ["euler", "zoh"])
-@settings(max_examples=25)
-@given(st.data())
-def test_sampled_modes(method, data):
-    axis, units = data.draw(axes(("inertia", "viscous"))), data.draw(scales())
-    for index in (0, 1, -1):
-        for input in ("drive", "force"):
-            old = axis.mode_ss(index, DT, method, input)
-            new = units.axis(axis).mode_ss(index, DT * units.time, method, input)
-            state = np.array([units.length, units.of(SPEED)])
-            np.testing.assert_array_equal(new.A / state[:, None] * state, old.A)
-            np.testing.assert_array_equal(new.B[:, 0] / state * units.force, old.B[:, 0])
-
-
 @settings(max_examples=40)
 @given(st.data())
 def test_closed_loop(data):

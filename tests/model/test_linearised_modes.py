@@ -83,20 +83,6 @@ def test_closed_forms():
     assert axis.mode_ss(1, at=(0.0, 0.1, 0.5)).B[1, 0] == 0.0
 
 
-def test_rest_and_axes_without_effects_stay_as_they_were():
-    axis, plain = made("several"), dfc.FrictionAxis(**STAGE)
-    for method in ("euler", "zoh"):
-        for given in ("drive", "force"):
-            one = axis.mode_ss(0, DT, method, given, at=(0.01, 0.0))
-            other = axis.mode_ss(0, DT, method, given)
-            np.testing.assert_array_equal(one.A, other.A)
-            np.testing.assert_array_equal(one.B, other.B)
-            one = plain.mode_ss(1, DT, method, given, at=(0.01, 0.1))
-            other = plain.mode_ss(1, DT, method, given)
-            np.testing.assert_allclose(one.A, other.A, rtol=1e-9, atol=1e-12)
-            np.testing.assert_allclose(one.B, other.B, rtol=1e-9, atol=1e-15)
-
-
 def test_a_pendulum_has_the_closed_loop_poles_it_was_given():
     arm = made("gravity", coulomb=0.5)
     at = (1.0, 0.0)
@@ -139,21 +125,6 @@ def test_delay_and_lag_are_states_of_the_mode(name):
     # The simulation integrates a lag to some 1e-10 m; a sample of delay would be 1e-5 m.
     np.testing.assert_allclose(response.outputs, expected, rtol=0.0, atol=1e-9)
     assert np.ptp(expected[1:] - expected[:-1]) > 1e-6
-
-
-def test_states_and_signals_have_names():
-    axis = dfc.FrictionAxis(**STAGE, effects=LATE["delay, lag and gain"])
-    for index in (0, 1):
-        system = axis.mode_ss(index, DT, "zoh")
-        assert system.state_labels == ["x", "v", "lagged", "u_1", "u_2", "u_3", "u_4"]
-        assert system.input_labels == ["u"]
-    # A force on the mass is neither late nor lagged; at rest no drive moves the axis.
-    assert axis.mode_ss(1, DT, input="force").state_labels == ["x", "v"]
-    stuck = axis.mode_ss(0, DT, "zoh")
-    assert not ct.forced_response(stuck, np.arange(50) * DT, np.ones(50)).outputs.any()
-    linear = ct.linearize(dfc.FrictionAxis(**STAGE).mode(-1), [0.0, -0.1], [-9.0])
-    assert linear.state_labels == ["x", "v"]
-    assert linear.input_labels == ["u"] and linear.output_labels == ["x", "v", "F"]
 
 
 def test_the_lag_is_a_state_of_the_continuous_mode():

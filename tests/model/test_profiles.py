@@ -32,18 +32,6 @@ def test_phases_meet_the_end_within_the_limits(way, v, a, j):
     assert top_v <= v * (1 + 1e-12) and top_a <= a * (1 + 1e-12)
 
 
-@settings(max_examples=50, deadline=None)
-@given(way=st.floats(1e-6, 1e2), v=limit, a=limit, j=limit)
-def test_one_limit_is_met(way, v, a, j):
-    """As fast as allowed: time optimal moves run at a limit all the time."""
-    jerks, lengths = move_phases(way, v, a, j)
-    ramp, hold, _, cruise = lengths[:4]
-    if cruise > 0.0:
-        assert j * ramp * (ramp + hold) == pytest.approx(v, rel=1e-9)
-    if hold > 0.0:
-        assert j * ramp == pytest.approx(a, rel=1e-9)
-
-
 def test_duration_of_a_known_move():
     """D/v + v/a + a/j with speed and acceleration both reached."""
     move = dfc.motion_profile(0.1, 1e-3, velocity=0.2, acceleration=2.0, jerk=40.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import control as ct
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -83,11 +82,3 @@ def test_no_text_covers_another_or_leaves_the_figure(axis):
     for i, box in enumerate(boxes):
         assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0, i
         assert not any(box.overlaps(other) for other in boxes[i + 1 :]), i
-
-
-def test_it_draws_in_axes_given():
-    figure, ax = plt.subplots(figsize=(7.0, 4.2))
-    drawn = dfc.plot_state_machine(an_axis(), ax=ax)
-    assert isinstance(drawn, ct.ControlPlot)
-    assert drawn.figure is figure and np.ravel(drawn.axes)[0] is ax
-    assert plt.get_fignums() == [figure.number]

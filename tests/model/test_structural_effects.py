@@ -4,7 +4,6 @@ The tolerance of the kernel's step is 3e-9 of the speed, which bounds most of wh
 is compared with closed forms; every other tolerance says where it comes from.
 """
 
-import dataclasses
 import math
 
 import control as ct
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
 MASS, COULOMB, DISTANCE = 2.0, 8.0, 40e-6
@@ -125,16 +123,6 @@ def test_motor_crosses_the_play_alone(hold):
     np.testing.assert_allclose(resp.y[1, late], speed[late], rtol=1e-10)
 
 
-def test_lagged_drive_crosses_the_play_in_closed_form():
-    """w = u (1 - exp(-t/T)): the motor's way is u/m (t^2/2 - T t + T^2 (1 - exp))."""
-    u, lag, motor = 4.0, 5e-3, 0.6 * MASS
-    axis = axis_with(dfc.effects.Backlash(1e-3, 0.4), dfc.effects.ActuatorLag(lag))
-    t = np.arange(12) * DT
-    x = axis.simulate(np.full(12, u), DT).y[0]
-    way = u / motor * (0.5 * t**2 - lag * t - lag**2 * np.expm1(-t / lag))
-    np.testing.assert_allclose(x, way, rtol=0, atol=1e-15)
-
-
 def test_braked_motor_leaves_the_load_and_meets_it_behind():
     """Apart both brake evenly: the whole gap takes sqrt(2 gap/(am - al))."""
     push, brake = 20.0, -30.0
@@ -241,50 +229,6 @@ def test_all_faces_of_the_axis_agree(effects, more):
     for k in range(200):
         plant.step(float(u[k]))
     assert plant.x == pytest.approx(resp.y[0, 200], rel=1e-12)
-
-
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_windows_carry_the_inner_states_over(effects):
-    axis = rich_axis(*effects)
-    t = np.arange(3000) * DT
-    u = 14.0 * np.sin(2 * np.pi * 0.7 * t)
-    truth = axis.simulate(u, DT)
-    windows = cut(dfc.Record(t, u, truth.y[0]), window=0.05)
-    starts = windows.edges[:-1]
-    exact = {"dx": truth.y[0, starts] - windows.x0, "dv": truth.y[1, starts] - windows.v0}
-    carried = windows.run(axis, **exact)
-    # The first window settles, the record has started unstrained: left out.
-    later = slice(int(windows.edges[10]), None)
-    error = np.abs(carried - truth.y[0])[later].max()
-    # A window run alone has nothing to go on with.
-    alone = np.zeros_like(carried)
-    for i, (a, b) in enumerate(zip(windows.edges[:-1], windows.edges[1:], strict=True)):
-        one = {name: getattr(windows, name)[i : i + 1] for name in ("x0", "v0", "rest")}
-        window = dataclasses.replace(windows, edges=windows.edges[i : i + 2], **one)
-        start = {name: values[i : i + 1] for name, values in exact.items()}
-        alone[a:b] = window.run(axis, **start)[a:b]
-    forgotten = np.abs(alone - truth.y[0])[later].max()
-    assert error < 0.2 * forgotten
-    # What the first window has started wrong dies out in friction: what stays is small.
-    assert error < 1e-5
-    # All windows are run, whichever are asked for.
-    some = np.arange(len(windows)) % 3 == 0
-    assert np.array_equal(windows.run(axis, **exact, active=some), carried)
-
-
-@pytest.mark.parametrize("u", [4.0, -4.0])
-@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
-def test_the_first_window_settles_under_its_load(effects, u):
-    """An axis that has rested under a load since long ago goes on resting."""
-    t = np.arange(1000) * DT
-    rng = np.random.default_rng(1)
-    # A record must not be constant: this much noise moves the axis by some 1e-14 m.
-    noise = 1e-9 * rng.standard_normal((2, 1000))
-    record = dfc.Record(t, u + noise[0], 0.1 + noise[1])
-    windows = cut(record, window=0.25)
-    run = windows.run(axis_with(*effects), dx=0.1 - windows.x0, dv=-windows.v0)
-    # Unstrained it would move by u/k, at least 20 um.
-    assert np.abs(run - 0.1).max() < 1e-12
 
 
 def test_without_a_coulomb_level_there_is_no_contact():

@@ -7,7 +7,6 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.text import typeset
 from dryfric_control.units import on_axis, powers
 
 LINEAR, ROTARY, MILLIMETRES = ("m", "N"), ("rad", "N m"), ("mm", "N")
@@ -69,22 +68,6 @@ def test_every_print_of_an_effect_has_the_units_of_its_axis(slug):
                 assert not re.search(r"\b(m|N|kg)\b", left), unit
             else:
                 assert "rad" not in unit or declared[name]["kind"] == "angle"
-
-
-@pytest.mark.parametrize("units", [LINEAR, ROTARY], ids=["linear", "rotary"])
-def test_base_parameters_have_the_same_units_everywhere(units):
-    axis = axis_in(units)
-    free = ("mass", "viscous", "stick_speed", "stick_rate", "stribeck", "coulomb_map")
-    _, parameters = choose(axis, free, SCALES)
-    found = {p.name: p.unit for p in parameters}
-    assert found["mass"] == {LINEAR: "kg", ROTARY: "kg m^2"}[units]
-    assert found["viscous"] == {LINEAR: "N s/m", ROTARY: "N m s/rad"}[units]
-    assert found["coulomb_plus[0]"] == units[1]
-    assert found["coulomb_plus[2]"] == {LINEAR: "N/m^2", ROTARY: "N m/rad^2"}[units]
-    assert found["stribeck.speed"] == found["stick_speed"] == f"{units[0]}/s"
-    for name in ("mass", "viscous", "stick_speed"):
-        value = f"{getattr(axis, name):.6g} {found[name]}"
-        assert value in axis.describe() and typeset(value) in axis._repr_html_()
 
 
 def test_a_bad_number_is_refused_in_the_units_of_the_axis():

@@ -17,71 +17,63 @@ Effects = dict[str, dict[str, float]]
 
 DT = 1e-3
 
-# Truth parameter -> field of the plant.
-FIELDS: dict[str, dict[str, str]] = {
-    "inertia": {"mass": "mass"},
-    "viscous": {"viscous": "viscous"},
-    "coulomb": {"coulomb": "coulomb"},
-    "coulomb_asymmetry": {"asymmetry": "asymmetry"},
-    "bias_force": {"force": "bias"},
-    "stribeck": {"excess": "excess", "speed": "stribeck_speed"},
-    "quadratic_drag": {"coefficient": "drag"},
-    "position_dependence": {"slope": "slope", "curvature": "curvature"},
-    "spring": {"stiffness": "spring", "centre": "spring_centre"},
-    "gravity": {"amplitude": "gravity", "phase": "gravity_phase"},
-    "cogging": {"amplitude": "cogging", "pitch": "cogging_pitch", "phase": "cogging_phase"},
-    "load_dependence": {"coefficient": "load"},
-    "drift": {"rate": "drift"},
-    "dwell_time": {"rise": "dwell_rise", "time_constant": "dwell_time"},
-    "presliding": {"distance": "presliding"},
-    "backlash": {"gap": "gap", "load_fraction": "load_fraction"},
-    "compliance": {
-        "stiffness": "coupling_stiffness",
-        "damping": "coupling_damping",
-        "load_fraction": "load_fraction",
-    },
-    "input_gain": {"gain": "gain"},
-    "input_delay": {"delay": "delay"},
-    "actuator_lag": {"time_constant": "lag"},
-    "dead_zone": {"width": "dead_zone"},
-    "saturation": {"limit": "saturation"},
-    "time_periodic": {
-        "amplitude": "periodic",
-        "frequency": "periodic_frequency",
-        "phase": "periodic_phase",
-    },
-}
+
+def _fields(*rows: str) -> dict[str, dict[str, str]]:
+    """Effects with their parameters, and the plant's name of each where it is another."""
+    table = {}
+    for row in rows:
+        slug, *names = row.split()
+        table[slug] = {name.split("=")[0]: name.split("=")[-1] for name in names}
+    return table
+
+
+FIELDS = _fields(
+    "inertia mass",
+    "viscous viscous",
+    "coulomb coulomb",
+    "coulomb_asymmetry asymmetry",
+    "bias_force force=bias",
+    "stribeck excess speed=stribeck_speed",
+    "quadratic_drag coefficient=drag",
+    "position_dependence slope curvature",
+    "spring stiffness=spring centre=spring_centre",
+    "gravity amplitude=gravity phase=gravity_phase",
+    "cogging amplitude=cogging pitch=cogging_pitch phase=cogging_phase",
+    "load_dependence coefficient=load",
+    "drift rate=drift",
+    "dwell_time rise=dwell_rise time_constant=dwell_time",
+    "presliding distance=presliding",
+    "backlash gap load_fraction",
+    "compliance stiffness=coupling_stiffness damping=coupling_damping load_fraction",
+    "input_gain gain",
+    "input_delay delay",
+    "actuator_lag time_constant=lag",
+    "dead_zone width=dead_zone",
+    "saturation limit=saturation",
+    "time_periodic amplitude=periodic frequency=periodic_frequency phase=periodic_phase",
+)
 EFFECTS = tuple(FIELDS)
 
 # In the catalogue, but drawn for no blind pair and no machine: these stay as they are.
-ADDED_FIELDS: dict[str, dict[str, str]] = {
-    "warm_up": {"rise": "warm_rise", "time_constant": "warm_time"},
-    "stribeck_asymmetry": {"difference": "excess_difference", "speed": "difference_speed"},
-    "velocity_strengthening": {"deficit": "deficit", "speed": "deficit_speed"},
-    "load_asymmetry": {"coefficient": "load_difference"},
-    "eccentric_encoder": {
-        "amplitude": "eccentricity",
-        "period": "eccentricity_period",
-        "phase": "eccentricity_phase",
-    },
-    "load_encoder_backlash": {"gap": "gap", "load_fraction": "load_fraction"},
-    "end_stop": {
-        "stiffness": "wall_stiffness",
-        "damping": "wall_damping",
-        "low": "wall_low",
-        "high": "wall_high",
-    },
-}
+ADDED_FIELDS = _fields(
+    "warm_up rise=warm_rise time_constant=warm_time",
+    "stribeck_asymmetry difference=excess_difference speed=difference_speed",
+    "velocity_strengthening deficit speed=deficit_speed",
+    "load_asymmetry coefficient=load_difference",
+    "eccentric_encoder amplitude=eccentricity period=eccentricity_period phase=eccentricity_phase",
+    "load_encoder_backlash gap load_fraction",
+    "end_stop stiffness=wall_stiffness damping=wall_damping low=wall_low high=wall_high",
+)
 ADDED = tuple(ADDED_FIELDS)
 
-OUTSIDE_FIELDS: dict[str, dict[str, str]] = {
-    "local_defect": {"height": "defect", "place": "defect_place", "width": "defect_width"},
-    "impacts": {},
-    "lost_steps": {},
-    "progressive_stop": {"stiffness": "stop_stiffness", "place": "stop_place"},
-    "wandering_friction": {},
-    "speed_ripple": {"amplitude": "ripple", "speed": "ripple_speed", "pitch": "ripple_pitch"},
-}
+OUTSIDE_FIELDS = _fields(
+    "local_defect height=defect place=defect_place width=defect_width",
+    "impacts",
+    "lost_steps",
+    "progressive_stop stiffness=stop_stiffness place=stop_place",
+    "wandering_friction",
+    "speed_ripple amplitude=ripple speed=ripple_speed pitch=ripple_pitch",
+)
 OUTSIDE = tuple(OUTSIDE_FIELDS)
 
 

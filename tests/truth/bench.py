@@ -51,29 +51,16 @@ CONDITIONS = ("exact", "off", "coarse", "short")
 # Pairs that one record can hardly hold apart by construction (the same force on
 # most of the record), or that the bench cannot combine (two transmissions).
 EQUAL = frozenset(
-    frozenset(pair)
-    for pair in (
-        ("bias_force", "coulomb_asymmetry"),
-        ("coulomb", "dead_zone"),
-        ("input_gain", "load_dependence"),
-        ("input_delay", "actuator_lag"),
-        ("spring", "gravity"),
-        ("bias_force", "spring"),
-        ("bias_force", "gravity"),
-        ("coulomb_asymmetry", "spring"),
-        ("coulomb_asymmetry", "gravity"),
-        ("coulomb", "drift"),
-        ("coulomb", "position_dependence"),
-        ("viscous", "quadratic_drag"),
-        ("inertia", "input_gain"),
-        ("coulomb", "input_gain"),
-        ("coulomb", "load_dependence"),
-        ("dead_zone", "input_gain"),
-        ("dead_zone", "load_dependence"),
-        ("backlash", "compliance"),
-        ("presliding", "compliance"),
-        ("presliding", "backlash"),
-    )
+    frozenset(pair.split())
+    for pair in """
+    bias_force coulomb_asymmetry, coulomb dead_zone, input_gain load_dependence,
+    input_delay actuator_lag, spring gravity, bias_force spring,
+    bias_force gravity, coulomb_asymmetry spring, coulomb_asymmetry gravity,
+    coulomb drift, coulomb position_dependence, viscous quadratic_drag,
+    inertia input_gain, coulomb input_gain, coulomb load_dependence,
+    dead_zone input_gain, dead_zone load_dependence, backlash compliance,
+    presliding compliance, presliding backlash
+""".split(",")
 )
 
 

@@ -1,7 +1,6 @@
 """``python -m dryfric_control diagnose`` reads a file as its options say."""
 
 import importlib
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -63,13 +62,6 @@ T = 1e-3 * np.arange(200)
 X = 0.01 * np.sin(20.0 * T)
 
 
-def test_a_german_controller_log_is_read_as_it_is(run):
-    record = run(table("# Achse 7\nZeit [ms];Kraft [N];Weg [mm]", (1e3 * T, 3.0 * X, 1e3 * X), ","))
-    np.testing.assert_allclose(record.x, X, atol=1e-9)  # six digits of millimetres
-    np.testing.assert_allclose(record.u, 3.0 * X, atol=1e-6)
-    assert record.dt == pytest.approx(1e-3)
-
-
 def test_columns_units_gain_and_dt(run, capsys):
     text = table("a;b;c;d", (1e3 * T, 3.0 * X, 1e3 * X, T))
     assert run(text) is None
@@ -97,59 +89,11 @@ def test_gains_and_numbers_of_the_machine(run, tmp_path):
     np.testing.assert_allclose(run(text, "--rated-force", "200").u, 200.0 * X, atol=1e-6)
 
 
-def test_units_that_a_file_does_not_state_are_printed(run, capsys):
-    run(table("t;u;x", (T, X, X)))
-    assert (
-        "run.csv: units: none stated for u, x: taken as those of the axis"
-        in capsys.readouterr().out
-    )
-    run(table("t;u [N];x [m]", (T, X, X)))
-    assert "none stated" not in capsys.readouterr().out
-
-
-def test_a_folder_that_cannot_be_made_is_found_before_the_work(run, tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    assert run(table("t;u;x", (T, X, X)), "--out", str(tmp_path / "file" / "results")) is None
-    assert "results cannot be written (Not a directory): name another" in capsys.readouterr().err
-
-
-def test_check_and_result_are_printed_before_the_report_is_written(written, monkeypatch, capsys):
-    command, kept, report = written
-
-    def full(found, folder, record):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as here:
-        here.setattr(report, "write_report", full)
-        assert main(command) == 2
-    said = capsys.readouterr()
-    assert "verdict: explained" in said.out and "No space left" in said.err
-    assert said.out.startswith("run.csv: ") and " at rest, no samples lost" in said.out
-
-    # A closed pipe does not lose the report.
-    def closed(text):
-        if "verdict" in text:
-            raise BrokenPipeError(32, "Broken pipe")
-
-    monkeypatch.setattr(sys.stdout, "write", closed)
-    assert main(command) == 2
-    assert kept == [{}] and "Broken pipe" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["demo", "diagnose", "joints", "export", "simulator"])
 def test_help_can_be_printed(command, capsys):
     with pytest.raises(SystemExit) as end:
         main([command, "--help"])
     assert end.value.code == 0 and "--out " in capsys.readouterr().out
-
-
-def test_lost_rows_are_told_with_the_option_that_fills_them(run, capsys):
-    there = np.delete(np.arange(200), [50, 51, 120])
-    text = table("t;u;x", (T[there], X[there], X[there]))
-    assert run(text) is None
-    assert "Fill them by --dt 0.001\n" in capsys.readouterr().err
-    record = run(text, "--dt", "0.001")
-    assert len(record) == 200 and record.bad["filled"] == 3
 
 
 def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
@@ -185,18 +129,6 @@ def test_what_is_wrong_in_an_axis_file_is_told(run, tmp_path, capsys, text, word
     (tmp_path / "axis.toml").write_text(text)
     assert run(table("t;u;x", (T, X, X))) is None
     assert words in capsys.readouterr().err
-
-
-def test_a_demo_of_a_record_with_lost_rows_names_an_option_that_it_has(tmp_path, capsys):
-    t = np.delete(1e-3 * np.arange(3000), np.arange(500, 540))
-    rows = np.column_stack((t, 20.0 * np.sin(6.0 * t), 0.05 * np.sin(6.0 * t - 1.0)))
-    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,u,x", comments="")
-    out = str(tmp_path / "out")
-    assert main(["demo", "--record", str(tmp_path / "run.csv"), "--out", out]) == 2
-    assert "--dt 0.001" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["demo", "--help"])
-    assert "--dt" in capsys.readouterr().out
 
 
 RUN = ["diagnose", "a.csv", "--axis", "a"]

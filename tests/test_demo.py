@@ -1,12 +1,10 @@
 """The command line: the demo runs, and tells bad input in one line."""
 
 import json
-import warnings
 from pathlib import Path
 
 import pytest
 
-import dryfric_control as dfc
 from dryfric_control import demo
 from dryfric_control.__main__ import main
 from dryfric_control._version import __version__
@@ -39,14 +37,6 @@ def test_demo_makes_its_own_record_and_recovers_it(made):
     assert not leftovers
 
 
-def test_demo_draws_every_figure_of_the_paper(made):
-    folder, _ = made
-    figures = {path.stem for path in folder.glob("*.png")}
-    assert {"stick_slip", "fit", "held_out_windows", "held_out_closed_loop"} <= figures
-    numbers = [name.split("_")[1] for name in figures if name.startswith("figure_")]
-    assert sorted(map(int, numbers)) == list(range(1, 12))
-
-
 def test_demo_ends_with_a_diagnosis_and_its_report(made):
     folder, summary = made
     (cause,) = summary["diagnosis"]["causes"]
@@ -72,10 +62,3 @@ def test_version_is_the_package_s(capsys):
         main(["--version"])
     assert stop.value.code == 0
     assert __version__ in capsys.readouterr().out
-
-
-def test_the_preset_of_the_demo_brings_no_warning():
-    """One increment is no coarse encoder where positions are in increments."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        dfc.presets.clutch_observer()

@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control import demo_figures, presets
-from dryfric_control.diagnosis import Experiment
-from dryfric_control.diagnosis.evidence import evidence
-from dryfric_control.diagnosis.report import figures as diagnosis_figures
+from dryfric_control import presets
 from dryfric_control.drawing import panels
-from dryfric_control.observer import figures
-from dryfric_control.text import WIDTH, Result, plain_data, typeset, wrapped
+from dryfric_control.text import WIDTH, Result, plain_data, typeset
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
 T = 1e-3 * np.arange(2000)
@@ -79,92 +75,6 @@ def test_panels_stand_in_a_column_under_a_title_that_can_be_chosen(name, panels,
     assert top.get_legend() is None or not title.overlaps(top.get_legend().get_window_extent())
 
 
-def test_title_set_later_keeps_the_layout(plots):
-    drawn = plots["response"]()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        drawn.set_plot_title("another")
-        drawn.set_plot_title("of all", frame="figure")
-        drawn.figure.canvas.draw()
-    assert drawn.axes[0, 0].get_title(loc="left") == "another"
-    assert drawn.figure.get_suptitle() == "of all"
-    assert type(drawn.figure.get_layout_engine()).__name__ == "ConstrainedLayoutEngine"
-    with pytest.raises(ValueError, match="frame must be"):
-        drawn.set_plot_title("x", frame="page")
-
-
-def test_a_start_beyond_the_scale_is_stated_and_does_not_set_it(run):
-    velocity = run.plot(what="speed").axes[0, 0]
-    start = f"start clipped: {run.estimate.y[1].min():.3g}"
-    assert [text.get_text() for text in velocity.texts] == [start]
-    assert run.estimate.y[1].min() < velocity.get_ylim()[0]
-    friction = run.plot(what="friction").axes[1, 0]
-    assert not friction.texts  # nothing of it is cut off
-    predicted = presets.clutch_experiment(presets.clutch_observer(form="prediction"), duration=1.0)
-    # It starts 1000 increments off, the plant stays below 500.
-    assert predicted.estimate.plot().axes[0, 0].get_ylim()[1] < 600.0
-    assert np.max(predicted.estimate.y[0]) >= 1000.0
-
-
-def test_position_shows_its_start_and_the_loop_its_blocks(run):
-    (inset,) = run.plot(what="position").axes[0, 0].child_axes
-    t, estimate = inset.lines[1].get_data()
-    assert t[0] == 0.0 and t[-1] == pytest.approx(0.15)
-    # Before the first reading it is where it was started.
-    assert estimate[0] == presets.FIRST_ESTIMATE
-    np.testing.assert_array_equal(estimate[1:], run.estimate.y[0][: t.size - 1])
-    drawn = figures.draw_block_diagram(title="loop").axes[0, 0]
-    words = " ".join(text.get_text() for text in drawn.texts)
-    for block in ("filter", "controller", "axis with dry", "encoder", "PI observer"):
-        assert block in words
-    # An arrow ends at each box, and two leave the page.
-    assert sum(getattr(text, "arrow_patch", None) is not None for text in drawn.texts) == 9
-
-
-def test_figures_of_the_paper_name_what_its_own_name():
-    axis = presets.clutch_actuator()
-    drawn = demo_figures.marked_friction(axis).axes[0, 0]
-    words = [text.get_text() for text in drawn.texts]
-    assert {"$F_s$", "$F_c$", r"$\Sigma$"} <= set(words)
-    system = demo_figures.draw_system()
-    words = {text.get_text() for ax in system.axes.ravel() for text in ax.texts}
-    assert {"toothed rack", "spring 1", "spring 2", "bevel", "encoder"} <= words
-    # Lines of boxes at the rim of the axes are whole.
-    machine = dfc.plot_state_machine(axis).axes[0, 0]
-    low, high = machine.get_xlim()
-    boxes = [patch.get_bbox() for patch in machine.patches if hasattr(patch, "get_bbox")]
-    assert boxes and all(low < box.x0 and box.x1 < high for box in boxes)
-
-
-def test_observed_loop_draws_what_is_asked(run):
-    assert run.plot(what="maps").axes[0, 0].get_xlabel() == "position [inc]"
-    assert run.plot(what="mode").axes[1, 0].get_ylabel() == "mode error"
-    for bad in ("torque", None, 3):
-        with pytest.raises(ValueError, match="what must be one of all, position"):
-            run.plot(what=bad)
-
-
-def test_estimators_and_rivals_differ_in_grey_and_show_their_scores():
-    scores = presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False)
-    drawn = scores.plot()
-    for name, line in zip(scores.scores, drawn.lines[0, 0], strict=True):
-        values, share = line.get_data()
-        assert values == pytest.approx(np.sort(scores.scores[name][:, 0]))
-        assert share.tolist() == [0.5, 1.0]
-    assert "mode-detection error" in drawn.axes[3, 0].get_xlabel()
-    for lines in drawn.lines[:, 0]:
-        assert len({line.get_linestyle() for line in lines}) == len(scores.scores) == 2
-    names = ["cause", "one", "two", "three"]
-    flat = dict.fromkeys(names, np.zeros(3))
-    plan = Experiment(
-        name="e", title="an experiment", description="", t=np.arange(3.0), reference=np.zeros(3),
-        force=None, separates=(), score={}, tried={}, cause="cause", positions=flat, drives=flat,
-        units=("m", "N"),
-    )  # fmt: skip
-    drives = plan.plot(title="").lines[1, 0]
-    assert len({line.get_linestyle() for line in drives}) == 4
-
-
 def test_record_says_its_units_and_hides_no_data():
     record = dfc.Record(T, np.sin(T), R, R)
     drawn = record.plot()
@@ -174,24 +84,6 @@ def test_record_says_its_units_and_hides_no_data():
     assert legend.y0 >= drawn.axes[0, 0].get_window_extent().y1 - 1.0  # above the panel
     turned = dfc.Record(T, np.sin(T), R, units={"x": "rad"}).plot()
     assert [one.get_ylabel() for one in turned.axes[:, 0]] == ["position [rad]", "input"]
-
-
-def test_median_over_position_follows_cogging():
-    """17 periods over the way: 24 bins beat with them."""
-    cogging = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=1.0, period=0.012),))
-    t = 1e-3 * np.arange(8000)
-    run = dfc.simulate_loop(
-        cogging, CONTROLLER, 0.15 + 0.1 * np.sin(1.6 * t), quantum=1e-6, x0=0.15
-    )
-    shown = evidence(AXIS, dfc.Record(t, run.y[4], run.y[5]), 0.25)
-    ax = plt.figure().subplots()
-    diagnosis_figures.draw_residual(shown, None, "position", ax)
-    median = next(line for line in ax.lines if line.get_label() == "its median").get_ydata()
-    # Up and down once in each of the periods travelled, to nearly the amplitude of 1 N.
-    changes = np.count_nonzero(np.diff(np.sign(median)) != 0)
-    periods = np.ptp(shown.x) / 0.012
-    assert 1.7 * periods < changes < 2.5 * periods
-    assert np.quantile(np.abs(median), 0.9) > 0.8
 
 
 def test_friction_over_velocity_is_that_of_the_laws():
@@ -256,27 +148,6 @@ def test_results_are_shown_in_the_units_of_their_axis(run):
     score = repr(run.score)
     assert score.startswith("EstimateScore(position=") and len(score) < 110
     assert dir(dfc) == sorted(dfc.__all__)
-
-
-def test_long_lines_are_wrapped():
-    words = "word " * 40 + "end"
-    lines = wrapped(["a   table", words]).splitlines()
-    assert lines[0] == "a   table" and max(map(len, lines)) <= WIDTH
-    assert " ".join(" ".join(lines[1:]).split()) == words
-
-
-def test_fit_warns_where_it_was_called_and_says_how_runs_start():
-    u = 20.0 * np.sin(6.0 * T)
-    x = 1e-6 * np.round(1e6 * AXIS.simulate(u, dt=1e-3).y[0])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        found = dfc.fit(
-            AXIS, dfc.Record(T, u, x), free=("mass", "input_gain", "viscous", "coulomb")
-        )
-    told = [one for one in caught if issubclass(one.category, dfc.FitWarning)]
-    assert told and all(one.filename == __file__ for one in told)
-    assert "started from the smoothed record" in found.training[0].summary()
-    assert max(map(len, found.summary().splitlines())) <= WIDTH
 
 
 class Shown(Result):

@@ -61,26 +61,3 @@ def test_a_nominal_axis_that_is_far_off_is_no_exchange():
                 )
                 dfc.replay(nominal, dfc.Record(t, u, y))
                 dfc.replay(nominal, dfc.Record(t, u, y + 20.0 * length))
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: dfc.encoder(DT, 1e-6), "quantum = 0.001 and dt = 1e-06, .* give both by name"),
-        (lambda: dfc.hybrid_filter(AXIS, 1e-6, DT), "encoder_quantum=1e-06, dt=0.001"),
-        (lambda: dfc.design_compensation(AXIS, 1e-6, DT), "encoder_quantum=1e-06, dt=0.001"),
-        (lambda: dfc.reference_filter(DT, 20.0), "bandwidth=20, dt=0.001"),
-        (lambda: dfc.position_controller(AXIS, DT, 5.0), "bandwidth=5, dt=0.001"),
-        (lambda: dfc.PositionController.from_bandwidth(AXIS, DT, 5.0), "bandwidth=5, dt=0.001"),
-    ],
-)
-def test_a_sampling_time_in_the_place_of_another_number(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()
-
-
-def test_fast_coarse_and_slow_are_not_exchanged():
-    dfc.encoder(1e-3, 2e-5)  # 50 kHz, 1 mrad
-    dfc.encoder(1.0, 1e-6)  # counts, at 1 MHz
-    dfc.encoder(0.0, 1e-6)
-    dfc.reference_filter(0.01, DT)

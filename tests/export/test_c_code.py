@@ -1,7 +1,6 @@
 """Exported C against the kernels it is translated from."""
 
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass
 
@@ -103,16 +102,6 @@ def test_the_compensation_is_the_same(tmp_path, law):
     same(native.Native(comp, tmp_path), inputs, expected)
 
 
-@needs_gcc
-def test_single_precision_stays_within_the_noise(tmp_path):
-    design, expected = observed(LATE)
-    out, _ = native.Native(design, tmp_path, "single", flags=["-Wdouble-promotion"]).run(U, Y)
-    truth = native.mismatched(LATE, np.random.default_rng(8)).simulate(U, 1e-3).y
-    for place in (0, 1):
-        error = np.sqrt(np.mean((expected[place] - truth[place]) ** 2))
-        assert 0.0 < np.sqrt(np.mean((out[place] - expected[place]) ** 2)) < 0.1 * error
-
-
 @pytest.mark.slow
 @needs_gcc
 def test_sanitizers_find_nothing(tmp_path):
@@ -123,16 +112,6 @@ def test_sanitizers_find_nothing(tmp_path):
     axis = LATE.replace(effects=(*LATE.effects, *native._STRUCTURES[4](np.random.default_rng(0))))
     out = native.Native(axis, tmp_path / "axis").run_alone(U[:1000], flags=flags[:1])
     assert native.ulps(out[:, :-1], axis.simulate(U[:1000], 1e-3).y[:, :-1]) == 0
-
-
-@needs_gcc
-@pytest.mark.skipif(shutil.which("valgrind") is None, reason="no valgrind")
-def test_valgrind_finds_nothing(tmp_path):
-    comp, inputs, expected = compensated("learned")
-    out = native.Native(comp, tmp_path).run_alone(
-        *(row[:500] for row in inputs), around=["valgrind", "-q", "--error-exitcode=9"]
-    )
-    assert np.allclose(out, expected[:, :500], rtol=1e-9)
 
 
 @needs_gcc
@@ -255,20 +234,3 @@ def test_header_readme_and_numbers_say_what_there_is(tmp_path):
     assert max(data["tables"]["axis_integers"]["values"]) < 100  # counts, and no address
     assert data["operations"]["multiply"] > 10
     assert f"| multiplications | {data['operations']['multiply']} |" in readme.read_text()
-
-
-def test_a_second_object_leaves_the_first_ones_readme(tmp_path):
-    first, second = (dfc.FrictionAxis(2.0, 15.0, 8.0, name=name) for name in ("slide", "table"))
-    readme = export_c(first, tmp_path)[-1]
-    words = readme.read_text()
-    assert export_c(second, tmp_path)[-1].name == "README_table.md"
-    assert readme.read_text() == words
-    assert export_c(first, tmp_path)[-1] == readme
-
-
-def test_a_header_speaks_of_the_axis_and_keeps_the_lines_of_the_certificate(tmp_path):
-    axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
-    design = dfc.design_pi_observer(axis, dt=2e-3, encoder_quantum=1e-4)
-    header = dfc.export_c(design, tmp_path)[0].read_text(encoding="utf-8")
-    assert "u [N m]: drive torque from this sample on" in header and "force" not in header
-    assert "\n".join(f" * {line}" for line in design.summary().splitlines()) in header

@@ -29,19 +29,13 @@ SPEC = {
 CURRENT = SPEC | {"form": "current"}
 CASES = {
     "paper": {"method": "paper", **SPEC},
-    "slack": {"method": "slack", **SPEC},
     "path": {"method": "path", "window": 3, **SPEC},
     "dwell": {"method": "dwell", "window": 6, **SPEC},
     "refined": {"method": "path", "window": 2, "refine": 2, **SPEC},
-    "all channels": {"encoder_quantum": 1e-6, "discretization": "euler", "form": "prediction"},
     "zero-order hold": {"form": "prediction"},
     "uneven": {"uncertainty": {0: 1.0, 1: 1.0, -1: 1.5}, "encoder_quantum": 1e-6},
     "no rate": {"decay": 1.0, "method": "path", "window": 2, "form": "prediction"},
-    "current, paper": {"method": "paper", **CURRENT},
-    "current, slack": {"method": "slack", **CURRENT},
     "current, path": {"method": "path", "window": 2, "refine": 1, **CURRENT},
-    "current, all channels": {"encoder_quantum": 1e-5},
-    "current, no rate": {"decay": 1.0, "method": "path", "window": 2},
 }
 
 

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from diagnosis_cases import among
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
@@ -187,44 +186,6 @@ def test_a_fit_has_errors_and_free_runs(fitted, arm):
     assert "written: arm.xml" in found.summary()
 
 
-def test_what_is_not_determined_is_said(arm):
-    """Input gain, mass, level and viscous coefficient scale with one another."""
-    free = ("mass", "viscous", "coulomb", "input_gain")
-    with pytest.warns(dfc.FitWarning):
-        found = dfc.fit(PLAIN.replace(mass=0.2), record(PLAIN), free=free)
-    written = dfc.to_mjcf(found, arm, load=0.05)
-    assert math.isinf(written.standard_errors["elbow"]["frictionloss"])
-    assert "(undetermined)" in written.summary()
-    assert "all values are divided by the gain" in written.lost[0].instead
-
-
-def test_values_are_those_under_the_recorded_drive(arm):
-    """A drive that is 25 % stronger than recorded: 1.25 u moves what u moves at forces over 1.25."""
-    gain = dfc.effects.InputGain(1.25)
-    stronger = PLAIN.replace(effects=(gain, dfc.effects.BiasForce(0.1)))
-    found = dfc.to_mjcf(stronger, arm, load=0.05)
-    values = found.values["elbow"]
-    assert values["frictionloss"] == pytest.approx(1.2 / 1.25)
-    assert values["damping"] == pytest.approx(0.3 / 1.25)
-    assert values["armature"] == pytest.approx(0.25 / 1.25 - 0.05)
-    bias = next(one for one in found.lost if one.what.startswith("bias_force"))
-    assert bias.error == pytest.approx(0.1 / 1.25)
-    alike = found.reduced["elbow"].replace(effects=(dfc.effects.BiasForce(0.08),))
-    np.testing.assert_allclose(
-        alike.simulate(U, dt=DT).y[0], stronger.simulate(U, dt=DT).y[0], atol=1e-6
-    )
-
-
-def test_effects_beyond_friction_are_listed_with_their_error(fitted, arm):
-    gap = dfc.effects.Backlash(gap=0.02, load_fraction=0.4)
-    axis = PLAIN.replace(effects=(gap, dfc.effects.Gravity(0.5), dfc.effects.BiasForce(0.1)))
-    found = dfc.fit(axis, record(axis), free=("coulomb",), starts=1)
-    lost = {one.what.split(":")[0]: one for one in dfc.to_mjcf(found, arm, load=0.0).lost}
-    assert lost["bias_force"].error == pytest.approx(0.1, rel=1e-6)
-    assert lost["gravity"].instead == "weight of the bodies" and lost["gravity"].unit == "N m"
-    assert lost["backlash"].unit == "rad" and 0.0 < lost["backlash"].error < 0.05
-
-
 def driven(mujoco, path, u, joint="elbow"):
     """Positions of the joint in MuJoCo under a held torque."""
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -254,45 +215,6 @@ def test_round_trip_through_mujoco(arm, stiff, most):
     x = PLAIN.simulate(U, dt=DT).y[0]
     off = driven(mujoco, arm, U) - x
     assert np.sqrt(np.mean(off**2)) < most * np.std(x)
-
-
-def test_models_in_mujoco_are_changed_alike(arm):
-    mujoco = pytest.importorskip("mujoco")
-    spec = mujoco.MjSpec.from_file(str(arm))
-    model = mujoco.MjModel.from_xml_path(str(arm))
-    for one in (spec, model):
-        dfc.to_mjcf({"elbow": PLAIN}, one, stiff=True)
-    dfc.to_mjcf({"elbow": PLAIN}, arm, stiff=True)
-    models = [spec.compile(), model, mujoco.MjModel.from_xml_path(str(arm))]
-    for name in ("dof_frictionloss", "dof_damping", "dof_armature", "dof_solref", "dof_solimp"):
-        one, *others = (getattr(each, name) for each in models)
-        for other in others:
-            np.testing.assert_allclose(one, other, rtol=1e-5)
-    assert models[0].dof_frictionloss[0] == pytest.approx(1.2)
-
-
-def test_a_body_with_more_inertia_than_the_axis_is_said(arm):
-    found = dfc.to_mjcf(PLAIN, arm, load=0.4)
-    assert found.values["elbow"]["armature"] == 0.0
-    assert found.lost[0].what.startswith("inertia 0.25") and found.lost[0].error == pytest.approx(
-        0.15
-    )
-
-
-@pytest.mark.slow
-def test_what_a_diagnosis_leaves_open_is_said(arm):
-    """A force that changes with a place that no effect has, and nothing that the model says of it."""
-    bump = 0.5 * np.sin(40.0 * PLAIN.simulate(U, dt=DT).y[0]) ** 8
-    x = PLAIN.simulate(U - bump, dt=DT).y[0]
-    measured = dfc.Record(T, U, x, units={"x": "rad", "u": "N m"})
-    with among("bias_force"):
-        found = dfc.diagnose(PLAIN, measured, jobs=1, progress=False)
-    assert found.verdict not in ("explained", "nothing to find")
-    written = dfc.to_mjcf({"elbow": found}, arm, load=0.0)
-    assert written.messages[0].startswith(
-        f"elbow: the verdict of the diagnosis is {found.verdict!r}"
-    )
-    assert f"warning: {written.messages[0]}" in written.summary()
 
 
 def test_command_line(fitted, arm, tmp_path, capsys):

@@ -117,6 +117,7 @@ USUAL: dict[str, Any] = {
 FURTHER: dict[str, dict[str, Any]] = {
     "FrictionAxis.mode_ss": dict(dt=DT),
     "AxisStepper.step": dict(u=0.0),
+    "observe": dict(u=U, y=X),
     "ObserverStepper.step": dict(u=0.0, y=0.0),
     "monte_carlo": dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
     "export_fmu": dict(path="axis.fmu"),

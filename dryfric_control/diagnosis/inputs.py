@@ -120,7 +120,7 @@ def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | Non
     if not _follows(fit):
         # An effect such as gravity may make up most of the required force.
         rows = Search(force).round(Model(fit))
-        best = min((row.fit for row in rows), key=lambda s: s.cost, default=fit)
+        best = min((r.fit for r in rows if not r.reason), key=lambda s: s.cost, default=fit)
         if not _follows(best):
             return None
     # With such an effect the drive may well move the axis.

@@ -1,7 +1,6 @@
 """What a diagnosis shows: evidence, figures, HTML, the axis as a file, the command."""
 
 import functools
-import importlib
 import json
 import math
 import re
@@ -728,9 +727,7 @@ def command(found, tmp_path, monkeypatch):
         asked.append((axis, record, options))
         return found
 
-    # By its full name: the package may hold a function of the same name.
-    module = importlib.import_module("dryfric_control.diagnosis.diagnose")
-    monkeypatch.setattr(module, "diagnose", diagnose)
+    monkeypatch.setattr("dryfric_control.__main__.diagnose", diagnose)
     columns = np.column_stack([found.record.t, found.record.u, found.record.x])
     record, axis = str(tmp_path / "run.csv"), str(tmp_path / "axis.toml")
     np.savetxt(record, columns, delimiter=",", header="t,u,x", comments="", fmt="%.12g")

@@ -144,7 +144,7 @@ CALLS: dict[str, Callable[..., Any]] = {
             (DESIGN, "mode_matrices error_dynamics save"),
             (dfc.ObserverStepper(DESIGN), "step"),
             (FIT, "interval bootstrap replay plot"),
-            (PLAN, "to_csv plot"),
+            (PLAN, "plot"),
         )
         for name in names.split()
     },
@@ -397,6 +397,8 @@ rows(
     ("Record", dict(units={"x": "MM"}), "Did you mean 'mm'", "'MM' of x"),
     ("Record", dict(units={"x": "N"}), "check the columns", "x cannot be in 'N'"),
     ("Record", dict(u=U > 0), "astype", "u holds true and false"),
+    ("Record", dict(t=T[::-1]), "sort the samples", "t goes back"),
+    ("Record", dict(x=X[:5]), "one length", "x has 5 samples"),
     ("Record", dict(quantum=1e50), "in the unit of x", "quantum"),
     ("Record", dict(unwrap=1e-9), "period of the encoder", "unwrap"),
     ("Record", dict(channels={"w": X}), "known are v, a, x2", "channels"),

@@ -182,7 +182,7 @@ def stated(words: str, default: Any = dataclasses.MISSING, **options: Any) -> An
 def documented(cls: type[Any], section: str = "Attributes") -> type[Any]:
     """Put what the fields of a dataclass say of themselves into its docstring."""
     rows = []
-    for one in dataclasses.fields(cls):
+    for one in (one for one in dataclasses.fields(cls) if not one.name.startswith("_")):
         kind = re.sub(r"\b(Floats|Ints|Bools)\b", "ndarray", str(one.type))
         rows.append(f"{one.name} : {kind}\n    {one.metadata['doc']}")
     list_in_docstring(cls, section, rows)

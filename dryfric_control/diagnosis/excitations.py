@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, positive
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.checks import positive
+from dryfric_control.model.axis import FrictionAxis, span_of
 from dryfric_control.model.effects import BiasForce
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
@@ -33,14 +33,7 @@ class Limits:
     speed: float  # largest speed [m/s]
 
     def __post_init__(self) -> None:
-        try:
-            low, high = self.travel
-        except (TypeError, ValueError):
-            raise ValueError(f"limits.travel must be (low, high), got {self.travel!r}") from None
-        low, high = finite("limits.travel", low), finite("limits.travel", high)
-        if not low < high:
-            raise ValueError(f"limits.travel must run from low to high, got {self.travel!r}")
-        object.__setattr__(self, "travel", (low, high))
+        object.__setattr__(self, "travel", span_of(self.travel, "limits.travel"))
         positive("limits.drive", self.drive, unit="N")
         positive("limits.speed", self.speed, unit="m/s")
 

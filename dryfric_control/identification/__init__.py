@@ -2,24 +2,15 @@
 
 from dryfric_control.identification.coulomb import CoulombIdentification, identify_coulomb
 from dryfric_control.identification.fit import Fit, FitWarning, fit, load_fit
-from dryfric_control.identification.replay import LoopReplay, Replay, replay, replay_loop
+from dryfric_control.identification.replay import replay, replay_loop
 from dryfric_control.identification.slow_ramp import SlowRamp, slow_ramp_experiment
-from dryfric_control.identification.stribeck import (
-    Ripple,
-    StribeckIdentification,
-    identify_stribeck,
-    ripple,
-)
+from dryfric_control.identification.stribeck import identify_stribeck, ripple
 
 __all__ = [
     "CoulombIdentification",
     "Fit",
     "FitWarning",
-    "LoopReplay",
-    "Replay",
-    "Ripple",
     "SlowRamp",
-    "StribeckIdentification",
     "fit",
     "identify_coulomb",
     "identify_stribeck",

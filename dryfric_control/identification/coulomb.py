@@ -18,6 +18,7 @@ from dryfric_control.estimation.uncertainty import half_width
 from dryfric_control.identification.crawl import (
     HIGHEST,
     SLOW,
+    Level,
     Pieces,
     average,
     blocks_of,
@@ -29,7 +30,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, percent
+from dryfric_control.text import Result, percent, plain_data
 from dryfric_control.units import check_units
 
 # Longest piece, as a part of the travel, where speed must not be averaged away.
@@ -45,35 +46,18 @@ _FALLS = 0.005
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CoulombIdentification(Result, CoulombMap):
-    """Coulomb levels found in a record, with confidence bands.
+    """Coulomb levels found in a record, with confidence bands; made by `identify_coulomb`.
 
-    Made by `identify_coulomb`.  It is a `CoulombMap`, so an axis takes it as
-    its ``coulomb``.
-
-    Attributes
-    ----------
-    plus, minus : tuple of float
-        Coefficients of each direction, see `CoulombMap`.
-    degrees : tuple of int
-        Degree for motion in positive and in negative direction.
-    travel : tuple of float
-        Positions between which the polynomials hold.
-    viscous, mass : float or None
-        Viscous coefficient and mass found along the way, None where a steady
-        crawl does not show them or an axis gave them.
-    held_out : dict of int to ndarray, shape (ndegrees,)
-        Held-out RMS error of the force for each degree tried, by direction.
-    pieces : Pieces
-        The averaged data.
-    units : tuple of str
+    It is a `CoulombMap`, so an axis takes it as its ``coulomb``.
     """
 
-    degrees: tuple[int, int]
-    travel: tuple[float, float]
+    degrees: tuple[int, int]  # for motion in positive and in negative direction
+    travel: tuple[float, float]  # positions between which the polynomials hold
+    # Found along the way, None where a steady crawl does not show them or an axis gave them.
     viscous: float | None
     mass: float | None
-    held_out: dict[int, Floats]
-    pieces: Pieces
+    held_out: dict[int, Floats]  # RMS error of the force for each degree tried, by direction
+    pieces: Pieces  # the averaged data
     units: tuple[str, str]
     _fits: dict[int, tuple[Floats, Floats, int]]
 
@@ -83,39 +67,13 @@ class CoulombIdentification(Result, CoulombMap):
         return CoulombMap(self.plus, self.minus)
 
     def standard_error(self, x: ArrayLike, direction: int) -> Floats:
-        """Standard error of the level.
-
-        Parameters
-        ----------
-        x : array_like, shape (n,)
-            Positions.
-        direction : int
-            +1 or -1.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Standard error of the level at positions x in direction +1 or -1, shape (n,)."""
         coefficients, covariance, _ = self._fits[direction]
         basis = legendre.legvander(inner(x, self.travel), coefficients.size - 1)
         return np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis))
 
     def band(self, x: ArrayLike, direction: int, level: float = 0.9) -> tuple[Floats, Floats]:
-        """Confidence band of the level.
-
-        Parameters
-        ----------
-        x : array_like, shape (n,)
-            Positions.
-        direction : int
-            +1 or -1.
-        level : float, optional
-            Probability with which the band covers the truth at one place.
-
-        Returns
-        -------
-        low, high : ndarray, shape (n,)
-        """
+        """Lower and upper end of the level at x; `level`: probability of the truth at one place."""
         coefficients, _, groups = self._fits[direction]
         reach = half_width(level, groups - coefficients.size) * self.standard_error(x, direction)
         middle = self(x, direction)
@@ -144,12 +102,10 @@ class CoulombIdentification(Result, CoulombMap):
         """Numbers of the result, ready for JSON."""
         places = np.linspace(*self.travel, 21)
         return {
-            "plus": list(self.plus),
-            "minus": list(self.minus),
-            "degrees": list(self.degrees),
-            "travel": list(self.travel),
-            "viscous": self.viscous,
-            "mass": self.mass,
+            **{
+                name: plain_data(getattr(self, name))
+                for name in ("plus", "minus", "degrees", "travel", "viscous", "mass")
+            },
             "positions": places.tolist(),
             "standard_error_plus": self.standard_error(places, 1).tolist(),
             "standard_error_minus": self.standard_error(places, -1).tolist(),
@@ -258,7 +214,6 @@ def identify_coulomb(
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
     fine = average(record, _FINE)
-    known = axis is not None
     if axis is not None:
         pieces = _levelled(axis, pieces)
         if axis.effective().stribeck is None:
@@ -269,7 +224,6 @@ def identify_coulomb(
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous, mass = max(viscous, 0.0), max(mass, 0.0)
     else:
-        known = True  # as far as it matters
         _tell(
             fine,
             record,
@@ -280,23 +234,21 @@ def identify_coulomb(
     if viscous is not None and mass is not None:
         force = force - viscous * pieces.v - mass * pieces.rise
     held_out: dict[int, Floats] = {}
-    degrees: dict[int, int] = {}
-    blocks: dict[int, Ints] = {}
+    fits: dict[int, tuple[Floats, Floats, int]] = {}
     for s, name in ((1, "positive"), (-1, "negative")):
-        own = pieces.direction == s
-        blocks[s] = blocks_of(pieces.only(own))
+        own = pieces.only(pieces.direction == s)
+        friction = s * force[pieces.direction == s]
+        blocks = blocks_of(own)
+        count = int(blocks.max()) + 1
         if degree is None:
-            held_out[s], degrees[s] = choose_degree(
-                pieces.only(own), s * force[own], travel, blocks[s]
-            )
-        elif degree > int(blocks[s].max()) - 2:
+            held_out[s], chosen = choose_degree(own, friction, travel, blocks)
+        elif degree > count - 3:
             raise ValueError(
                 f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
-                f"has {int(blocks[s].max()) + 1}: lower it, or crawl with a stiffer loop"
+                f"has {count}: lower it, or crawl with a stiffer loop"
             )
         else:
-            degrees[s] = int(degree)
-        count = int(blocks[s].max()) + 1
+            chosen = int(degree)
         if count < _ENOUGH:
             warnings.warn(
                 f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
@@ -304,7 +256,7 @@ def identify_coulomb(
                 FitWarning,
                 stacklevel=2,
             )
-    fits = _levels(pieces, None if known else fine, travel, degrees, blocks)
+        fits[s] = _with_covariance(level_of(own, friction, travel, chosen), blocks)
     powers = [
         tuple(Legendre(fits[s][0], domain=travel).convert(kind=Polynomial).coef.tolist())
         for s in (1, -1)
@@ -314,7 +266,7 @@ def identify_coulomb(
     )
     return CoulombIdentification(
         *powers,
-        degrees=(degrees[1], degrees[-1]),
+        degrees=(fits[1][0].size - 1, fits[-1][0].size - 1),
         travel=travel,
         viscous=viscous,
         mass=mass,
@@ -393,33 +345,10 @@ def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, 
     return float(found[-2]), float(found[-1])
 
 
-def _levels(
-    pieces: Pieces,
-    fine: Pieces | None,
-    travel: tuple[float, float],
-    degrees: dict[int, int],
-    blocks: dict[int, Ints],
-) -> dict[int, tuple[Floats, Floats, int]]:
-    """Legendre coefficients, covariance and number of blocks by direction.
-
-    The covariance comes from leaving out one block at a time, with what was
-    found along the way found anew.
-    """
-    force = pieces.u
-    if fine is not None:
-        viscous, mass = (max(value, 0.0) for value in _along_the_way(fine, travel))
-        force = force - viscous * pieces.v - mass * pieces.rise
-    found = {}
-    for s in (1, -1):
-        own = pieces.direction == s
-        part = pieces.only(own)
-        full = level_of(part, s * force[own], travel, degrees[s])
-        count = int(blocks[s].max()) + 1
-        moved = np.empty((count, degrees[s] + 1))
-        for g in range(count):
-            keep = blocks[s] != g
-            values = full.values
-            moved[g] = np.linalg.lstsq(full.rows[keep], values[keep], rcond=None)[0]
-        moved -= moved.mean(axis=0)
-        found[s] = (full.coefficients, (count - 1) / count * moved.T @ moved, count)
-    return found
+def _with_covariance(level: Level, blocks: Ints) -> tuple[Floats, Floats, int]:
+    """Legendre coefficients, covariance from leaving out one block at a time, and their number."""
+    count = int(blocks.max()) + 1
+    left = [blocks != g for g in range(count)]
+    moved = np.array([np.linalg.lstsq(level.rows[k], level.values[k], rcond=None)[0] for k in left])
+    moved -= moved.mean(axis=0)
+    return level.coefficients, (count - 1) / count * moved.T @ moved, count

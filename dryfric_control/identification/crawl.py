@@ -34,35 +34,18 @@ _LEAST = 1e-4
 
 
 class Pieces(NamedTuple):
-    """Averages over pieces of motion, weighted by the way travelled.
+    """Averages over pieces of motion, weighted by the way travelled; columns of shape (n,)."""
 
-    Attributes
-    ----------
-    way : ndarray, shape (n,)
-        Way travelled in the piece, positive.
-    x, u, v : ndarray, shape (n,)
-        Means over the way of position, drive force and speed.
-    rise : ndarray, shape (n,)
-        Rise of v^2/2 over the piece, per way: what inertia multiplies.
-    direction : ndarray of int, shape (n,)
-    slide : ndarray of int, shape (n,)
-        Number of the slide, from rest to rest, that the piece is part of.
-    begin, end : ndarray, shape (n,)
-        Speed at the ends of the piece.
-    t : ndarray, shape (n,)
-        Time at its beginning [s].
-    """
-
-    way: Floats
-    x: Floats
+    way: Floats  # travelled in the piece, positive
+    x: Floats  # means over the way of position, drive force and velocity
     u: Floats
     v: Floats
-    rise: Floats
+    rise: Floats  # rise of v^2/2 over the piece, per way: what inertia multiplies
     direction: Ints
-    slide: Ints
-    begin: Floats
+    slide: Ints  # number of the slide, from rest to rest, that the piece is part of
+    begin: Floats  # velocity at the ends of the piece
     end: Floats
-    t: Floats
+    t: Floats  # time at its beginning [s]
 
     def only(self, keep: Bools) -> Pieces:
         """The pieces marked in `keep`."""
@@ -80,11 +63,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
     # An interval counts if it slides at both ends, the same way.
     s = np.where(moving[1:] == moving[:-1], moving[1:], 0)
     way = np.abs(np.where(s != 0, step, 0.0))
-    if way.sum() == 0.0:
-        none = np.empty(0)
-        whole = np.empty(0, np.int64)
-        return Pieces(none, none, none, none, none, whole, whole, none, none, none)
-    typical = np.sum(way * np.abs(middle)) / way.sum()
+    typical = np.sum(way * np.abs(middle)) / max(way.sum(), 1e-300)
     s = np.where(s * middle > SLOW * typical, s, 0)
     longest = piece * record.range
     starts = np.flatnonzero((s != 0) & (np.diff(s, prepend=0) != 0))
@@ -121,11 +100,9 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
 
 
 def _smoothed(record: Record) -> tuple[Floats, Floats, float]:
-    """Position and speed, smoothed to know the speed to 2 %, and its noise.
-
-    Noise of the speed enters the work squared, and through the loop it is in
-    the drive force: at 5 % it would bias a smooth crawl by more than its error.
-    """
+    """Position and speed, smoothed to know the speed to 2 %, and its noise."""
+    # Noise of the speed enters the work squared, and through the loop it is in the drive
+    # force: at 5 % it would bias a smooth crawl by more than its error.
     apart = max(1, len(record) // 2000)
     moves = np.sort(np.abs(np.diff(record.x[::apart])))
     # Half of the way is travelled faster than this.
@@ -135,32 +112,17 @@ def _smoothed(record: Record) -> tuple[Floats, Floats, float]:
         spread = record.noise * float(np.linalg.norm(savgol_coeffs(size, 3, 1, record.dt)))
         if spread < _KNOWN * typical or size + 2 > len(record) // 5:
             break
-    return (
-        savgol_filter(record.x, size, 3, 0, record.dt),
-        savgol_filter(record.x, size, 3, 1, record.dt),
-        spread,
-    )
+    x, v = (savgol_filter(record.x, size, 3, order, record.dt) for order in (0, 1))
+    return x, v, spread
 
 
 class Level(NamedTuple):
-    """Level of one direction, as fitted.
+    """Level of one direction, as fitted."""
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (degree + 1,)
-        Of Legendre polynomials over the travel.
-    rows : ndarray, shape (n, degree + 1)
-        Whitened regressors.
-    values : ndarray, shape (n,)
-        Whitened works.
-    least : float
-        What round-off of the works leaves in `values`.
-    """
-
-    coefficients: Floats
-    rows: Floats
-    values: Floats
-    least: float
+    coefficients: Floats  # of Legendre polynomials over the travel, shape (degree + 1,)
+    rows: Floats  # whitened regressors, shape (n, degree + 1)
+    values: Floats  # whitened works, shape (n,)
+    least: float  # what round-off of the works leaves in `values`
 
 
 def inner(x: ArrayLike, travel: tuple[float, float]) -> Floats:
@@ -170,12 +132,9 @@ def inner(x: ArrayLike, travel: tuple[float, float]) -> Floats:
 
 
 def blocks_of(pieces: Pieces) -> Ints:
-    """Contiguous block that each piece of one direction, in order of time, belongs to.
-
-    At most 20 blocks of nearly equal way.  In stick-slip a slip is never cut: what
-    the forces within it share, its neighbours do not.
-    """
+    """Contiguous block, of at most 20 of nearly equal way, of each piece of one direction."""
     done = (np.cumsum(pieces.way) - 0.5 * pieces.way) / pieces.way.sum()
+    # In stick-slip a slip is never cut: what the forces within it share, its neighbours do not.
     lasts = pieces.way / np.abs(pieces.v)
     if lasts.sum() < _SMOOTH * (pieces.t[-1] + lasts[-1] - pieces.t[0]):
         member = np.unique(pieces.slide, return_inverse=True)[1]
@@ -188,24 +147,13 @@ def blocks_of(pieces: Pieces) -> Ints:
 def level_of(pieces: Pieces, force: Floats, travel: tuple[float, float], degree: int) -> Level:
     """Level of one direction by generalised least squares with Huber's loss.
 
-    Parameters
-    ----------
-    pieces : Pieces
-        Pieces of one direction, in order of time.
-    force : ndarray, shape (n,)
-        Their mean friction, a magnitude.
-    travel : tuple of float
-    degree : int
-
-    Notes
-    -----
-    The error in the work of a piece has two parts: that of friction itself,
-    variance b times the way, and that of the kinetic energy at its ends,
-    variance a v^2, which the piece before and the piece after share with
-    opposite signs.  Both are found from the residuals.  Least squares without
-    the second is several times less accurate on a smooth crawl.  Errors of
-    1e-10 of the force are round-off: neither part is taken for smaller.
+    `pieces` in order of time, `force` their mean friction, a magnitude.
     """
+    # The error in the work of a piece has two parts: that of friction itself, variance b times
+    # the way, and that of the kinetic energy at its ends, variance a v^2, which the piece before
+    # and the piece after share with opposite signs.  Both are found from the residuals.  Least
+    # squares without the second is several times less accurate on a smooth crawl.  Errors of
+    # 1e-10 of the force are round-off: neither part is taken for smaller.
     least = NEAR * np.abs(force).max() * pieces.way
     basis = legendre.legvander(inner(pieces.x, travel), degree) * pieces.way[:, None]
     work = force * pieces.way
@@ -253,43 +201,31 @@ def _factor(pieces: Pieces, error: Floats, least: float) -> Floats:
     return np.asarray(cholesky_banded(band, lower=True))
 
 
-def highest_degree(blocks: Ints) -> int:
-    """Largest degree that blocks of the way allow: three blocks a coefficient."""
-    return max(0, min(HIGHEST, (int(blocks.max()) + 1) // 3 - 1))
-
-
 def choose_degree(
     pieces: Pieces, force: Floats, travel: tuple[float, float], blocks: Ints
 ) -> tuple[Floats, int]:
-    """Held-out RMS error of the force for each degree, and the degree to take.
-
-    That is the smallest that is as good as the best: within one standard error of
-    the difference, over the blocks, or within round-off.
-    """
+    """Held-out RMS error of the force for each degree, and the degree to take."""
     count = int(blocks.max()) + 1
-    highest = highest_degree(blocks)
+    highest = max(0, min(HIGHEST, count // 3 - 1))  # three blocks a coefficient
     errors = np.zeros((highest + 1, count))
     # Judged in the rows of the highest degree: those are whitened as the noise is.
     whole = level_of(pieces, force, travel, highest)
-    limit = _LIMIT * max(_typical(whole), whole.least)
+    typical = 1.4826 * float(np.median(np.abs(whole.values - whole.rows @ whole.coefficients)))
+    limit = _LIMIT * max(typical, whole.least)
     for d in range(highest + 1):
         level = level_of(pieces, force, travel, d)
         for g in range(count):
             out = blocks == g
             left = np.linalg.lstsq(level.rows[~out], level.values[~out], rcond=None)[0]
-            padded = np.zeros(highest + 1)
-            padded[: d + 1] = left
-            error = whole.values[out] - whole.rows[out] @ padded
+            error = whole.values[out] - whole.rows[out, : d + 1] @ left
             size = np.minimum(np.abs(error), limit)
             errors[d, g] = np.sum(size * (2.0 * np.abs(error) - size))
     equal = 2.0 * limit * whole.least * len(force)
     best = int(np.argmin(errors.sum(axis=1)))
+    # The smallest that is as good as the best: within one standard error of the difference, over
+    # the blocks, or within round-off.
     for d in range(best + 1):
         worse = errors[d] - errors[best]
         if worse.sum() <= np.sqrt(count) * np.std(worse, ddof=1) + equal:
             break
     return np.sqrt(errors.sum(axis=1) / len(force)), d
-
-
-def _typical(level: Level) -> float:
-    return 1.4826 * float(np.median(np.abs(level.values - level.rows @ level.coefficients)))

@@ -6,7 +6,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import joblib
@@ -43,9 +43,20 @@ from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.record import Record
 from dryfric_control.store.saved import load_object, save_object
-from dryfric_control.text import Result, length_text, percent, plain_data, prefixed, rotary_words
+from dryfric_control.text import (
+    Result,
+    documented,
+    fields_of,
+    length_text,
+    percent,
+    plain_data,
+    prefixed,
+    rotary_words,
+    stated,
+)
 from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
 
@@ -99,34 +110,12 @@ class FitWarning(UserWarning):
     """
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Result):
     """Axis fitted to records, with uncertainty of its parameters.
 
     Made by `fit`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The fitted axis.
-    parameters : dict of str to float
-        Fitted values.
-    standard_errors : dict of str to float
-        Standard errors, from leaving out blocks of the record; infinite for
-        what the record does not determine.  See Notes of `fit`.
-    correlation : ndarray, shape (nparameters, nparameters)
-        Correlation of the estimates, in the order of `parameters`.
-    units : dict of str to str
-        Units of the parameters.
-    messages : tuple of str
-        What the record does not determine, and why.
-    random_force, reading_noise : tuple of float
-        Noises of each record, standard deviations: of a force that changes from sample
-        to sample in addition to the model, 0 where it moves nothing that the readings
-        show, and of the readings.
-    training : tuple of Replay
-        Windowed free runs over the records of the fit, one for each, from the
-        smoothed state at the start of each window.
 
     Examples
     --------
@@ -141,16 +130,25 @@ class Fit(Result):
     (2.0, 'kg')
     """
 
-    axis: FrictionAxis
-    parameters: dict[str, float]
-    standard_errors: dict[str, float]
-    correlation: Floats
-    units: dict[str, str]
-    messages: tuple[str, ...]
-    random_force: tuple[float, ...]
-    reading_noise: tuple[float, ...]
-    training: tuple[Replay, ...]
-    _terms: tuple[Any, ...] = field(repr=False)
+    axis: FrictionAxis = stated("The fitted axis.")
+    parameters: dict[str, float] = stated("Fitted values.")
+    standard_errors: dict[str, float] = stated(
+        "Standard errors, from leaving out blocks of the record; infinite for what the record does "
+        "not determine.  See Notes of `fit`."
+    )
+    correlation: Floats = stated("Correlation of the estimates, in the order of `parameters`.")
+    units: dict[str, str] = stated("Units of the parameters.")
+    messages: tuple[str, ...] = stated("What the record does not determine, and why.")
+    random_force: tuple[float, ...] = stated(
+        "Standard deviation in each record of a force that changes from sample to sample in "
+        "addition to the model, 0 where it moves nothing that the readings show."
+    )
+    reading_noise: tuple[float, ...] = stated("Standard deviation of the readings of each record.")
+    training: tuple[Replay, ...] = stated(
+        "Windowed free runs over each record of the fit, from the smoothed state at the start of "
+        "each window."
+    )
+    _terms: tuple[Any, ...] = stated("What the intervals follow from.")
 
     def interval(self, level: float = 0.9) -> dict[str, tuple[float, float]]:
         """Confidence intervals from the standard errors.
@@ -165,13 +163,22 @@ class Fit(Result):
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
-        _check_level(level)
-        searched, z, _, normals, away, covariance = self._terms
-        freedom = degrees_of_freedom(normals, _prior(searched), away)
-        reach = half_width(level, freedom) * np.sqrt(np.diag(covariance))
+        reach = half_width(level, self._freedom(level)) * np.sqrt(np.diag(self._terms[-1]))
+        return self._ends(-reach, reach)
+
+    def _freedom(self, level: float) -> Floats:
+        """Degrees of freedom of each variance, for an interval of this probability."""
+        if not 0.0 < finite("level", level) < 1.0:
+            raise ValueError(f"level must lie between 0 and 1, got {level!r}")
+        searched, _, _, normals, away, _ = self._terms
+        return degrees_of_freedom(normals, _prior(searched), away)
+
+    def _ends(self, low: Floats, high: Floats) -> dict[str, tuple[float, float]]:
+        """Values at distances from the estimates, in search coordinates."""
+        searched, z, *_ = self._terms
         return {
-            p.name: (p.value(c - r), p.value(c + r))
-            for p, c, r in zip(searched, z, reach, strict=True)
+            p.name: (p.value(c + a), p.value(c + b))
+            for p, c, a, b in zip(searched, z, low, high, strict=True)
         }
 
     def bootstrap(
@@ -193,17 +200,12 @@ class Fit(Result):
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
-        _check_level(level)
+        freedom = self._freedom(level)
         whole("repeats", repeats)
         whole("seed", seed, least=0)
-        searched, z, gradients, normals, away, _ = self._terms
+        searched, _, gradients, normals, away, _ = self._terms
         steps = bootstrap(gradients, normals, _prior(searched), away, repeats, seed)
-        freedom = degrees_of_freedom(normals, _prior(searched), away)
-        ends = expanded(steps, level, freedom)
-        return {
-            p.name: (p.value(c + a), p.value(c + b))
-            for p, c, a, b in zip(searched, z, *ends, strict=True)
-        }
+        return self._ends(*expanded(steps, level, freedom))
 
     def replay(self, record: Record, window: float = 0.25) -> Replay:
         """Windowed free runs of the fitted axis over another record.
@@ -256,17 +258,8 @@ class Fit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the fit, ready for JSON."""
-        return {
-            "parameters": dict(self.parameters),
-            "standard_errors": plain_data(self.standard_errors),
-            "units": dict(self.units),
-            "intervals_90": plain_data(self.interval(0.9)),
-            "correlation": self.correlation.tolist(),
-            "messages": list(self.messages),
-            "random_force": plain_data(list(self.random_force)),
-            "reading_noise": list(self.reading_noise),
-            "training": [run.to_dict() for run in self.training],
-        }
+        numbers = {name: value for name, value in fields_of(self).items() if name != "axis"}
+        return numbers | {"intervals_90": plain_data(self.interval(0.9))}
 
     @panels(2, sharex=False, figsize=(7.0, 6.0))
     def plot(self, axes: Any) -> str:
@@ -278,22 +271,14 @@ class Fit(Result):
         fastest = 0.0
         for i, run in enumerate(self.training):
             slide = Sliding(run.windows.record, 3000)
-            friction = -slide.force_residual(bare)
             fastest = max(fastest, float(np.max(np.abs(slide.v), initial=0.0)))
             top.plot(
-                slide.v, friction, ".", color=MEASURED, ms=2,
+                slide.v, -slide.force_residual(bare), ".", color=MEASURED, ms=2,
                 label="measured, net of inertia and effects" if i == 0 else None,
             )  # fmt: skip
-        middle = float(np.mean([np.mean(run.windows.record.x) for run in self.training]))
-        for s in (1, -1):
-            v = np.linspace(0.0, fastest, 400)
-            level = axis.coulomb([middle], s)[0] * np.ones_like(v)
-            if axis.stribeck is not None:
-                level = level * axis.stribeck.factor(v, axis.stick_speed)
-            top.plot(
-                s * v, s * (level + axis.viscous * v), "k-", lw=1.5,
-                label="fitted" if s == 1 else None,
-            )  # fmt: skip
+        x = np.concatenate([run.windows.record.x for run in self.training])
+        span = float(x.min()), float(x.max())
+        draw_curve(axis.replace(effects=()), top, fastest, span, "fitted", color="k", lw=1.5)
         top.set_xlabel(f"velocity [{length}/s]")
         top.set_ylabel(f"friction [{force}]")
         legend_above(top)
@@ -541,13 +526,11 @@ def likeliest(
 
 
 def _coarser(axis: FrictionAxis, record: Record) -> Record:
-    """The record sampled so slowly that noise of an integrated velocity is a force below friction.
-
-    The noise s of a velocity is an acceleration of sqrt(2) s/dt from sample to sample, in a
-    position that is its integral.
-    """
+    """The record so slow that noise of an integrated velocity is a force below friction."""
     if not record.integrated:
         return record
+    # The noise s of a velocity is an acceleration of sqrt(2) s/dt from sample to sample, in a
+    # position that is its integral.
     differences = np.abs(np.diff(record.channels["v"], 3))
     noise = float(np.median(differences)) / (_MEDIAN * math.sqrt(20.0))
     level = axis.coulomb.mean or float(np.std(record.u))
@@ -587,11 +570,6 @@ def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     ax.set_xlabel("Time [s]")
     ax.set_ylabel(f"RMS error [{unit}]")
     legend_above(ax)
-
-
-def _check_level(level: float) -> None:
-    if not 0.0 < finite("level", level) < 1.0:
-        raise ValueError(f"level must lie between 0 and 1, got {level!r}")
 
 
 def _starting_points(

@@ -22,30 +22,13 @@ from dryfric_control.units import check_units
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replay(Result):
-    """Errors of windowed free runs over a record.
+    """Errors of windowed free runs over a record; made by `replay`."""
 
-    Made by `replay`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The axis that ran.
-    windows : Windows
-        Windows and their starts.
-    positions : ndarray, shape (n,)
-        Position of the free runs at every sample.
-    rms_by_window : ndarray, shape (nwindows,)
-        RMS error of position in each window.
-    quantum : float
-        Encoder quantum, or its equivalent where the encoder shows none
-        (noise times sqrt(12)).
-    """
-
-    axis: FrictionAxis
-    windows: Windows
-    positions: Floats
-    rms_by_window: Floats
-    quantum: float
+    axis: FrictionAxis  # that ran
+    windows: Windows  # and their starts
+    positions: Floats  # of the free runs at every sample, shape (n,)
+    rms_by_window: Floats  # RMS error of position in each window
+    quantum: float  # of the encoder, or where it shows none, noise times sqrt(12)
 
     @property
     def errors(self) -> Floats:
@@ -96,21 +79,18 @@ class Replay(Result):
     @panels(2)
     def plot(self, axes: Any) -> str:
         """Draw measured position and free runs, and their errors."""
-        record, windows = self.windows.record, self.windows
-        length = self.axis.units[0]
-        axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
+        record, length = self.windows.record, self.axis.units[0]
         # A gap at each restart, so that a run is not joined to the next.
-        ends = windows.edges[1:-1]
-        axes[0].plot(
-            np.insert(record.t, ends, np.nan), np.insert(self.positions, ends, np.nan), "k-", lw=1,
-            label="free runs",
-        )  # fmt: skip
-        axes[0].set_ylabel(f"position [{length}]")
-        legend_above(axes[0])
-        _draw_error(
-            axes[1], np.insert(record.t, ends, np.nan), np.insert(self.errors, ends, np.nan), length
+        ends = self.windows.edges[1:-1]
+        t, runs, errors = (
+            np.insert(one, ends, np.nan) for one in (record.t, self.positions, self.errors)
         )
-        legend_above(axes[1])
+        axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
+        axes[0].plot(t, runs, "k-", lw=1, label="free runs")
+        axes[0].set_ylabel(f"position [{length}]")
+        _draw_error(axes[1], t, errors, length)
+        for one in axes:
+            legend_above(one)
         axes[1].set_xlabel("Time [s]")
         return f"{self.axis.name}: free runs"
 
@@ -186,20 +166,10 @@ def replay(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopReplay(Result):
-    """Whole closed loop replayed from its reference.
+    """Whole closed loop replayed from its reference; made by `replay_loop`."""
 
-    Made by `replay_loop`.
-
-    Attributes
-    ----------
-    record : Record
-        What was measured.
-    response : SimulationResponse
-        What the model's loop did; outputs x, v, F, mode, u, y.
-    """
-
-    record: Record
-    response: SimulationResponse
+    record: Record  # what was measured
+    response: SimulationResponse  # what the model's loop did; outputs x, v, F, mode, u, y
     units: tuple[str, str]
 
     @property
@@ -229,9 +199,7 @@ class LoopReplay(Result):
     def to_dict(self) -> dict[str, float]:
         """Numbers of the replay, ready for JSON."""
         return {
-            "position_rms": self.position_rms,
-            "force_rms": self.force_rms,
-            "relative_force": self.relative_force,
+            name: getattr(self, name) for name in ("position_rms", "force_rms", "relative_force")
         }
 
     @panels(3)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive
+from dryfric_control.checks import instance, positive
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.identification.fit import FitWarning
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.axis import FrictionAxis, span_of
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.readers.channels import MAX_ROWS
@@ -29,27 +29,12 @@ _CLEAR, _STEADY = 2.0, 16
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlowRamp(Result):
-    """A slow-ramp experiment and what the model did in it.
+    """A slow-ramp experiment and what the model did in it; made by `slow_ramp_experiment`."""
 
-    Made by `slow_ramp_experiment`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-        The axis that was run.
-    controller : PositionController
-        The loop of very low bandwidth.
-    record : Record
-        What a bench would record: t, u, x (as the encoder reads it) and the
-        reference.
-    response : SimulationResponse
-        The model's own signals, friction and mode among them.
-    """
-
-    axis: FrictionAxis
-    controller: PositionController
-    record: Record
-    response: SimulationResponse
+    axis: FrictionAxis  # that was run
+    controller: PositionController  # the loop of very low bandwidth
+    record: Record  # what a bench would record, the reference with it
+    response: SimulationResponse  # the model's own signals, friction and mode among them
 
     @property
     def reference(self) -> Floats:
@@ -57,27 +42,18 @@ class SlowRamp(Result):
         return np.asarray(self.record.reference)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write time and reference for a real bench.
-
-        Parameters
-        ----------
-        path : path-like
-            File to write; columns ``t [s]`` and ``reference``.
-        """
-        unit = self.axis.units[0]
-        with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-            file.write(f"t [s],reference [{unit}]\n")
-            for t, r in zip(self.record.t, self.reference, strict=True):
-                file.write(f"{t:.9g},{r:.9g}\n")
+        """Write time and reference to a CSV file for a real bench."""
+        head = f"t [s],reference [{self.axis.units[0]}]"
+        columns = np.column_stack((self.record.t, self.reference))
+        with replacing(path) as part:
+            np.savetxt(part, columns, fmt="%.9g", delimiter=",", header=head, comments="")
 
     def _shown(self) -> list[str]:
-        low, high = float(self.reference.min()), float(self.reference.max())
+        found, length = self.to_dict(), self.axis.units[0]
         speed = float(np.max(np.abs(np.diff(self.reference)))) / self.record.dt
-        length = self.axis.units[0]
         return [
-            f"slow ramp over {low:.4g} to {high:.4g} {length} and back in "
-            f"{self.record.duration:.4g} s, {speed:.3g} {length}/s; "
-            f"{len(self.response.events)} switches"
+            f"slow ramp over {found['low']:.4g} to {found['high']:.4g} {length} and back in "
+            f"{found['duration']:.4g} s, {speed:.3g} {length}/s; {found['switches']} switches"
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,9 +64,7 @@ class SlowRamp(Result):
             "low": float(self.reference.min()),
             "high": float(self.reference.max()),
             "switches": len(self.response.events),
-            "kp": self.controller.kp,
-            "ki": self.controller.ki,
-            "kd": self.controller.kd,
+            **{name: getattr(self.controller, name) for name in ("kp", "ki", "kd")},
         }
 
     @panels(2)
@@ -182,13 +156,7 @@ def slow_ramp_experiment(
     span = axis.travel if travel is None else travel
     if span is None:
         raise ValueError("travel is not known: give travel=(low, high), or an axis that has one")
-    try:
-        low, high = span
-    except (TypeError, ValueError):
-        raise ValueError(f"travel must be (low, high), got {span!r}") from None
-    low, high = finite("travel[0]", low), finite("travel[1]", high)
-    if not low < high:
-        raise ValueError(f"travel must run from low to high, got {span!r}")
+    low, high = span_of(span)
     if controller is None:
         controller = PositionController.from_bandwidth(axis, bandwidth, dt)
     instance("controller", controller, PositionController)

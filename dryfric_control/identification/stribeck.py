@@ -38,41 +38,21 @@ _STRETCH = 5
 
 @dataclass(frozen=True, eq=False)
 class Sticks:
-    """Stick phases that end in motion.
+    """Stick phases that end in motion, shape (n,)."""
 
-    Attributes
-    ----------
-    begin, end : ndarray of int, shape (n,)
-        First sample at rest, and first sample in motion after it.
-    direction : ndarray of int, shape (n,)
-        Direction of that motion.
-    """
-
-    begin: Ints
-    end: Ints
-    direction: Ints
+    begin: Ints  # first sample at rest
+    end: Ints  # first sample in motion after it
+    direction: Ints  # of that motion
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """Size of stick-slip ripple, medians over the slips.
+    """Size of stick-slip ripple, medians over the slips."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Rise of the drive force's magnitude from its lowest to breakaway.
-    period : float
-        Time from one breakaway to the next [s].
-    slip : float
-        Way of one slip.
-    count : int
-        Number of slips.
-    """
-
-    amplitude: float
-    period: float
-    slip: float
-    count: int
+    amplitude: float  # rise of the drive force's magnitude from its lowest to breakaway
+    period: float  # time from one breakaway to the next [s]
+    slip: float  # way of one slip
+    count: int  # number of slips
 
     def to_dict(self) -> dict[str, float]:
         """The numbers by name."""
@@ -84,26 +64,14 @@ class StribeckIdentification(Result):
     """Stribeck peak found in a record, and how well its ripple comes back.
 
     Made by `identify_stribeck`.
-
-    Attributes
-    ----------
-    fit : Fit
-        The fit: parameters, standard errors, what is not determined.
-    measured : Ripple or None
-        Ripple of the record.
-    replayed : Ripple or None
-        Ripple of the model in the same loop, where the controller is known.
-    loop : LoopReplay or None
-        That replay.
-    branches : tuple of Record
-        The same in stretches of some slips, each from the rest before its first: a replay of
-        the whole record falls out of step with it.
     """
 
-    fit: Fit
-    measured: Ripple | None
-    replayed: Ripple | None
-    loop: LoopReplay | None
+    fit: Fit  # parameters, standard errors, what is not determined
+    measured: Ripple | None  # of the record
+    replayed: Ripple | None  # of the model in the same loop, where the controller is known
+    loop: LoopReplay | None  # that replay
+    # The same in stretches of some slips, each from the rest before its first: a replay of the
+    # whole record falls out of step with it.
     branches: tuple[Record, ...] = ()
 
     @property
@@ -184,22 +152,7 @@ def stick_phases(record: Record) -> Sticks:
 
 
 def ripple(record: Record) -> Ripple | None:
-    """Amplitude and period of a record's stick-slip ripple.
-
-    Returns
-    -------
-    Ripple or None
-        None if fewer than three slips follow each other in one direction.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import ripple, slow_ramp_experiment
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
-    ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
-    >>> ripple(slow_ramp_experiment(axis, duration=20.0, quantum=1e-6).record).count > 3
-    True
-    """
+    """Amplitude and period of a record's stick-slip ripple; None with fewer than three slips."""
     sticks = stick_phases(record)
     rows = []
     for i in range(sticks.end.size - 1):

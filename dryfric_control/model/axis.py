@@ -191,7 +191,7 @@ class FrictionAxis:
         put("stick_speed", positive("stick_speed", self.stick_speed, unit=self.unit("m/s")))
         put("stick_rate", positive("stick_rate", self.stick_rate, unit="1/s"))
         if self.travel is not None:
-            put("travel", _travel(self.travel))
+            put("travel", span_of(self.travel))
         self.coulomb.check(self.travel)
         if not isinstance(self.switching, str) or self.switching not in SWITCHING:
             raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
@@ -634,7 +634,7 @@ class FrictionAxis:
         10.4
         """
         fastest = usual_speed(self) if speed is None else positive("speed", speed, unit="m/s")
-        places = (self.travel or (0.0, 0.0)) if span is None else _travel(span, "span")
+        places = (self.travel or (0.0, 0.0)) if span is None else span_of(span, "span")
         axes = axes_of(ax, 1, figsize=(7.0, 4.2))
         draw_friction(self, axes[0], fastest, places)
         legend_above(axes[0])
@@ -929,7 +929,8 @@ def mode_label(index: int) -> str:
     return {0: "stuck", 1: "plus", -1: "minus"}[index]
 
 
-def _travel(travel: Any, name: str = "travel") -> tuple[float, float]:
+def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
+    """Lowest and highest position, checked."""
     try:
         low, high = travel
     except (TypeError, ValueError):

@@ -230,44 +230,13 @@ def next_experiment(
     (('spring',), True)
     """
     rivals = _checked(axis, rivals, record, limits)
-    if names is not None and (isinstance(names, str) or not isinstance(names, Sequence)):
-        raise ValueError(f"names must be a sequence of names, got {names!r}")
-    if not rivals:
-        if names is not None and len(names) > 1:
-            raise ValueError(f"names holds {len(names)} names, but there are no rivals")
-        return None
     names = _named(axis, rivals, names)
-    quantum = record.resolution.step
+    if not rivals:
+        return None
     stage = Stage.of(axis, limits or Limits.of(axis, record), record.dt)
-    axes = [axis, *rivals]
-    refits = [Refit.of(one, record, quantum) for one in axes]
-    tried: dict[str, float] = {}
-    best: tuple[float, Staged, list[Distance]] | None = None
-    for changed in (False, True):
-        stages = [
-            found
-            for e in EXCITATIONS
-            if (e.change is not None) == changed
-            and (found := staged(e, stage, axes, quantum, record.dt)) is not None
-        ]
-        raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
-        for one, pairs in zip(stages, raw, strict=True):
-            tried[one.excitation.name] = min(pair.rms for pair in pairs)
-        # A refit can only bring hypotheses closer: the distance before it is an upper bound,
-        # so that the search in this order can stop early.
-        upper = list(map(_worth, raw))
-        for k in ranked(-np.array(upper)):
-            if best is not None and not above(upper[k], best[0]):
-                break
-            left = _after_refit(stages[k], stage, refits, raw[k], quantum)
-            worth = _worth(left)
-            if best is None or above(worth, best[0]):
-                best = (worth, stages[k], left)
-        if best is not None and all(pair.separate for pair in best[2]):
-            break
-    if best is None or not any(pair.separate for pair in best[2]):
+    tried, chosen, left = _search([axis, *rivals], record, stage)
+    if chosen is None or not any(pair.separate for pair in left):
         return _change_of_bench(names, tried, axis.units)
-    _, chosen, left = best
     score = {name: pair.rms * pair.separate for name, pair in zip(names[1:], left, strict=True)}
     return Experiment(
         name=chosen.excitation.name,
@@ -284,6 +253,35 @@ def next_experiment(
         drives={n: trial.u for n, trial in zip(names, chosen.trials, strict=True)},
         units=axis.units,
     )
+
+
+def _search(
+    axes: Sequence[FrictionAxis], record: Record, stage: Stage
+) -> tuple[dict[str, float], Staged | None, list[Distance]]:
+    """Least distance in each experiment, the best one, and the distances left after a refit."""
+    quantum = record.resolution.step
+    refits = [Refit.of(one, record, quantum) for one in axes]
+    tried: dict[str, float] = {}
+    best, chosen, left = -1.0, None, []
+    for changed in (False, True):
+        some = [e for e in EXCITATIONS if (e.change is not None) == changed]
+        made = (staged(e, stage, axes, quantum, record.dt) for e in some)
+        stages = [one for one in made if one is not None]
+        raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
+        for one, pairs in zip(stages, raw, strict=True):
+            tried[one.excitation.name] = min(pair.rms for pair in pairs)
+        # A refit can only bring hypotheses closer: the distance before it is an upper bound,
+        # so that the search in this order can stop early.
+        upper = list(map(_worth, raw))
+        for k in ranked(-np.array(upper)):
+            if not above(upper[k], best):
+                break
+            pairs = _after_refit(stages[k], stage, refits, raw[k], quantum)
+            if above(_worth(pairs), best):
+                best, chosen, left = _worth(pairs), stages[k], pairs
+        if left and all(pair.separate for pair in left):
+            break
+    return tried, chosen, left
 
 
 class Distance(NamedTuple):
@@ -385,6 +383,8 @@ def _named(
     """The given names, or those of the effects by which the axes differ."""
     count = 1 + len(rivals)
     if names is not None:
+        if isinstance(names, str) or not isinstance(names, Sequence):
+            raise ValueError(f"names must be a sequence of names, got {names!r}")
         if not all(isinstance(name, str) for name in names):
             raise ValueError(f"names must hold names in text, got {names!r}")
         if len(names) != count or len(set(names)) != count:

@@ -330,15 +330,15 @@ def pi_observer(
 class Stepper:
     """A compiled estimator sample by sample: kernel, its tables, memory and number of outputs.
 
-    The first five outputs are those of an `Estimate`.
+    With `at_reading` the estimate of the position starts at the first reading.
     """
 
     def __init__(
-        self, sample: Callable[..., None], tables: Any, memory: Floats, outputs: int, dt: float
-    ) -> None:
+        self, sample: Callable[..., None], tables: Any, memory: Floats, outputs: int, dt: float,
+        at_reading: bool = False,
+    ) -> None:  # fmt: skip
         self._sample, self._tables, self._memory, self._dt = sample, tables, memory, dt
-        self._out = np.zeros(outputs)
-        self._samples = 0
+        self._out, self._samples, self._at_reading = np.zeros(outputs), 0, at_reading
 
     def step(self, u: float, y: float) -> Estimate:
         """Estimate at this sample: drive u [N] from it on, position y [m] read at it.
@@ -346,16 +346,13 @@ class Stepper:
         After a ValueError the estimator is as before.
         """
         drive, reading = finite("u", u), finite("y", y)
-        if self._samples == 0:
-            self._begin(reading)
+        if self._samples == 0 and self._at_reading:
+            self._memory[kernel.XHAT] = reading
         t = self._samples * self._dt
         self._sample(*self._tables, self._memory, t, drive, reading, self._out)
         self._samples += 1
         x, v, friction, w, mode = self._out[:5].tolist()
         return Estimate(x, v, friction, w, int(mode))
-
-    def _begin(self, reading: float) -> None:
-        """Set what follows from the first reading."""
 
 
 class ObserverStepper(Stepper):
@@ -390,9 +387,4 @@ class ObserverStepper(Stepper):
         self.design = design
         arrays = tables(design, switching, encoder_quantum)
         memory = first_memory(design, 0.0 if xhat0 is None else xhat0, vhat0, what0)
-        super().__init__(kernel.step, arrays, memory, kernel.OUTPUTS, design.dt)
-        self._at_reading = xhat0 is None
-
-    def _begin(self, reading: float) -> None:
-        if self._at_reading:
-            self._memory[kernel.XHAT] = reading
+        super().__init__(kernel.step, arrays, memory, kernel.OUTPUTS, design.dt, xhat0 is None)

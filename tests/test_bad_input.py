@@ -144,7 +144,7 @@ CALLS: dict[str, Callable[..., Any]] = {
             (DESIGN, "mode_matrices error_dynamics save"),
             (dfc.ObserverStepper(DESIGN), "step"),
             (FIT, "interval bootstrap replay plot"),
-            (PLAN, "plot"),
+            (PLAN, "to_csv plot"),
         )
         for name in names.split()
     },
@@ -818,6 +818,7 @@ OTHERWISE |= {"Effect", "Law", "to_mjcf", *(cls.__name__ for cls in REGISTRY.val
 UNTYPED = set(
     "title name progress limit source Law.tolerance read_bam.dt Record.window.t0 Record.window.t1 "
     "Record.read.origin read_record.max_gap FrictionAxis.arrays.dt Record.to_csv.path "
+    "Experiment.to_csv.path "
     "ObserverDesign.save.path write_axis.path Scaling.from_dict.data Record.from_frame.columns".split()
 ) | {f"to_{model}.{name}" for model in ("mjcf", "urdf", "modelica") for name in ("joint", "out")}
 for _name in SOUND:

@@ -167,10 +167,11 @@ class Compensation(Result):
             share = f", {100.0 * step / level:.3g} % of the Coulomb level" if level > 0.0 else ""
             yield f"noise  one encoder increment steps the drive by {step:.3g} {force}{share}"
             free = self._free_of_noise()
-            if free is not None:
+            tube = math.inf if free is None else free.certify().tube
+            if free is not None and tube < self.certificate.tube:
                 yield (
                     "       the low-pass that keeps it so has its price: without it the tube would "
-                    f"be {length_text(free.certify().tube, length)}, and the step "
+                    f"be {length_text(tube, length)}, and the step "
                     f"{free.drive_step:.3g} {force}"
                 )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"

@@ -49,8 +49,10 @@ def check_text(d: Findings) -> str:
     if d.main_causes:
         cause = d.main_causes[0]
         return f"{cause.title}: {cause.experiment[:1].lower()}{cause.experiment[1:]}"
-    if d.unexplained.significant:
+    if d.unexplained.significant and d.unexplained.where:
         return f"what happens where the error is largest: {places_text(d)}."
+    if d.unexplained.significant:
+        return "the same motion again: the error is tied to no place, velocity or time."
     if d.causes or d.varies:
         return "the values above, against data sheets and a second record."
     return "nothing, as long as it moves as in this record; other motions are not tested."

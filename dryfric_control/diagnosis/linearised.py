@@ -167,10 +167,7 @@ class Linearised:
             columns = [*one.force, *self.base_forces(names)]
             if not one.force or not np.any(force):
                 continue
-            m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
-            size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
-            c = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
-            left = float(np.linalg.norm(force - m @ c) / np.linalg.norm(force))
+            c, left = self._alike(force, columns)
             if left < best and not (one.positive and c[0] <= 0.0):
                 width = len(one.force)
                 best, found = left, (one.values(c[:width].tolist()), c[width:])
@@ -179,11 +176,16 @@ class Linearised:
     def taken_over(self, effect: Effect, names: Sequence[str]) -> FloatArray:
         """Changes of base parameters of these `names` that act most as an effect does."""
         values = dict(zip(effect.parameters(), effect.values, strict=True))
-        force, columns = added(type(effect), values, cast(View, self)), self.base_forces(names)
+        force = added(type(effect), values, cast(View, self))
+        return self._alike(force, self.base_forces(names))[0] * values_of(self.axis, names)
+
+    def _alike(self, force: FloatArray, columns: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+        """Coefficients of the forces that together are nearest to one while sliding; part left."""
         m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
         size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
-        change = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
-        return np.asarray(change * values_of(self.axis, names))
+        c = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
+        left = float(np.linalg.norm(force - m @ c)) / max(float(np.linalg.norm(force)), 1e-300)
+        return np.asarray(c), left
 
     def steps(self, names: Sequence[str]) -> FloatArray:
         """Columns of the slopes with free parameters of the model, by differences."""

@@ -343,8 +343,8 @@ class Search:
     def _proposals(self, now: Model, every: bool = False) -> list[Proposal]:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
-        best: dict[frozenset[str], Proposal] = {}
-        chosen: list[frozenset[str]] = []
+        best: dict[tuple[frozenset[str], bool], Proposal] = {}
+        chosen: list[tuple[frozenset[str], bool]] = []
         self.early = 0.0
         models = [(now.fit, PROPOSALS), *((n, PROPOSALS // 2) for n in self._nominal(now.fit))]
         for fit, count in models:
@@ -359,13 +359,13 @@ class Search:
                 self.first = gram.singles | self.first
             for one in proposals:
                 # What holds the base is wanted where that is at nominal: beside the last model.
-                key = frozenset(one.names)
+                key = _start_of(one)
                 before = best.get(key, one)
                 best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
             # The likeliest in one pass, and those of which most is predicted beside this model.
             some = sorted(proposals, key=lambda p: p.cost)[:count]
             some += sorted(proposals, key=lambda p: -p.predicted)[: PROPOSALS // 2]
-            chosen += [frozenset(one.names) for one in (proposals if every else some)]
+            chosen += map(_start_of, proposals if every else some)
         return [best[key] for key in dict.fromkeys(chosen)]
 
     def _addable(self, now: Model) -> list[str]:
@@ -447,7 +447,10 @@ class Search:
 
         single = [p for p in proposals if len(p.names) == 1]
         looked = dict(zip(single, problem.parallel(first, single), strict=True))
-        alone = {p.names[0]: one.first[1] for p, one in looked.items() if one is not None}
+        alone = dict[str, float]()
+        for p, one in looked.items():
+            if one is not None:
+                alone[p.names[0]] = max(one.first[1], alone.get(p.names[0], -math.inf))
         # Joined causes are looked at if they promise more than one of them reached alone.
         joined = [
             p for p in proposals
@@ -686,6 +689,11 @@ class Search:
                 and r.fit.cost < now.fit.cost + EQUAL and len(r.free) <= count + 1
             }  # fmt: skip
         return found
+
+
+def _start_of(one: Proposal) -> tuple[frozenset[str], bool]:
+    """What tells starts of fits apart: the causes, and whether they are instead of the base."""
+    return frozenset(one.names), one.held is None
 
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:

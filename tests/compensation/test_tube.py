@@ -19,9 +19,26 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 PEAKED = AXIS.replace(stribeck=dfc.Stribeck(0.3, 0.01), stick_speed=1e-3)
 
 
+def slow_move(seed):
+    """Moves that take many loop time constants for the error with which the axis slips."""
+    rng = np.random.default_rng(seed)
+    points = [0.0, *[(-1) ** i * 1.7192e-4 * rng.uniform(0.5, 1.0) for i in range(3)]]
+    return dfc.motion_profile(
+        points, dt=DT, velocity=2.6015e-4, acceleration=6.0124e-4, jerk=0.05388
+    )
+
+
 def largest(plant, comp, reference):
     run = dfc.simulate_loop(plant, comp.controller, reference, quantum=comp.encoder_quantum)
     return np.abs(reference.position - run.y[0]).max()
+
+
+@pytest.mark.parametrize("seed", [6, 13])
+def test_slow_moves_of_an_axis_with_less_friction_stay_in_the_tube(seed):
+    comp = dfc.design_compensation(AXIS, DT, encoder_quantum=1e-6, mismatch=0.1)
+    plant = AXIS.replace(mass=1.8, viscous=16.5, coulomb=7.2)
+    move = slow_move(seed)
+    assert largest(plant, comp, move) <= comp.certify(reference=move).tube
 
 
 @pytest.mark.parametrize(
@@ -170,6 +187,21 @@ def there(slope, way=1.0):
     return dfc.MotionProfile(DT, np.cumsum(v) * DT, v, np.gradient(v, DT))
 
 
+@pytest.mark.parametrize("delay", [0.0, 2.5e-3])
+def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay):
+    comp = dfc.design_compensation(AXIS, DT, 1e-6, delay)
+    # Given early by the lead, at an axis without delay; late at one with all of it.
+    early, late = comp.lead, math.ceil(delay / DT) + 1 - comp.lead
+    certified = []
+    for way in (1.0, -1.0):
+        found = certificates._unfed(comp.loop, there(3.0, way))
+        assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
+        certified.append(comp.certify(reference=there(3.0, way)))
+    # Mirrored, the reference has the same tube.
+    assert certified[0].parts == pytest.approx(certified[1].parts, rel=1e-9)
+    assert certified[0].drive_needed == pytest.approx(certified[1].drive_needed, rel=1e-9)
+
+
 def test_a_reference_that_moves_from_the_start_leaves_its_momentum_to_be_made_up():
     """Nearly without friction: the loop's own response to the momentum that is missing."""
     axis = dfc.FrictionAxis(mass=2.0, viscous=1e-3, coulomb=1e-3)
@@ -262,6 +294,14 @@ def test_learning_and_integral_are_bounded_while_the_reference_moves():
                 change = memory[spoken] + memory[integral] - 8.0 * np.sign(move.velocity[j])
                 step = comp.ki * DT * abs(move.position[k] - plant.x) + comp.ki * DT * 1e-4
                 assert abs(change) <= 0.3 * 8.0 + step + 1e-9
+
+
+def test_a_wider_correction_has_a_wider_tube():
+    shares = dict.fromkeys((0.0, 0.2, 0.5), 0.0)
+    for share in shares:
+        shares[share] = dfc.design_compensation(AXIS, DT, correction=share).certificate.tube
+    assert shares[0.0] < shares[0.2] < shares[0.5]
+    assert dfc.design_compensation(AXIS, DT).correction == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("quantum", [1e-6, 2e-5])

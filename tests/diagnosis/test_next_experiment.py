@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
+from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
@@ -40,6 +41,11 @@ def jumps(n=8000, seed=0):
     return np.repeat(np.random.default_rng(seed).uniform(-0.05, 0.05, n // 500), 500)
 
 
+def eased(n, over):
+    s = np.clip(np.arange(n) / over, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
 def worst(model, record):
     """Errors of free runs, a line of each window left out, in quanta: the middle one."""
     windows = cut(record)
@@ -57,6 +63,12 @@ def bias_or_asymmetry():
 def dead_zone_or_level():
     machine = axis(dfc.effects.DeadZone(width=2.0))
     return machine, axis(coulomb=10.0), recorded(machine, sine(0.05, 0.4)), WIDE
+
+
+def gain_or_load():
+    machine = axis(dfc.effects.InputGain(gain=0.85))
+    rival = axis(dfc.effects.LoadDependence(coefficient=0.15))
+    return machine, rival, recorded(machine, sine(0.05, 0.4)), WIDE
 
 
 def inertia_or_gain():
@@ -79,11 +91,35 @@ def delay_or_lag():
     return machine, rival, recorded(machine, sine(0.05, 0.8), 2e-6), WIDE
 
 
+def stribeck_or_dwell():
+    machine = axis(stribeck=dfc.Stribeck(excess=0.3, speed=5e-5))
+    rival = axis(dfc.effects.DwellTime(rise=2.4, time_constant=0.05))
+    way = 0.05 * eased(500, 300)
+    gains = dfc.PositionController(kp=2000.0, ki=0.0, kd=60.0, dt=DT)
+    # All rests are longer than five time constants: as good as endless.
+    record = recorded(machine, np.tile(np.concatenate((way, 0.05 - way)), 8), 5e-6, gains=gains)
+    return machine, rival, record, None
+
+
+def cogging_or_time():
+    speed = 0.1
+    machine = axis(dfc.effects.Cogging(amplitude=0.3, period=0.005))
+    record = recorded(machine, -0.16 + speed * DT * np.arange(3000), v0=speed)
+    rivals = [
+        axis(dfc.effects.TimePeriodic(amplitude=0.3, frequency=speed / 0.005, phase=phase))
+        for phase in np.linspace(0.0, 2.0 * np.pi, 65)
+    ]
+    return machine, min(rivals, key=lambda one: worst(one, record)), record, None
+
+
 PAIRS = {
     ("dead_zone", "coulomb"): dead_zone_or_level,
+    ("input_gain", "load_dependence"): gain_or_load,
     ("inertia", "input_gain"): inertia_or_gain,
     ("spring", "gravity"): spring_or_gravity,
     ("input_delay", "actuator_lag"): delay_or_lag,
+    ("stribeck", "dwell_time"): stribeck_or_dwell,
+    ("cogging", "time_periodic"): cogging_or_time,
 }
 
 
@@ -158,6 +194,17 @@ def test_equal_causes_ask_for_a_change_of_the_bench():
     assert isinstance(experiment.plot(), ct.ControlPlot)
 
 
+def test_what_a_refit_takes_away_is_no_difference():
+    """A viscous coefficient that the slow record leaves open may not part equal laws."""
+    machine = axis(dfc.effects.BiasForce(force=2.0))
+    rival = axis(dfc.effects.CoulombAsymmetry(force=-2.0), viscous=15.3)
+    record = recorded(machine, sine(0.002, 0.2))
+    experiment = next_experiment(machine, [rival], record, limits=WIDE)
+    assert np.median(list(experiment.tried.values())) > 5.0
+    assert experiment.separates == ()
+    assert experiment.name == "change_of_bench"
+
+
 def test_equal_and_different_rivals_together():
     """What can be parted is parted; what cannot is named as open, with score 0."""
     machine, rival, record, _ = bias_or_asymmetry()
@@ -177,6 +224,30 @@ def test_presliding_against_backlash_and_compliance():
     ]
     experiment = next_experiment(machine, rivals, recorded(machine, jumps(3000)))
     assert set(experiment.separates) == {"backlash", "compliance"}
+
+
+def test_limits_that_no_experiment_keeps_are_told():
+    """A bias of 2 N cannot be held by a drive of 0.1 N: every run would leave the travel."""
+    machine = axis(dfc.effects.BiasForce(force=2.0), coulomb=1.0)
+    rival = axis(dfc.effects.Spring(stiffness=10.0, rest=0.2), coulomb=1.0)
+    limits = Limits(travel=(-0.2, 0.2), drive=0.1, speed=0.6)
+    experiment = next_experiment(machine, [rival], recorded(machine, jumps(2000)), limits=limits)
+    assert experiment.tried == {}
+    assert experiment.separates == ()
+    assert "widen them" in experiment.description
+
+
+def test_a_hypothesis_with_which_the_loop_runs_away_is_no_error(monkeypatch):
+    """Its trial cannot be simulated: too many switches in a sample."""
+    machine, rival, record, limits = delay_or_lag()
+
+    def runs_away(*args):
+        raise TooManySwitchesError
+
+    monkeypatch.setattr("dryfric_control.diagnosis.simulated_trial.simulate", runs_away)
+    assert next_experiment(machine, [rival], record, limits=limits).tried == {}
+    # A single cause needs no experiment.
+    assert next_experiment(machine, [], record) is None
 
 
 def test_report_file_and_figure(tmp_path):

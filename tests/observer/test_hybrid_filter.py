@@ -10,9 +10,11 @@ import pytest
 from dryfric_control.effects import Cogging, Gravity, InputDelay, Presliding, Spring
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.stats import norm, truncnorm
 
 import dryfric_control as dfc
+from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.observer import ObserverWarning, filter_reference
 
@@ -82,6 +84,87 @@ def test_what_has_not_crossed_zero(mean):
     assert variance == pytest.approx(exact.var(), rel=1e-4)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_tail_is_cut_in_part(share):
+    mean, sd = 0.4, 1.3
+    tail = kernel._positive_part(mean, sd)
+    total, centre, variance = kernel._without(share, mean, sd * sd, *tail)
+    x = np.linspace(mean - 10 * sd, mean + 10 * sd, 200_001)
+    density = norm.pdf(x, mean, sd) * np.where(x > 0.0, 1.0, 1.0 - share)
+    mass = np.trapezoid(density, x)
+    middle = np.trapezoid(x * density, x) / mass
+    assert (total, centre) == (pytest.approx(mass, abs=1e-4), pytest.approx(middle, abs=1e-4))
+    assert variance == pytest.approx(np.trapezoid((x - middle) ** 2 * density, x) / mass, abs=1e-3)
+    # Of a density that is nearly all tail the rest is left.
+    assert kernel._without(1.0, 0.4, 1.7, 1e-20, 0.1, 0.2) == pytest.approx((1e-20, 0.1, 0.2))
+    assert np.all(np.isfinite(kernel._without(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
+
+
+@njit
+def make_positive(s):
+    kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
+
+
+@njit
+def condition(s, column, change, removed, variance):
+    kernel._condition(axis_step.pointer(s), kernel.BELIEFS, column, change, removed, variance)
+
+
+LOWER = np.tril_indices(kernel.STATES)
+
+
+def covariance_at(s, at):
+    P = np.zeros((kernel.STATES, kernel.STATES))
+    P[LOWER] = s[at + kernel.COVARIANCE : at + kernel.GAUSSIAN]
+    return P + np.tril(P, -1).T
+
+
+def put(s, at, mean, P):
+    s[at : at + kernel.STATES] = mean
+    s[at + kernel.COVARIANCE : at + kernel.GAUSSIAN] = P[LOWER]
+
+
+def spread(rng):
+    scale = 10.0 ** rng.uniform(-4, 3, kernel.STATES)
+    root = rng.standard_normal((kernel.STATES, kernel.STATES)) * scale[:, None]
+    return root @ root.T
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_covariance_is_kept_or_made_positive(seed):
+    rng = np.random.default_rng(seed)
+    P = spread(rng)
+    s = np.zeros(kernel.SIZE)
+    put(s, kernel.BELIEFS, 0.0, P)
+    make_positive(s)
+    np.testing.assert_array_equal(covariance_at(s, kernel.BELIEFS), P)
+    # one direction negative, as a downdate that cancels leaves it
+    d = np.sqrt(np.diag(P))
+    values, vectors = np.linalg.eigh(P / np.outer(d, d))
+    values[0] = -1e-3 * rng.uniform()
+    bad = np.outer(d, d) * (vectors * values @ vectors.T)
+    put(s, kernel.BELIEFS, 0.0, bad)
+    make_positive(s)
+    mended = covariance_at(s, kernel.BELIEFS)
+    assert np.linalg.eigvalsh(mended / np.outer(d, d))[0] > -1e-14
+    # nothing grows: a small pivot must not become a large column
+    assert np.all(np.diag(mended) <= np.diag(bad) * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_correction_moves_all_states_by_their_correlation(column):
+    rng = np.random.default_rng(4)
+    P, mean = spread(rng), rng.standard_normal(6)
+    s = np.zeros(kernel.SIZE)
+    put(s, kernel.BELIEFS, mean, P)
+    variance, removed = P[column, column] + 0.1, 0.6
+    condition(s, column, 0.7, removed, variance)
+    k = P[:, column] / variance
+    np.testing.assert_allclose(s[kernel.BELIEFS : kernel.BELIEFS + 6], mean + k * 0.7)
+    expected = P - np.outer(k, k) * removed
+    np.testing.assert_allclose(covariance_at(s, kernel.BELIEFS), expected, rtol=1e-9)
+
+
 FULL = stage(
     coulomb=dfc.CoulombMap(plus=[8.0, 4.0], minus=[7.0, -3.0]),
     travel=(-0.3, 0.3),
@@ -116,6 +199,20 @@ def test_a_record_is_run_like_its_columns():
         observer.run(record, y)
     with pytest.raises(ValueError, match=r"record.dt is 0\.001 s and filter.dt 0\.002 s"):
         dfc.hybrid_filter(stage(), 2 * DT, 1e-5).run(record)
+
+
+def test_a_loop_over_the_estimates_needs_no_algebraic_solution():
+    """Position and velocity do not depend on the drive of their own sample."""
+    gain = ct.nlsys(
+        None, lambda t, x, u, params: np.array([3000.0 * (0.01 - u[0]) - 100.0 * u[1]]),
+        inputs=["xhat", "vhat"], outputs=["u"], dt=DT, name="gain",
+    )  # fmt: skip
+    observer, plant = dfc.hybrid_filter(stage(), DT, 1e-5).block(), dfc.axis_block(stage(), DT)
+    parts = [observer, gain, plant, dfc.encoder(1e-5, DT)]
+    closed = ct.interconnect(parts, inputs=[], outputs=["v", "vhat"], dt=DT)
+    v, estimate = ct.input_output_response(closed, np.arange(400) * DT, 0.0).outputs
+    assert np.max(np.abs(v)) > 0.01
+    assert np.sqrt(np.mean((v - estimate) ** 2)) < 0.1 * np.std(v)
 
 
 @pytest.mark.parametrize(("quantum", "most"), [(1e-6, 0.0016), (2e-5, 0.007)])
@@ -214,6 +311,26 @@ def test_the_error_is_what_the_filter_expects_of_itself(dt, quantum):
         assert np.mean(error > 5.0 * seen.vhat_sd[200:]) < 0.01
         # The coarsest encoder leaves up to 0.013, at 50 Hz.
         assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(run.y[1])
+
+
+@pytest.mark.slow
+def test_wild_plants_leave_it_finite_and_near():
+    """Plants that the nominal axis has nothing to do with, encoders of 1 nm to 0.3 mm."""
+    rng = np.random.default_rng(5)
+    for _ in range(15):
+        plant = stage(
+            mass=2.0 * rng.uniform(0.5, 2.0),
+            viscous=15.0 * rng.uniform(0.1, 5.0),
+            coulomb=8.0 * rng.uniform(0.4, 2.0),
+            stribeck=dfc.Stribeck(rng.uniform(0.02, 1.0), 10.0 ** rng.uniform(-4, -1)),
+            stick_speed=10.0 ** rng.uniform(-5, -2.5),
+        )
+        quantum = 10.0 ** rng.uniform(-9, -3.5)
+        run = loop(plant, quantum)
+        estimate = dfc.hybrid_filter(stage(), DT, quantum).run(run.outputs[4], run.outputs[5])
+        assert np.isfinite(estimate.outputs).all()
+        assert np.isfinite(estimate.vhat_sd).all()
+        assert speed_error(estimate, run) < 0.3
 
 
 @settings(max_examples=40, deadline=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control as ct
 import numpy as np
@@ -104,6 +104,16 @@ def test_loop_stepper_and_block_agree(law):
     run = ct.input_output_response(diagram, np.arange(n) * DT, motion.rows[:, j])
     np.testing.assert_array_equal(run.outputs[0], loop.y[0, :n])
     np.testing.assert_array_equal(run.outputs[1], loop.y[4, :n])
+
+
+def test_the_axis_may_start_elsewhere_and_moving(comp):
+    """Controllers know the reference before it is followed: no jump at the start."""
+    motion = sine()
+    late = MotionProfile(DT, *motion.rows[:, 400:])
+    run = dfc.simulate_loop(
+        NOMINAL, comp.controller, late, x0=late.position[0], v0=late.velocity[0]
+    )
+    assert np.abs(late.position - run.y[0]).max() < 5e-5
 
 
 def test_levels_are_learned_within_bounds(comp):
@@ -217,6 +227,27 @@ def test_the_tube_of_a_hard_reference_holds(hard):
     assert certificate.parts["inertia"] < certificate.tube < 3.0 * hard * comp.certificate.tube
 
 
+def test_a_tube_without_a_reference_is_of_slow_ones(comp):
+    slow, moved = comp.certificate, comp.certify(reference=moves())
+    assert slow.slow and "of mismatch, slow references: " in slow.summary()
+    assert not moved.slow and "slow" not in moved.summary()
+    assert moved.tube > slow.tube and set(moved.parts) - set(slow.parts) == {"inertia"}
+
+
+def test_a_pid_hunts_where_the_compensated_loop_rests(comp):
+    """Static friction above Coulomb: the integral slips for ever."""
+    pid = dfc.design_compensation(NOMINAL, DT, QUANTUM, input_delay=3e-3, law="pid")
+    motion = dfc.motion_profile(
+        [0.0, 0.02], DT, velocity=0.1, acceleration=2.0, jerk=80.0, dwell=[0.1, 12.0]
+    )
+    slips = []
+    for one in (comp, pid):
+        run = dfc.simulate_loop(mismatched(0), one.controller, motion, quantum=QUANTUM)
+        slips.append(np.count_nonzero(run.events.time > motion.duration - 10.0))
+    assert slips[0] == 0 < slips[1]
+    assert comp.certificate.no_hunting and not pid.certificate.no_hunting
+
+
 @pytest.mark.parametrize("dt", [1e-2, 5e-5])
 @pytest.mark.parametrize("samples", [1.5, 20])
 @pytest.mark.parametrize("known", [False, True])
@@ -254,6 +285,20 @@ def test_delay_margin_is_where_the_simulated_loop_diverges(law, designed):
     assert known + designed == pytest.approx(margin, rel=0.05)
 
 
+def test_a_drive_at_its_limit_is_named_and_a_loop_that_sags_is_not():
+    """A load of 20 N on a drive of 15 N, and on a proportional loop that holds it."""
+    plant = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=1.0, effects=(fx.BiasForce(force=20.0),)
+    )
+    weak = dfc.PositionController(kp=400.0, ki=0.0, kd=40.0, dt=DT, limit=15.0)
+    with pytest.warns(RuntimeWarning, match="drive stays at its limit"):
+        dfc.simulate_loop(plant, weak, np.linspace(0.0, 1e-3, 2000))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = dfc.simulate_loop(plant, replace(weak, limit=50.0), np.linspace(0.0, 1e-3, 2000))
+    assert abs(run.y[0, -1]) > 0.04
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_drive_step_is_that_of_the_law(law):
     """Two runs whose last readings differ by one increment, at a constant velocity."""
@@ -286,6 +331,49 @@ def test_certificate_names_what_fails(comp):
     assert "stable" in next(c.name for c in unstable.conditions if not c.holds)
     with pytest.raises(ValueError, match="a drive delay of 4 s .*: check dt and input_delay"):
         dfc.design_compensation(NOMINAL, dt=1e-3, input_delay=4.0)
+
+
+def test_levels_over_place_ask_for_a_travel_or_a_reference():
+    axis = NOMINAL.replace(effects=(fx.PositionDependence(slope=3.0),))
+    comp = dfc.design_compensation(axis, DT, QUANTUM)
+    (failed,) = (one for one in comp.certificate.conditions if not one.holds)
+    assert "from -1 to 1 m" in failed.detail and "axis.replace(travel=" in failed.detail
+    along = comp.certify(reference=moves())
+    assert along.no_hunting and "travel" not in along.summary()
+    assert along.tube < 0.5 * comp.certificate.tube
+    given = dfc.design_compensation(axis.replace(travel=(0.0, 0.02)), DT, QUANTUM)
+    assert given.certificate.no_hunting and "travel" not in given.summary()
+    assert "travel" not in dfc.design_compensation(NOMINAL, DT, QUANTUM).summary()
+
+
+@pytest.mark.parametrize("levels", [(9.0, 7.0), (7.0, 9.0)])
+def test_an_axis_rests_although_its_levels_differ_by_direction(levels):
+    axis = NOMINAL.replace(coulomb=levels)
+    comp = dfc.design_compensation(axis, DT, QUANTUM)
+    assert comp.certificate.no_hunting
+    r = moves(dwell=2.0)
+    run = dfc.simulate_loop(axis, comp.controller, r, QUANTUM)
+    last = run.y[:, -1000:]
+    assert np.ptp(last[0]) == 0.0 and np.ptp(last[4]) == 0.0
+    assert abs(last[4, 0]) <= 0.9 * 0.8 * 7.0 * (1 + 1e-9)
+    weaker = comp.certify(mismatch=0.3)
+    (failed,) = (one for one in weaker.conditions if not one.holds)
+    assert "lower mismatch" in failed.detail
+
+
+def test_no_error_is_certified_beyond_what_the_drive_can_do():
+    def certified(limit):
+        comp = dfc.design_compensation(NOMINAL, DT, QUANTUM, limit=limit)
+        return comp, comp.certify(reference=moves())
+
+    plant = NOMINAL.replace(mass=2.4, viscous=18.0, coulomb=9.6)
+    needed = certified(100.0)[1].drive_needed
+    for limit in (11.0, 0.99 * needed, 1.01 * needed):
+        comp, certificate = certified(limit)
+        assert ("TOO LOW" in certificate.summary()) is (limit < needed)
+        run = dfc.simulate_loop(plant, comp.controller, moves(), QUANTUM)
+        assert np.abs(moves().position - run.y[0]).max() <= certificate.tube
+        assert (certificate.tube < 1e-3) is (limit > needed)
 
 
 def impulse(comp, mass, viscous, delay, n):
@@ -382,3 +470,39 @@ def test_a_changed_file_is_refused(comp, tmp_path, name, value, named):
     path.write_text(json.dumps(data))
     with pytest.raises(ValueError, match=named):
         dfc.load_compensation(path)
+
+
+def test_summary_and_plot(comp):
+    assert "tube" in comp.summary() and "128" not in comp._repr_html_()[:5]
+    plot = comp.plot()
+    assert plot.axes.shape == (3, 1)
+    # In the prefix in which the tube is readable.
+    assert plot.axes[1, 0].get_ylabel() == "error [mm]"
+    (tube,) = (line for line in plot.axes[1, 0].lines if line.get_label() == "tube")
+    bound = comp.certify(reference=comp._there_and_back()).tube
+    assert tube.get_ydata()[0] == pytest.approx(1e3 * bound)
+    assert replace(comp, law="fixed").summary() != comp.summary()
+    axis = dfc.FrictionAxis(mass=0.02, viscous=0.05, coulomb=0.6, units=("rad", "N m"))
+    plot = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=1e-5).plot()
+    assert plot.axes[0, 0].get_ylabel() == "position [rad]"
+
+
+def test_a_move_that_starts_elsewhere_is_simulated_from_there():
+    # A start at 0 is a step of the reference, which no bound on the error of the move covers.
+    axis = dfc.FrictionAxis(
+        mass=3.0, viscous=20.0, coulomb=9.0, stribeck=dfc.Stribeck(0.35, 0.02),
+        travel=(0.0, 0.6), effects=(fx.InputDelay(4e-3),),
+    )  # fmt: skip
+    comp = dfc.design_compensation(axis, dt=1e-3, encoder_quantum=2e-6)
+    bounds, runs = [], []
+    for start in (0.0, 0.3):
+        move = dfc.motion_profile(
+            [start, start + 0.1], 1e-3, velocity=0.3, acceleration=2.0, jerk=40.0, dwell=0.1
+        )
+        bounds.append(comp.certify(reference=move).tube)
+        runs.append(dfc.simulate_loop(axis, comp.controller, move, quantum=2e-6).y[0] - start)
+    assert bounds[1] == pytest.approx(bounds[0], rel=1e-3)
+    assert np.abs(runs[1] - runs[0]).max() < 4e-6
+    assert dfc.simulate_loop(axis, comp.controller, np.full(10, 1e-3)).y[0, 0] == 0.0
+    position = comp.plot().axes[0, 0].lines[1].get_ydata()
+    assert position[0] == pytest.approx(comp._there_and_back().position[0])

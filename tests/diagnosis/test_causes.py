@@ -28,6 +28,12 @@ def test_a_cause_has_the_numbers_of_the_fit_under_its_own_names():
     assert found.held_out_gain == 2.0 and found.alternatives == ("spring",)
 
 
+def test_an_effect_that_the_axis_has_is_said_to_have_other_values():
+    known = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=1.0, period=0.01),))
+    assert "Already in the nominal axis" in cause(0.01, known).explanation
+    assert "Already" not in cause(0.01).explanation
+
+
 @pytest.mark.parametrize("error", [0.16, math.inf, math.nan])
 def test_what_a_record_leaves_open_is_said(error):
     # The phase, an angle, has no size to hold its error against.
@@ -41,6 +47,17 @@ def test_a_parameter_called_as_its_cause_is_named_once():
         {"viscous": "N s/m"}, (2.0, 0.1),
     )  # fmt: skip
     assert hardly_determined(AXIS, [open_]) == ["viscous is hardly determined by this record"]
+
+
+def test_what_a_record_determines_is_not():
+    assert not [m for m in hardly_determined(AXIS, [cause(0.14)]) if "amplitude" in m]
+
+
+def test_an_amount_that_has_gone_is_determined_beside_its_nominal_value():
+    gone = cause(0.16)
+    nominal = AXIS.replace(effects=(dfc.effects.Cogging(amplitude=10.0, period=0.1),))
+    few = [m for m in hardly_determined(nominal, [gone]) if "amplitude" in m]
+    assert not few
 
 
 def test_readings_that_were_left_out_are_listed_and_told():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor
+from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor, usual_rms
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3
@@ -81,6 +81,15 @@ def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
     assert not QUIET.reached(rough + 0.12, ALL)
 
 
+def test_the_error_of_a_mean_is_that_of_the_record_or_of_the_replays():
+    apart = of_scores(np.zeros(80), np.full(80, 0.4))
+    excess, error = apart.excess(np.full(80, 0.3), ALL)
+    assert (excess, error) == pytest.approx((0.1, 0.2))
+    assert apart.excess(np.full(80, 0.3), np.arange(80) < 1) == (0.0, np.inf)
+    two = np.arange(80) < 2
+    assert apart.excess(np.full(80, 0.3), two) == pytest.approx((0.1, 0.2))
+
+
 # -- replays ------------------------------------------------------------------------------------
 
 
@@ -92,6 +101,25 @@ def test_a_true_model_leaves_the_noise_of_the_encoder():
     # log(1 + 1/c^2) is the score of noise alone; a start beside the truth would cost more.
     assert floor.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
     assert np.all(floor.scores >= 0.0) and floor.scores.shape == (4, len(bench))
+
+
+def test_noise_that_is_no_quantum_is_replayed_too():
+    noise = 3e-6
+    floor, bench = floor_of(made(quantum=None, noise=noise))
+    assert np.sqrt(floor.squares[:, bench.moving].mean()) == pytest.approx(noise, rel=0.1)
+    coarse, bench = floor_of(made(noise=noise))
+    both = np.hypot(noise, QUANTUM / np.sqrt(12.0))
+    assert np.sqrt(coarse.squares[:, bench.moving].mean()) == pytest.approx(both, rel=0.15)
+
+
+def test_replays_differ_and_come_again_with_their_seed():
+    first, _ = floor_of(made())
+    again, _ = floor_of(made())
+    other, _ = floor_of(made(), seed=1)
+    np.testing.assert_array_equal(first.scores, again.scores)
+    assert not np.any(np.all(first.scores == other.scores, axis=1))
+    # Another grid and other starts in every replay.
+    assert np.unique(first.scores, axis=0).shape[0] == 4
 
 
 def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
@@ -108,6 +136,29 @@ def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
     assert lifted.expected.mean() > 5.0 * floor.expected.mean()
 
 
+@pytest.mark.parametrize("row", [0, 1])
+def test_replays_start_where_the_model_was_found_to_start(row):
+    bench = cut(made())
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    at.starts[row] += 30.0 * (bench.x0_error, bench.v0_error)[row]
+    moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_run_that_is_lost_tells_no_start(row):
+    bench = cut(made())
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    at.starts[row, 3] += 300.0 * (bench.x0_error, bench.v0_error)[row][3]
+    floor = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    sound = noise_floor(bench, AXIS, [AXIS] * 4, bench.evaluate(AXIS, known), known)
+    # The other windows as before; that one from where the readings put it.
+    np.testing.assert_array_equal(np.delete(floor.scores, 3, 1), np.delete(sound.scores, 3, 1))
+    assert floor.expected[3] == pytest.approx(0.22, abs=0.06)
+
+
 def test_an_input_recorded_in_steps_acted_between_them():
     steps = 0.2
     record = made(steps=steps)
@@ -122,6 +173,35 @@ def test_an_input_recorded_in_steps_acted_between_them():
     # A level that is wrong by more than the rounding shows all the same.
     off = bench.scores(bench.evaluate(AXIS.replace(coulomb=9.0), known, thorough=True).costs)
     assert not floor.reached(off, known)
+
+
+def test_a_drive_that_acts_in_steps_has_no_rounding():
+    bench = cut(made(steps=0.2))
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    small, large = (
+        noise_floor(bench, AXIS, [AXIS] * 4, at, known, force=part * 0.2 / np.sqrt(12.0))
+        for part in (0.01, 0.9)
+    )
+    assert np.median(small.squares) == pytest.approx(QUANTUM**2 / 12.0, rel=0.1)
+    assert np.median(large.squares) > 4.0 * np.median(small.squares)
+
+
+def test_only_windows_asked_for_are_scored():
+    record = made()
+    active = np.arange(len(cut(record))) % 2 == 0
+    floor, _ = floor_of(record, active=active)
+    assert np.all(floor.scores[:, active] > 0.0)
+    assert np.all(floor.scores[:, ~active] == 0.0)
+
+
+def test_one_late_breakaway_in_a_replay_moves_no_floor():
+    # Three replays of two records, of the first a fourth; one window errs a hundred times as much.
+    first, second = np.full((4, 3), 4.0), np.full((3, 1), 16.0)
+    assert usual_rms([first, second]) == pytest.approx(np.sqrt(7.0))
+    first[1, 2] = 4e4
+    assert usual_rms([first, second]) == pytest.approx(np.sqrt(7.0))
+    assert usual_rms([np.zeros((0, 3))]) == 0.0
 
 
 def test_errors_are_far_above_where_no_replay_errs_as_much():

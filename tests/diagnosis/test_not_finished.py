@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from diagnosis_cases import among, causes
+from diagnosis_cases import among, believed, causes, record
+from truth import make_case
 
 import dryfric_control as dfc
 
@@ -33,7 +34,7 @@ def test_a_search_that_was_cut_off_says_so(limit):
     assert found.to_dict()["verdict"] == "not finished"
 
 
-@pytest.mark.parametrize("where", ["cause 2", "replays"])
+@pytest.mark.parametrize("where", ["cause 2", "all data", "replays", "next experiment"])
 def test_an_interrupt_returns_the_best_answer_so_far(where):
     stopped = []
 
@@ -97,3 +98,15 @@ def test_a_candidate_that_fails_is_listed_and_ends_nothing():
     assert (causes(found), found.verdict) == (["spring"], "explained"), str(found)
     assert found.not_tried["raises"] == "no shape of it suits this record"
     assert found.to_dict()["not_tried"] == found.not_tried
+
+
+def test_the_time_limit_is_kept():
+    """By the clock of the search: a limit that has passed begins no further fit."""
+    case = make_case("spring", 0, "short")
+    steps = []
+    found = dfc.diagnose(
+        believed(case), record(case), jobs=1, time_limit=1e-3,
+        on_update=lambda step, so_far: steps.append(step),
+    )  # fmt: skip
+    assert found.verdict == "not finished"
+    assert "first cause" not in steps

@@ -14,6 +14,7 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
+from dryfric_control.identification.stribeck import stick_phases
 from dryfric_control.records.motion import directions
 from dryfric_control.ties import NEAR, above, ranked, samples
 
@@ -24,8 +25,10 @@ SLIPPING = dfc.FrictionAxis(
 )  # fmt: skip
 EFFECTS = {
     "clean": (),
+    "bias_force": (dfc.effects.BiasForce(force=2.0),),
     "spring": (dfc.effects.Spring(stiffness=40.0, rest=0.05),),
     "cogging": (dfc.effects.Cogging(amplitude=1.5, period=0.03, phase=0.4),),
+    "quadratic_drag": (dfc.effects.QuadraticDrag(drag=8.0),),
 }
 CHANGES = ("noise", "thirds", "tenths")
 
@@ -132,12 +135,21 @@ def test_what_moves_and_where_windows_lie_is_the_same(how):
         assert np.array_equal(one.rest >= 0.05, two.rest >= 0.05)
 
 
+def test_an_exact_rest_is_no_motion():
+    # Most of it at rest, without an encoder: neither quantum nor noise bounds a motion.
+    t = 1e-3 * np.arange(4000)
+    x = 0.1 * np.clip(t - 3.0, 0.0, 0.5)
+    record = dfc.Record(t, np.cos(t), x, quantum=0.0)
+    moving = directions(record)
+    assert not moving[:2900].any() and not moving[3600:].any() and np.all(moving[3100:3400] == 1)
+
+
 # --- identification ---------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("how", "quantum", "known"),
-    [("noise", 1e-6, True), ("tenths", 0.0, True), ("thirds", 0.0, False)],
+    [*((h, 1e-6, True) for h in CHANGES), ("noise", 0.0, True), ("thirds", 0.0, False)],
 )
 def test_degrees_are_the_same(how, quantum, known):
     axis, record = ramp(quantum)
@@ -154,10 +166,18 @@ def ramp(quantum):
     return axis, slow_ramp_experiment(axis, quantum=quantum).record
 
 
-def test_a_fit_ends_in_the_same_place():
+@pytest.mark.parametrize("how", CHANGES)
+def test_stick_phases_are_the_same(how):
+    sticks, other = (stick_phases(record) for record in (crawl(), changed(crawl(), how)))
+    assert sticks.end.size > 3
+    assert np.array_equal(sticks.begin, other.begin) and np.array_equal(sticks.end, other.end)
+
+
+@pytest.mark.parametrize("how", ["noise"])
+def test_a_fit_ends_in_the_same_place(how):
     found = [
         dfc.fit(BASE.replace(mass=3.0, coulomb=5.0), record, ("mass", "viscous", "coulomb"))
-        for record in (run("clean"), changed(run("clean"), "noise"))
+        for record in (run("clean"), changed(run("clean"), how))
     ]
     assert list(found[1].parameters) == list(found[0].parameters)
     for name, value in found[0].parameters.items():
@@ -169,7 +189,7 @@ def test_a_fit_ends_in_the_same_place():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "how"), [(n, "noise") for n in EFFECTS])
+@pytest.mark.parametrize(("name", "how"), [*((n, "noise") for n in EFFECTS), ("clean", "thirds")])
 def test_a_diagnosis_is_the_same(name, how):
     one = told(name)
     with among(*CANDIDATES):
@@ -182,3 +202,19 @@ def test_a_diagnosis_is_the_same(name, how):
             # Where the cost is rough, a search ends within a standard error of the minimum.
             there = (second.parameters[parameter] - first.parameters[parameter]) / error
             assert abs(there) < 1.0
+
+
+@pytest.mark.parametrize("how", ["noise", "thirds"])
+def test_the_next_experiment_is_the_same(how):
+    bias = BASE.replace(effects=(dfc.effects.BiasForce(force=2.0),))
+    rivals = [
+        BASE.replace(effects=(dfc.effects.Spring(stiffness=10.0, rest=0.2),)),
+        BASE.replace(effects=(dfc.effects.CoulombAsymmetry(force=-2.0),)),
+    ]
+    one, two = (
+        dfc.next_experiment(bias, rivals, record)
+        for record in (run("bias_force"), changed(run("bias_force"), how))
+    )
+    assert (one.name, one.separates) == (two.name, two.separates)
+    assert list(one.tried) == list(two.tried)
+    assert np.allclose(one.reference, two.reference, rtol=0.0, atol=1e-6 * np.ptp(one.reference))

@@ -16,8 +16,9 @@ from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.estimation.force_view import ForceView, prepare_force
 from dryfric_control.estimation.likelihood import Likelihood, prepare
-from dryfric_control.estimation.scoring import maximise
+from dryfric_control.estimation.scoring import maximise, within_reach
 from dryfric_control.estimation.solution import _inverse
+from dryfric_control.model.effects.naming import class_of
 
 DT = 1e-3
 #: Slides one way for ever: linear in position and velocity.
@@ -155,6 +156,18 @@ def test_a_moving_axis_is_read_as_without_cells(sliding):
     np.testing.assert_allclose(cells, fine, rtol=1e-4, atol=1e-4 * q)
 
 
+def test_a_load_dependence_that_vanishes_changes_nothing():
+    """Slow breakaways of a loop: what the filter takes for noise must not hang on the law."""
+    case = truth.make_case("inertia", 41, "off")
+    axis, costs = believed(replace(case, believed=case.actual)), []
+    for effects in ((), (dfc.effects.LoadDependence(1e-7),)):
+        problem = Likelihood(axis.replace(effects=effects), (), [prepare(record(case))])
+        z = problem.start(0.01)
+        z[-1] = problem.low[-1]
+        costs.append(problem.at(z).cost)
+    assert costs[1] == pytest.approx(costs[0], abs=1.0)
+
+
 @pytest.mark.parametrize("dwell", (0.0, 3.0))
 def test_noise_of_the_recorded_drive_moves_no_resting_axis(dwell):
     """Just below breakaway the drive as recorded exceeds the level again and again."""
@@ -178,6 +191,100 @@ def test_a_stretch_of_a_record_may_begin_within_a_rest(rested, held):
     assert bool(np.all(state[2] == 0.0)) is held
 
 
+def test_a_drive_beyond_doubt_moves_it():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    u = np.full(60, 8.0 + 4.0 * 0.24)
+    u[:20] = 0.0
+    y = axis.simulate(u, dt=DT).y[0]
+    out, state = innovations(axis, u, y, 0.24**2, 1e-14)
+    assert np.all(state[2, 21:] == 1.0)
+    assert np.abs(out[0]).max() < 0.05e-7  # of the deviation of a reading
+
+
+def test_a_reading_that_never_changed_brings_the_axis_back_to_rest():
+    """A drive that broke away an axis that holds the longer the longer it rests."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+                            effects=(dfc.effects.DwellTime(3.0, 0.01),))  # fmt: skip
+    u = np.full(400, 10.5)
+    u[:50] = 0.0
+    u[200] = 14.0  # as recorded: 12 deviations beyond the level
+    out, state = innovations(axis, u, np.zeros(400), 0.24**2, 1e-14, cell=3e-7)
+    assert np.mean(state[2, 202:210] != 0.0) > 0.0  # it was believed at first
+    assert np.all(state[2, 215:] == 0.0) and np.all(out[0, 215:] == 0.0)
+
+
+def test_what_holds_a_resting_axis_is_one_fact():
+    """Held by more than the model knows, an axis says so once, however long it rests."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    costs = []
+    for n in (500, 2000):
+        out, state = innovations(
+            axis, np.full(n, 9.0), np.zeros(n), 1e-4, 1e-13, cell=1e-6
+        )  # fmt: skip
+        right, _ = innovations(axis, np.full(n, 7.0), np.zeros(n), 1e-4, 1e-13, cell=1e-6)
+        every = np.ones(n, bool)
+        costs.append(compiled.cost(out, every) - compiled.cost(right, every))
+        assert abs(state[1, -1]) < 1e-9
+    assert 1.0 < costs[0] < 100.0
+    # What is left is the variance of a resting reading.
+    assert costs[1] - costs[0] < 0.02 * 1500
+
+
+def test_moves_on_with_what_held_it_and_then_slides():
+    """Whoever was held starts from rest when the readings do."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    stronger = axis.replace(coulomb=12.0)
+    u = np.concatenate((np.linspace(0.0, 11.9, 1000), np.full(500, 20.0)))
+    x = 1e-6 * np.round(stronger.simulate(u, dt=DT).y[0] / 1e-6)
+    _, state = innovations(axis, u, x, 0.01, 1e-13, cell=1e-6)
+    v = stronger.simulate(u, dt=DT).y[1]
+    np.testing.assert_allclose(state[1, 1050:], v[1050:], atol=0.03 * v.max())
+
+
+@pytest.mark.parametrize(("slug", "least"), [("presliding", 2000.0), ("backlash", 800.0)])
+def test_inner_states_are_found_anew_in_every_stretch(slug, least):
+    """Stretches begin with a contact strained or a play crossed nobody knows how far: the axis
+    as it was is likelier by far all the same (by -2350 and 687 if they stay as guessed)."""
+    case = truth.make_case(slug, 3, "noisy")
+    run, size = prepare(record(case)), 2000
+    starts = np.linspace(0, len(run.record) - size, 4).astype(int)
+    active = np.zeros(len(run.record), bool)
+    for a in starts:
+        active[a + compiled.FIRST + 1 : a + size] = True
+    run = replace(run, active=active, pieces=tuple((int(a), int(a) + size) for a in starts))
+    ((name, values),) = case.truth.items()
+    machine = believed(case).replace(effects=(class_of(name)(**values),))
+    costs = []
+    for axis in (believed(case), machine):
+        problem = Likelihood(axis, (), [run])
+        costs.append(maximise(problem, problem.start(1.0), 12).cost)
+    assert costs[0] - costs[1] > least
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [dfc.effects.Compliance(stiffness=2e4, damping=10.0, load_fraction=0.4),
+     dfc.effects.Presliding(distance=5e-5)],
+)  # fmt: skip
+def test_steps_as_fine_as_the_random_force_hides(effect):
+    """Coarser steps change innovations by a small part of their deviation."""
+    axis = dfc.FrictionAxis(mass=5.0, viscous=50.0, coulomb=12.0, effects=(effect,))
+    t = DT * np.arange(2000)
+    u = 30.0 * np.sin(8.0 * t)
+    x = axis.simulate(u, dt=DT).y[0]
+    # A reading for each sample without cells, so that nothing is rounded.
+    record = dfc.Record(t, u, x)
+    problem = Likelihood(axis, (), [prepare(record)])
+    z = problem.start(0.02)
+    coarse = problem.at(z).out[0]
+    force, reading = problem.noises(z)
+    fine, _ = innovations(axis, u, x, force, reading, cell=record.quantum or 0.0)
+    seen = (fine[1] > 0.0) & (np.arange(t.size) > compiled.FIRST)
+    change = (coarse[0] - fine[0])[seen] / np.sqrt(fine[1, seen])
+    assert np.median(np.abs(change)) < 0.05
+    assert np.any(change != 0.0)
+
+
 @pytest.mark.parametrize("sides, share", [(1, 0.3), (2, 0.1)])
 def test_gradients_by_differences_to_one_side_and_to_both(sliding, sides, share):
     """Against differences of the cost itself, within a part of a standard error."""
@@ -197,7 +304,7 @@ def test_gradients_by_differences_to_one_side_and_to_both(sliding, sides, share)
         assert abs(gradients.sum(axis=0)[j] - slope) < share * error
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(6))
 def test_stays_finite_whatever_the_record(seed):
     rng = np.random.default_rng(seed)
     axis = dfc.FrictionAxis(
@@ -255,6 +362,14 @@ def test_curvature_is_that_of_the_cost(sliding):
         assert h[j, j] == pytest.approx(bent, rel=0.1)
 
 
+def test_coordinate_beyond_its_reach_does_not_hold_up_the_others():
+    unit = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    slope, far = np.array([-1.0, 50.0, 0.4]), np.array([9.0, 2.0, 9.0])
+    step = within_reach(unit, slope, far)
+    # The second stays at its reach; the others are best beside it.
+    assert step == pytest.approx([1.6, -2.0, -0.4])
+
+
 def test_held_out_cost_leaves_alone_what_ended_at_a_bound():
     # At one speed a level and viscous friction are told apart only by the bound of the latter.
     t = 1e-2 * np.arange(2000)
@@ -269,6 +384,19 @@ def test_held_out_cost_leaves_alone_what_ended_at_a_bound():
     assert abs(found.held_out().sum() - seen) < 20.0
 
 
+def test_a_step_that_misses_does_not_speak_against_a_fit(sliding):
+    u, y = sliding
+    problem = Likelihood(
+        LINEAR, ("viscous", "coulomb"), [prepare(dfc.Record(DT * np.arange(u.size), u, y))]
+    )
+    found = maximise(problem, problem.start(0.03))
+    here = problem.blocks(0, found.point.out[0])
+    # As from a rough cost: the slopes point uphill, and far.
+    astray = replace(found, gradients=-1e3 * found.gradients)
+    np.testing.assert_allclose(astray.held_out(), here, rtol=0, atol=1e-9)
+    assert np.abs(found.held_out() - here).max() > 1e-3
+
+
 @pytest.mark.parametrize("open_", [0.0, 1e-17])
 def test_what_a_record_leaves_open_has_a_large_error(open_):
     # Viscous friction and a level at one speed alone, and a noise that nothing shows.
@@ -279,12 +407,30 @@ def test_what_a_record_leaves_open_has_a_large_error(open_):
     assert variances[3] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
+def test_where_a_sticking_contact_is_not_strained_is_not_known_exactly():
+    # Taken as known, the true axes seem to be pushed by 1.23 times the noise that their inputs
+    # have; of one record alone the cost is too rough to tell.
+    ratios = []
+    for seed in (13, 15, 17):
+        case = truth.make_case("presliding", seed, "noisy")
+        contact = dfc.effects.Presliding(**case.truth["presliding"])
+        axis, r = believed(case).replace(effects=(contact,)), record(case)
+        problem = Likelihood(axis, (), [prepare(r)])
+        found = maximise(problem, problem.start(1.0))
+        ratios.append(found.random_force() / (0.03 * case.actual["coulomb"]))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.16)
+
+
 @pytest.mark.parametrize(
     ("effects", "seed"),
     [
+        (("presliding",), 2),
+        (("backlash",), 2),
         (("backlash", "dwell_time"), 5),
         (("presliding", "dwell_time"), 5),
         (("drift", "backlash", "saturation"), 70),
+        (("load_dependence", "backlash"), 5),
         (None, 98),  # bias and presliding: the contact vibrates while it sticks
     ],
 )
@@ -296,7 +442,7 @@ def test_what_the_true_model_leaves_is_the_noise_of_the_input(effects, seed):
 
 @pytest.mark.parametrize(
     ("effects", "seed"),
-    [(("compliance", "stribeck"), 4), (("compliance", "presliding"), 5)],
+    [(("compliance",), 2), (("compliance", "stribeck"), 4), (("compliance", "presliding"), 5)],
 )
 def test_of_two_masses_on_a_spring_some_of_it_moves_the_load(effects, seed):
     # Of a load that moved with the readings of its motor, up to twice the noise was left.
@@ -315,6 +461,32 @@ def left_by_truth(effects, seed):
     return [found.random_force(i) / noise for i in range(len(cases))]
 
 
+@pytest.mark.parametrize("place", [-0.5, 0.0, 0.5])
+def test_a_motor_meets_a_load_that_stays_where_it_rested(place):
+    # A motor of 1 kg crosses the rest of a play of 200 um and stops at a load that friction
+    # holds.  Half of its drive is recorded: the readings correct the motor, not the load.
+    way = (1.0 + place) * 1e-4
+    t = DT * np.arange(400)
+    y = np.minimum(0.5 * 0.2 * np.maximum(t - 0.1, 0.0) ** 2, way)
+    u = np.where(t >= 0.1, 0.1, 0.0)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=80.0,
+        effects=(dfc.effects.Backlash(gap=2e-4, load_fraction=0.5),))  # fmt: skip
+    out, _ = innovations(axis, u, y, 0.01, 1e-14)
+    met = int(np.argmax(y == way))
+    # Unhindered, it would be 4 to 8 um farther at every reading.
+    assert np.abs(out[0, met - 10 :]).max() < 0.5e-6
+
+
+def test_a_random_force_pulls_a_motor_off_its_load_unless_the_drive_presses_it_on():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=80.0,
+        effects=(dfc.effects.Backlash(gap=2e-4, load_fraction=0.5),))  # fmt: skip
+    y = np.append(np.zeros(400), 1e-4)  # a record has a motion somewhere
+    loose, pressed = (
+        innovations(axis, np.full(y.size, u), y, 0.01, 1e-14)[0][1] for u in (0.0, 5.0)
+    )
+    assert loose[100:400].min() > 1.5 * pressed[100:400].max()
+
+
 def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_followed():
     # A period that shrinks to its bound would take steps without end.
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
@@ -328,7 +500,7 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
         problem.at(problem.start())
 
 
-@pytest.mark.parametrize("start", [4.73e-5, 8e-5])
+@pytest.mark.parametrize("start", [4.73e-5, 7.88e-5, 8e-5])
 def test_a_rough_cost_ends_where_no_point_around_is_lower(start):
     """Contacts stick and slide at other samples with every step: slopes are no guide.
 

@@ -1,5 +1,6 @@
 """Fits of axes to records: recovered parameters, honest errors, clear words."""
 
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -10,14 +11,18 @@ import truth
 
 import dryfric_control as dfc
 from dryfric_control.estimation.likelihood import Likelihood, prepare
-from dryfric_control.estimation.parameters import values_of
-from dryfric_control.estimation.windows import shifted
+from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
+from dryfric_control.estimation.windows import cut, shifted
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
+from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.records import Record, read_record
 from dryfric_control.records.motion import directions
 
 EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not at hand")
+EMPS_LOOP = dfc.PositionController(
+    kp=160.18 * 243.45 * 35.1507, ki=0.0, kd=243.45 * 35.1507, dt=1e-3, limit=351.507, span=2
+)
 
 
 def axis_of(case, **wrong):
@@ -35,8 +40,9 @@ def record_of(case):
 
 
 @pytest.mark.slow
-def test_base_parameters_of_an_independent_bench():
-    case = truth.make_null(1)
+@pytest.mark.parametrize("seed", range(2))
+def test_base_parameters_of_an_independent_bench(seed):
+    case = truth.make_null(seed)
     found = fit(axis_of(case, mass=1.3, viscous=0.6, coulomb=1.4), record_of(case))
     # An encoder of 1 to 5 um over 20 s leaves some 1e-5; 1e-3 holds any noise
     # of the seed, and is far below the 30 % from which the search started.
@@ -57,8 +63,8 @@ def test_coarse_encoder_does_not_bias_the_inertia():
 
 
 @pytest.mark.slow
-def test_input_recorded_half_a_sample_off():
-    samples = 0.5
+@pytest.mark.parametrize("samples", [-0.5, 0.5])
+def test_input_recorded_half_a_sample_off(samples):
     case = truth.make_null(1, "short")
     record = record_of(case)
     off = Record(case.t, shifted(case.u, samples), case.x, quantum=case.quantum)
@@ -70,6 +76,23 @@ def test_input_recorded_half_a_sample_off():
     # Found, it leaves what the mean over a sample cannot undo.
     assert freed.parameters["input_shift"] == pytest.approx(-samples * 1e-3, abs=5e-5)
     assert freed.axis.mass == pytest.approx(exact.axis.mass, rel=5e-4)
+
+
+@pytest.mark.slow
+def test_effect_is_added_and_found():
+    case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
+    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "bias_force"))
+    # 1e-3 N: a hundredth of what 5 um over 0.25 s could hide for one window.
+    assert found.parameters["bias_force.force"] == pytest.approx(1.0, abs=1e-2)
+    assert found.axis.effects[0].slug == "bias_force"
+
+
+@pytest.mark.slow
+def test_input_delay_is_found():
+    case = truth.make_case({"input_delay": {"delay": 3.4e-3}}, seed=2)
+    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "input_delay"))
+    # A fiftieth of a sample.
+    assert found.parameters["input_delay.delay"] == pytest.approx(3.4e-3, abs=2e-5)
 
 
 def cogged(seed, share):
@@ -125,6 +148,25 @@ def test_a_cogging_is_found_from_the_opposite_phase(noise):
     assert abs(away) < 0.06
 
 
+def test_records_at_the_noise_of_the_readings_are_left_to_free_runs():
+    case = truth.make_null(2, "short")
+    found = fit(axis_of(case), record_of(case), starts=1)
+    assert found.random_force == (0.0,)
+    assert found.reading_noise[0] == pytest.approx(case.quantum / np.sqrt(12.0), rel=0.5)
+    assert "random force: none" in found.summary()
+
+
+def test_a_late_input_is_found_beside_a_random_force():
+    case = truth.make_null(1, "short")
+    u = case.u + 0.03 * case.actual["coulomb"] * np.random.default_rng(1).standard_normal(6000)
+    record = Record(case.t, shifted(u, -2.0), case.x, quantum=case.quantum)
+    found = fit(axis_of(case), record, ("mass", "viscous", "coulomb", "input_shift"), starts=1)
+    error = found.standard_errors["input_shift"]
+    assert found.random_force[0] > 0.0
+    assert abs(found.parameters["input_shift"] - 2e-3) < 5.0 * error
+    assert error < 1e-4
+
+
 def noisy(case):
     """Record with noise that hides where in the peak a free run starts."""
     noise = 80e-6 * np.random.default_rng(case.seed).standard_normal(case.x.size)
@@ -136,7 +178,7 @@ def test_intervals_cover_with_the_peak_free():
     # `benchmarks/identification.py stribeck` prints the table.
     names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
     hits, scores = [], []
-    for seed in (1, 2, 3, 4, 5):  # the first with a peak
+    for seed in (1, 2, 3, 4, 5, 6, 8, 11, 12, 13):  # the first with a peak
         case = truth.make_null(seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FitWarning)  # a faint peak trades with the levels
@@ -146,8 +188,8 @@ def test_intervals_cover_with_the_peak_free():
             low, high = found.interval()[name]
             hits.append(low <= value <= high)
             scores.append((found.parameters[name] - value) / found.standard_errors[name])
-    # Binomial: 25 draws at 0.9 fall below 19 once in 100.
-    assert sum(hits) >= 19
+    # Binomial: 50 draws at 0.9 fall below 40 once in 40 at most.
+    assert sum(hits) >= 40
     # Student's t with the two degrees of freedom of a peak told by few slips:
     # 10 is passed once in 100; a search that ends in a wrong valley is 20 off.
     assert np.max(np.abs(scores)) < 10.0
@@ -218,6 +260,41 @@ def test_a_parameter_far_from_its_start_is_said():
         fit(true.replace(mass=8.0), swept(true))
 
 
+def test_a_parameter_near_its_start_is_not():
+    true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FitWarning)
+        fit(true.replace(mass=3.0, viscous=10.0, coulomb=5.0), swept(true))
+
+
+def test_a_rotary_axis_has_an_inertia():
+    true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, units=("rad", "N m"))
+    with pytest.warns(FitWarning, match="inertia ended 4 times below .* start 8 kg m.2"):
+        found = fit(true.replace(mass=8.0), swept(true), free=("mass", "bias_force"))
+    text = found.summary()
+    assert "inertia" in text and "bias_force.force" in text and "random torque" in text
+    assert "mass" not in text and "mass" in found.parameters
+
+
+def test_viscous_friction_that_is_small_is_not_put_down_to_one_velocity():
+    """It said that the speed changes little, where it ran up to 2 m/s."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.1, coulomb=8.0)
+    t = 1e-3 * np.arange(3000)
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    record = Record(t, u, axis.simulate(u, dt=1e-3).y[0])
+    _, parameters = choose(axis, ("viscous",), typical([record]))
+    one, none = np.ones(1), np.empty((0, 1))
+    (message,) = cannot_tell(
+        axis, [record], parameters, 0.1 * one, one, np.eye(1), none, one
+    )  # ten times its value as its standard error
+    low, high, share = map(
+        float, re.search(r"at (\S+) to (\S+) m/s, .* (\S+) % of", message).groups()
+    )
+    speed = np.abs(record.derivatives().v)
+    assert 10.0 * low < high == pytest.approx(np.quantile(speed[speed > 1e-3], 0.95), rel=0.05)
+    assert share == pytest.approx(10.0 * (high - low) / np.sqrt(np.mean(u**2)), rel=0.05)
+
+
 @pytest.mark.slow
 def test_several_records_are_fitted_together():
     case = truth.make_null(3)
@@ -236,6 +313,39 @@ def test_same_seed_same_answer_in_parallel():
     assert runs[0].parameters == runs[1].parameters
 
 
+def test_values_go_in_and_come_out():
+    axis = dfc.FrictionAxis(
+        mass=1.0, viscous=0.4, coulomb=dfc.CoulombMap([2.0, 1.0], [3.0]), travel=(0.0, 1.0)
+    )
+    names = ["mass", "coulomb_plus[1]", "coulomb_minus", "stribeck.excess", "spring.stiffness"]
+    axis, parameters = choose(axis, names, Scales(1.0, 1.0, 1.0, 1e-3))
+    values = [2.0, 0.5, 4.0, 0.2, 7.0]
+    changed = with_values(axis, [p.name for p in parameters], values)
+    assert values_of(changed, names).tolist() == values
+    assert changed.coulomb.plus == (2.0, 0.5)
+    # "coulomb" moves both directions and keeps their ratio.
+    scaled = with_values(axis, ["coulomb"], [5.0]).coulomb
+    assert scaled.plus == (4.0, 2.0) and scaled.minus == (6.0,)
+
+
+def test_windows_agree_with_one_simulation():
+    axis = dfc.FrictionAxis(
+        mass=2.0,
+        viscous=5.0,
+        coulomb=3.0,
+        effects=(dfc.effects.InputDelay(2.3e-3), dfc.effects.ActuatorLag(4e-3)),
+    )
+    rng = np.random.default_rng(0)
+    u = 10.0 * np.repeat(rng.standard_normal(40), 50)
+    response = axis.simulate(u, dt=1e-3)
+    record = Record(response.t, u, response.y[0])
+    windows = cut(record, window=0.1)
+    exact = response.y[:, windows.edges[:-1]]
+    run = windows.run(axis, dx=exact[0] - windows.x0, dv=exact[1] - windows.v0)
+    # Same kernel; what differs is the lag's start, from ten time constants back.
+    assert np.max(np.abs(run - response.y[0])) < 1e-7
+
+
 def test_directions_know_rest_from_motion():
     axis = dfc.FrictionAxis(mass=1.0, viscous=2.0, coulomb=5.0)
     t = 1e-3 * np.arange(4000)
@@ -252,17 +362,46 @@ def test_directions_know_rest_from_motion():
 
 @pytest.mark.slow
 @needs_emps
-def test_emps_relative_force_error():
+def test_emps_mass_and_held_out_errors():
+    train, test = read_record(EMPS).split(0.6)
+    axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+    # Published: 95.11 kg by inverse dynamics; 3 % is the demand.
+    assert found.axis.mass == pytest.approx(95.11, rel=0.03)
+    # Held out as good as trained: nothing was fitted that does not stay.
+    assert found.replay(test).rms < 1.5 * found.training[0].rms
+
+
+@pytest.mark.slow
+@needs_emps
+@pytest.mark.parametrize(
+    ("free", "published"),
+    [
+        (("mass", "viscous", "coulomb", "bias_force"), 4.08),
+        (("mass", "viscous", "coulomb", "bias_force", "viscous_asymmetry"), 3.11),
+    ],
+)
+def test_emps_relative_force_error(free, published):
     sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
     from identification import force_error
 
     record = read_record(EMPS)
     believed = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
-    free = ("mass", "viscous", "coulomb", "bias_force", "viscous_asymmetry")
     found = fit(believed, record, free, window=0.1, starts=1)
-    # Published: 95.11 kg by inverse dynamics, and an error of 3.11 %; demanded: 3 % and 0.1 point.
-    assert found.axis.mass == pytest.approx(95.11, rel=0.03)
-    assert force_error(found.axis, record) < 3.11 + 0.1
+    # The demand: not above the published error by more than 0.1 point.
+    assert force_error(found.axis, record) < published + 0.1
+
+
+@pytest.mark.slow
+@needs_emps
+def test_emps_closed_loop():
+    train, _ = read_record(EMPS).split(0.6)
+    axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
+    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+    loop = replay_loop(found.axis, read_record(EMPS), EMPS_LOOP)
+    # The loop is stiff: positions agree to some um, the force tells the model.
+    assert loop.position_rms < 5e-6
+    assert loop.relative_force < 0.06
 
 
 def test_replay_of_the_truth_is_at_the_floor():

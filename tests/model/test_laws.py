@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -48,6 +50,19 @@ def test_sign_stops_after_the_closed_form_distance():
     assert x[-1] == pytest.approx(2.0 * v0**2 / (2 * 3.0), abs=1e-13)
     assert mode[0] == 1 and force[0] == 3.0
     assert mode[-1] == 0 and force[-1] == 0.0
+
+
+def test_sign_with_viscous_drag_stops_after_the_closed_form_time():
+    axis = coulomb_axis(viscous=0.8)
+    v0 = 0.77
+    _, v, _, _ = Sign().run(axis, np.zeros(1000), DT, v0=v0)
+    stop = 2.0 / 0.8 * math.log1p(0.8 * v0 / 3.0)
+    assert v[int(stop / DT)] > 0.0
+    assert v[int(stop / DT) + 1] == 0.0
+    t = DT * np.arange(1000)
+    moving = (v0 + 3.0 / 0.8) * np.exp(-0.8 / 2.0 * t) - 3.0 / 0.8
+    # tolerance = 1e-8 per step of a speed that loses at most Fc dt / m in one.
+    np.testing.assert_allclose(v, np.maximum(moving, 0.0), atol=1e-9)
 
 
 def test_sign_loses_two_friction_widths_each_half_swing():
@@ -105,6 +120,17 @@ def test_tanh_follows_its_closed_form():
     np.testing.assert_allclose(force, 3.0 * np.tanh(v / width), rtol=1e-14)
 
 
+@pytest.mark.slow
+def test_tanh_tends_to_the_sign_law():
+    axis = coulomb_axis(stick_speed=1e-9)
+    u = 5.0 * np.sin(2 * np.pi * 2.0 * DT * np.arange(200))
+    exact, _, _, _ = Sign().run(axis, u, DT)
+    gap = [np.abs(Tanh(speed=w).run(axis, u, DT)[0] - exact).max() for w in (1e-2, 1e-3, 1e-4)]
+    # First order in the width, up to a logarithm: the creep at rest is w artanh(u/Fc).
+    assert gap[1] < gap[0] / 5
+    assert gap[2] < gap[1] / 5
+
+
 def test_karnopp_rests_below_breakaway_and_leaves_the_band_on_time():
     axis = coulomb_axis(stribeck=dfc.Stribeck(excess=0.5, speed=0.01))
     law = Karnopp(band=1e-3)
@@ -120,6 +146,23 @@ def test_karnopp_rests_below_breakaway_and_leaves_the_band_on_time():
     assert first == math.ceil(out / DT)
     assert np.all(x[:first] == 0.2) and np.all(force[:first] == 4.5)
     assert np.all(np.diff(v[first:]) > 0.0)
+
+
+def test_karnopp_gathers_momentum_over_pulses():
+    # Two triangles of 1.2 mN s above Fc: 1.2e-3 of the 2e-3 = m band after the first, out
+    # inside the second; without other losses the speed is that of both impulses.
+    u = np.full(300, 3.0)
+    u[100] = u[200] = 3.0 + 1.2
+    x, v, _, mode = Karnopp(band=1e-3).run(coulomb_axis(), u, DT, hold="first")
+    assert np.all(mode[:201] == 0) and np.all(x[:201] == 0.0)
+    np.testing.assert_allclose(v[201:], 2 * 1.2e-3 / 2.0, rtol=1e-9)
+
+    # A load that falls from 1.2 N above Fc to 1.2 N below gives half a triangle, 0.3 mN s.
+    u = np.full(300, 3.0)
+    u[0], u[1] = 3.0 + 1.2, 3.0 - 1.2
+    u[200] = u[201] = 3.0 + 1.2
+    _, v, _, _ = Karnopp(band=1e-3).run(coulomb_axis(), u, DT, hold="first")
+    np.testing.assert_allclose(v[202:], (0.3e-3 + 2.4e-3) / 2.0, rtol=1e-9)
 
 
 def test_karnopp_stops_at_the_edge_of_its_band():
@@ -139,6 +182,26 @@ def test_dahl_slows_down_along_its_closed_form():
     np.testing.assert_allclose(v**2, v0**2 - 2 / 2.0 * spent, atol=3e-7)
 
 
+@pytest.mark.slow
+def test_dahl_hysteresis_between_reversals():
+    # Whatever the motion, from one reversal (xr, Fr) to the next
+    # F = s Fc + (Fr - s Fc) exp(-s sigma0 (x - xr) / Fc).
+    stiffness = 300.0
+    u = 16.0 * np.sin(2 * np.pi * 3.0 * DT * np.arange(2000))
+    x, v, force, _ = Dahl(stiffness=stiffness).run(coulomb_axis(viscous=30.0), u, DT)
+    turns = np.flatnonzero(np.diff(np.sign(v)) != 0) + 1
+    assert len(turns) >= 10
+    for begin, end in itertools.pairwise(turns):
+        s = np.sign(v[begin])
+        part = slice(begin, end)
+        expected = 3.0 * s + (force[begin] - 3.0 * s) * np.exp(
+            -s * stiffness * (x[part] - x[begin]) / 3.0
+        )
+        # Some 200 steps of 1e-8 relative to the bristle's full deflection.
+        np.testing.assert_allclose(force[part], expected, atol=6e-6)
+    assert np.abs(force).max() > 2.9  # the loop nears saturation, or it tests little
+
+
 @pytest.mark.parametrize("speed", [0.02, 0.2])
 def test_lugre_slides_steadily_at_the_stribeck_level(speed):
     axis = coulomb_axis(viscous=60.0, stribeck=dfc.Stribeck(excess=0.5, speed=0.05))
@@ -149,6 +212,30 @@ def test_lugre_slides_steadily_at_the_stribeck_level(speed):
     # Settled: 3 s against time constants of at most 0.1 s.
     assert force[-1] == pytest.approx(level, rel=1e-7)
     assert v[-1] == pytest.approx(speed, rel=1e-6)
+
+
+def test_lugre_presliding_is_a_spring_of_stiffness_sigma0():
+    stiffness = 1e4
+    law = LuGre(stiffness=stiffness, damping=200.0)
+    # Monotone slow loading from rest gives u = Fc (1 - exp(-sigma0 x / Fc)).
+    u = 0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(4000) / 2000, 1.0))
+    x, v, force, _ = law.run(coulomb_axis(), u, DT, hold="first")
+    assert force[-1] == pytest.approx(1.0, rel=1e-6)
+    assert abs(v[-1]) < 1e-9
+    # Left out: inertia, (pi / 2 s)^2 m / sigma0 = 5e-4 of the load, and only on the way.
+    assert x[-1] == pytest.approx(-3.0 / stiffness * math.log1p(-1.0 / 3.0), rel=1e-4)
+
+    # The slope at the origin is sigma0: u / Fc = 0.003 bends it by half of that.
+    x, _, _, _ = law.run(coulomb_axis(), np.full(1000, 0.009), DT)
+    assert x[-1] == pytest.approx(0.009 / stiffness, rel=0.003)
+
+
+def test_lugre_without_damping_is_dahl():
+    u = 4.0 * np.sin(7.0 * DT * np.arange(500))
+    almost = LuGre(stiffness=1e3, damping=1e-300).run(rich_axis(), u, DT)
+    dahl = Dahl(stiffness=1e3).run(rich_axis(), u, DT)
+    for a, b in zip(almost, dahl, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def stiff_reference(law, u, hold, x0, v0):
@@ -203,6 +290,22 @@ def test_smooth_laws_agree_with_radau(law, hold):
 
 
 @pytest.mark.slow
+@each_law
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_mirrored_axis_gives_the_mirrored_motion(law, hold):
+    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(200))
+    mirrored = rich_axis(
+        coulomb=dfc.CoulombMap(plus=[1.3, 0.2], minus=[1.0, -0.3, 0.2]),
+        effects=(dfc.effects.Spring(stiffness=2.0, rest=-0.1),),
+    )
+    one = law.run(rich_axis(), u, DT, x0=0.02, v0=0.1, hold=hold)
+    other = law.run(mirrored, -u, DT, x0=-0.02, v0=-0.1, hold=hold)
+    for a, b in zip(one, other, strict=True):
+        # Every operation is symmetric under the mirror, rounding included.
+        np.testing.assert_array_equal(a, -b)
+
+
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     amplitude=st.floats(0.0, 20.0),
@@ -225,6 +328,21 @@ def test_discontinuous_laws_dissipate_and_rest_only_when_held(amplitude, frequen
         np.testing.assert_allclose(
             force[rest], np.clip(load, -minus, plus)[rest], rtol=2e-3
         )  # Sign holds the level at v = 0, exp(-(Sigma/vs)^2) = 0.9996 of breakaway's excess
+
+
+@pytest.mark.slow
+@each_law
+def test_sampling_time_does_not_matter(law):
+    # A triangle is the same input at both sampling times; the long samples need steps.
+    coarse, fine = 0.05, 1e-3
+    t = fine * np.arange(1001)
+    u = 2.5 * (1 - 2 * np.abs((t / 0.5) % 2 - 1))
+    law = dataclasses.replace(law, tolerance=1e-9)
+    often = law.run(rich_axis(), u, fine, v0=0.1, hold="first")
+    seldom = law.run(rich_axis(), u[::50], coarse, v0=0.1, hold="first")
+    # 1e-9 of the speed a step, 0.15 m/s here; friction forgets most of it.
+    np.testing.assert_allclose(seldom[0], often[0][::50], atol=1e-8)
+    np.testing.assert_allclose(seldom[1], often[1][::50], atol=1e-8)
 
 
 @each_law

@@ -4,13 +4,18 @@ The tolerance of the kernel's step is 3e-9 of the speed, which bounds most of wh
 is compared with closed forms; every other tolerance says where it comes from.
 """
 
+import dataclasses
 import math
 
 import control as ct
 import numpy as np
 import pytest
+from diagnosis_cases import believed
+from truth import make_case, open_loop
 
 import dryfric_control as dfc
+from dryfric_control.estimation.windows import cut
+from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1e-3
 MASS, COULOMB, DISTANCE = 2.0, 8.0, 40e-6
@@ -52,6 +57,17 @@ def shaken(n, seed=3):
     """Steps of random height that stop, start and turn the axis many times."""
     rng = np.random.default_rng(seed)
     return np.repeat(rng.uniform(-25.0, 25.0, n // 40 + 1), 40)[:n]
+
+
+def test_below_breakaway_the_contact_is_a_spring():
+    u = 3.0
+    resp = axis_with(PRESLIDING).simulate(np.full(300, u), DT)
+    assert np.all(resp.mode == 0)
+    want = u / STIFFNESS * (1.0 - np.cos(OMEGA * resp.t))
+    # 95 radians at 2.6e-9 of phase a step of 0.05 radian: 5e-6 of the amplitude.
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / STIFFNESS)
+    # The friction reported is the elastic force.
+    np.testing.assert_allclose(resp.y[2], STIFFNESS * resp.y[0], rtol=1e-12)
 
 
 def test_viscous_friction_damps_the_elastic_contact():
@@ -102,6 +118,19 @@ def test_slow_loop_loses_the_area_of_a_prandtl_element():
 
 
 @pytest.mark.parametrize("s", [1.0, -1.0])
+def test_impact_keeps_the_momentum(s):
+    motor, v0 = 0.6 * MASS, 0.05 * s
+    u = np.r_[motor * v0 / DT, np.zeros(50)]
+    resp = axis_with(BACKLASH, coulomb=0.0).simulate(u, DT)
+    # The motor alone gets v0 in the first sample and has 75 um left at its end, 1.5 ms.
+    np.testing.assert_allclose(resp.y[1, 1:3], v0, rtol=1e-12)
+    # Then one mass: the momentum of the motor is shared.
+    np.testing.assert_allclose(resp.y[1, 3:], 0.6 * v0, rtol=1e-12)
+    way = s * (0.5 * BACKLASH.gap + 0.03 * (resp.t[3:] - 0.0025))
+    np.testing.assert_allclose(resp.y[0, 3:], way, rtol=1e-12)
+
+
+@pytest.mark.parametrize("s", [1.0, -1.0])
 def test_friction_under_the_blow_takes_its_part_of_the_impulse(s):
     # J = m_m (v0 - v) of the motor, J - c J = m_l v of the load.
     motor, load, v0, c = 0.6 * MASS, 0.4 * MASS, 0.05 * s, 0.3
@@ -121,6 +150,16 @@ def test_motor_crosses_the_play_alone(hold):
     speed = 0.6 * u * meeting / motor + (u - COULOMB) / MASS * (resp.t - meeting)
     late = resp.t > meeting
     np.testing.assert_allclose(resp.y[1, late], speed[late], rtol=1e-10)
+
+
+def test_lagged_drive_crosses_the_play_in_closed_form():
+    """w = u (1 - exp(-t/T)): the motor's way is u/m (t^2/2 - T t + T^2 (1 - exp))."""
+    u, lag, motor = 4.0, 5e-3, 0.6 * MASS
+    axis = axis_with(dfc.effects.Backlash(1e-3, 0.4), dfc.effects.ActuatorLag(lag))
+    t = np.arange(12) * DT
+    x = axis.simulate(np.full(12, u), DT).y[0]
+    way = u / motor * (0.5 * t**2 - lag * t - lag**2 * np.expm1(-t / lag))
+    np.testing.assert_allclose(x, way, rtol=0, atol=1e-15)
 
 
 def test_braked_motor_leaves_the_load_and_meets_it_behind():
@@ -181,6 +220,18 @@ def test_two_masses_swing_at_their_frequency(damping):
     np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=1.2e-8)
 
 
+def test_stuck_load_leaves_the_motor_on_its_spring():
+    u, motor = 4.0, 0.6 * MASS
+    axis = axis_with(dfc.effects.Compliance(stiffness=3e4, damping=0.0, load_fraction=0.4))
+    resp = axis.simulate(np.full(300, u), DT)
+    # Twice u is the peak of the spring's force, just below breakaway.
+    assert np.all(resp.mode == 0)
+    omega = math.sqrt(3e4 / motor)
+    want = u / 3e4 * (1.0 - np.cos(omega * resp.t))
+    np.testing.assert_allclose(resp.y[0], want, rtol=0, atol=2e-5 * u / 3e4)
+    np.testing.assert_allclose(resp.y[2], 3e4 * resp.y[0], rtol=1e-9)
+
+
 VANISHING = {
     "presliding": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Presliding(size)),
     "backlash": ((1e-5, 1e-7, 1e-9), lambda size: dfc.effects.Backlash(size, 0.4)),
@@ -201,6 +252,50 @@ def test_a_vanishing_effect_is_the_base_model(slug):
     # ten times less for each step.
     assert gap[2] < 0.2 * gap[1] < 0.04 * gap[0]
     assert gap[2] < 2e-5
+
+
+def hidden(slug, parameters, seed):
+    case = make_case({slug: parameters}, seed)
+    effect = REGISTRY[slug](**parameters)
+    axis = believed(case).replace(effects=effect)
+    return case, axis
+
+
+TRUTHS = [
+    # Substeps of second order, 6 us long: 1e-10 of the way; a hundredth of a quantum.
+    ("presliding", {"distance": 45e-6}, 3000, 4, 1.0, 2e-8),
+    # The stick band below Sigma <= 1e-4 m/s shortens each stop by up to Sigma/p = 2e-7 m.
+    ("compliance", {"stiffness": 4e4, "damping": 20.0, "load_fraction": 0.5}, 3000, 4, 1.0, 1e-6),
+    # An impact on the truth's contact, made 100 times stiffer, lasts some 60 us, on ours
+    # no time: at a closing speed of up to 0.1 m/s the load is 6 um off.
+    ("backlash", {"gap": 2e-4, "load_fraction": 0.5}, 1500, 20, 100.0, 6e-6),
+]
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])  # linear axes, with and without Stribeck peak
+@pytest.mark.parametrize(
+    ("slug", "parameters", "n", "finer", "stiffer", "tolerance"), TRUTHS, ids=lambda p: str(p)
+)
+def test_free_run_agrees_with_the_truth(slug, parameters, n, finer, stiffer, tolerance, seed):
+    case, axis = hidden(slug, parameters, seed)
+    plant = case.plant._replace(
+        coupling_stiffness=case.plant.coupling_stiffness * stiffer,
+        coupling_damping=case.plant.coupling_damping * math.sqrt(stiffer),
+    )
+    states = open_loop(plant, case.u[:n], DT, finer * case.substeps, case.states[0])[:n]
+    resp = axis.simulate(case.u[:n], DT, x0=case.states[0, 0])
+    error = np.abs(resp.y[0] - states[:, 0]).max()
+    assert error < tolerance
+    rigid = axis.replace(effects=()).simulate(case.u[:n], DT, x0=case.states[0, 0])
+    assert np.abs(rigid.y[0] - states[:, 0]).max() > 20.0 * max(error, tolerance)
+
+
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_directions_are_alike(effects):
+    u = shaken(1500)
+    axis = axis_with(*effects, viscous=6.0, stribeck=dfc.Stribeck(0.3, 0.02))
+    one, other = axis.simulate(u, DT), axis.simulate(-u, DT)
+    np.testing.assert_allclose(other.y[:3], -one.y[:3], rtol=1e-9, atol=1e-12)
 
 
 MORE = (
@@ -231,10 +326,66 @@ def test_all_faces_of_the_axis_agree(effects, more):
     assert plant.x == pytest.approx(resp.y[0, 200], rel=1e-12)
 
 
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_windows_carry_the_inner_states_over(effects):
+    axis = rich_axis(*effects)
+    t = np.arange(3000) * DT
+    u = 14.0 * np.sin(2 * np.pi * 0.7 * t)
+    truth = axis.simulate(u, DT)
+    windows = cut(dfc.Record(t, u, truth.y[0]), window=0.05)
+    starts = windows.edges[:-1]
+    exact = {"dx": truth.y[0, starts] - windows.x0, "dv": truth.y[1, starts] - windows.v0}
+    carried = windows.run(axis, **exact)
+    # The first window settles, the record has started unstrained: left out.
+    later = slice(int(windows.edges[10]), None)
+    error = np.abs(carried - truth.y[0])[later].max()
+    # A window run alone has nothing to go on with.
+    alone = np.zeros_like(carried)
+    for i, (a, b) in enumerate(zip(windows.edges[:-1], windows.edges[1:], strict=True)):
+        one = {name: getattr(windows, name)[i : i + 1] for name in ("x0", "v0", "rest")}
+        window = dataclasses.replace(windows, edges=windows.edges[i : i + 2], **one)
+        start = {name: values[i : i + 1] for name, values in exact.items()}
+        alone[a:b] = window.run(axis, **start)[a:b]
+    forgotten = np.abs(alone - truth.y[0])[later].max()
+    assert error < 0.2 * forgotten
+    # What the first window has started wrong dies out in friction: what stays is small.
+    assert error < 1e-5
+    # All windows are run, whichever are asked for.
+    some = np.arange(len(windows)) % 3 == 0
+    assert np.array_equal(windows.run(axis, **exact, active=some), carried)
+
+
+@pytest.mark.parametrize("u", [4.0, -4.0])
+@pytest.mark.parametrize("effects", STRUCTURES, ids=slugs)
+def test_the_first_window_settles_under_its_load(effects, u):
+    """An axis that has rested under a load since long ago goes on resting."""
+    t = np.arange(1000) * DT
+    rng = np.random.default_rng(1)
+    # A record must not be constant: this much noise moves the axis by some 1e-14 m.
+    noise = 1e-9 * rng.standard_normal((2, 1000))
+    record = dfc.Record(t, u + noise[0], 0.1 + noise[1])
+    windows = cut(record, window=0.25)
+    run = windows.run(axis_with(*effects), dx=0.1 - windows.x0, dv=-windows.v0)
+    # Unstrained it would move by u/k, at least 20 um.
+    assert np.abs(run - 0.1).max() < 1e-12
+
+
 def test_without_a_coulomb_level_there_is_no_contact():
     u = shaken(200)
     one = axis_with(PRESLIDING, coulomb=0.0).simulate(u, DT)
     assert np.array_equal(one.y, axis_with(coulomb=0.0).simulate(u, DT).y)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.001])
+def test_a_compliance_with_hardly_any_load_is_an_elastic_contact(share):
+    rigid = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    spring = dfc.effects.Compliance(stiffness=4e4, damping=20.0, load_fraction=share)
+    soft = rigid.replace(effects=(spring,))
+    t = 1e-3 * np.arange(4000)
+    u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
+    contact = rigid.replace(effects=(dfc.effects.Presliding(distance=8.0 / 4e4),))
+    x, y, z = (a.simulate(u, dt=1e-3).y[0] for a in (soft, contact, rigid))
+    assert np.max(np.abs(x - y)) < 0.15 * np.max(np.abs(z - y))
 
 
 @pytest.mark.parametrize(
@@ -281,3 +432,17 @@ def test_a_damping_that_samples_cannot_resolve_is_refused():
     effect = dfc.effects.Compliance(stiffness=1e5, damping=1e12, load_fraction=0.5)
     with pytest.raises(ValueError, match=r"2e\+09 time constants .* units of its damping"):
         axis_with(effect).simulate(np.ones(1_000_000), dt=DT)
+
+
+@pytest.mark.parametrize("effect, _", TOO_STIFF, ids=["compliance", "presliding"])
+def test_the_stiffness_that_a_refusal_offers_runs_and_is_rigid(effect, _):
+    with pytest.raises(ValueError, match="too stiff") as refused:
+        axis_with(effect).stepper(DT)
+    most = 0.99 * float(str(refused.value).split("Use at most ")[1].split()[0])
+    changed = {"stiffness": most} if hasattr(effect, "stiffness") else {"distance": COULOMB / most}
+    effect = dataclasses.replace(effect, **changed)
+    u = 12.0 * np.sin(0.01 * np.arange(700))
+    run = axis_with(effect, viscous=15.0).simulate(u, dt=DT)
+    rigid = axis_with(viscous=15.0).simulate(u, dt=DT)
+    # Each stop leaves energy in a swing, which the rigid axis has not: 5e-4 of the travel.
+    assert np.abs(run.y[0] - rigid.y[0]).max() < 1e-3 * np.ptp(rigid.y[0])

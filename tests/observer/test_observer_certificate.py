@@ -13,7 +13,7 @@ from dryfric_control import FrictionAxis
 from dryfric_control.observer import CertificateError, design_pi_observer
 from dryfric_control.observer.certificate import LEAST_MARGIN, Block, check_blocks
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.observer.switching import best_gain, path_of
+from dryfric_control.observer.switching import best_gain, path_of, worst_switching
 
 DT = 1e-3
 AXIS = FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=500.0, stick_speed=1e-4)
@@ -29,13 +29,19 @@ SPEC = {
 CURRENT = SPEC | {"form": "current"}
 CASES = {
     "paper": {"method": "paper", **SPEC},
+    "slack": {"method": "slack", **SPEC},
     "path": {"method": "path", "window": 3, **SPEC},
     "dwell": {"method": "dwell", "window": 6, **SPEC},
     "refined": {"method": "path", "window": 2, "refine": 2, **SPEC},
+    "all channels": {"encoder_quantum": 1e-6, "discretization": "euler", "form": "prediction"},
     "zero-order hold": {"form": "prediction"},
     "uneven": {"uncertainty": {0: 1.0, 1: 1.0, -1: 1.5}, "encoder_quantum": 1e-6},
     "no rate": {"decay": 1.0, "method": "path", "window": 2, "form": "prediction"},
+    "current, paper": {"method": "paper", **CURRENT},
+    "current, slack": {"method": "slack", **CURRENT},
     "current, path": {"method": "path", "window": 2, "refine": 1, **CURRENT},
+    "current, all channels": {"encoder_quantum": 1e-5},
+    "current, no rate": {"decay": 1.0, "method": "path", "window": 2},
 }
 
 
@@ -82,6 +88,46 @@ def closed_loop(design, node, after=None):
     return keep @ A, keep @ W - np.outer(M, noise), Z
 
 
+def test_every_block_holds_by_an_independent_check(design):
+    """Scipy alone: generalized eigenvalues of the quadratic forms in SI units."""
+    T = np.diag(1.0 / design.state_scale)
+    P = [design.output_scale**-2 * T @ X @ T for X in design.lyapunov]
+    Q = [T @ X @ T for X in design.lyapunov_decay]
+    for i, j in design.graph.edges:
+        F, G, Z = closed_loop(design, i, j)
+        step = np.hstack([F, G])
+        before = scipy.linalg.block_diag(P[i] - Z.T @ Z, design.gamma**2 * np.eye(G.shape[1]))
+        # energy after, in units of energy before plus supply, must stay below 1
+        assert scipy.linalg.eigh(step.T @ P[j] @ step, before, eigvals_only=True)[-1] < 1.0
+        if design.decay < 1.0:
+            ratio = scipy.linalg.eigh(F.T @ Q[j] @ F, Q[i], eigvals_only=True)[-1]
+            assert np.sqrt(ratio) < design.decay
+
+
+def test_report_says_what_was_checked(design):
+    check = design.certificate
+    kinds = {block.kind for block in check.blocks}
+    assert kinds == ({"gain", "decay"} if design.decay < 1.0 else {"gain"})
+    assert len(check.blocks) == len(kinds) * len(design.graph.edges)
+    assert max(block.eigenvalue for block in check.blocks) == -check.margin < 0.0
+    assert check.limit <= check.lower_bound <= check.gamma == design.gamma
+    if design.noise == 1e-4 and design.form == "prediction":  # the reference designs
+        assert 0.0 <= check.gap < (0.05 if design.method == "paper" else 0.02)
+    assert design.lower_bound == check.lower_bound
+
+    for mode, gain in design.gains.items():
+        F, _, _ = closed_loop(design, design.resting_nodes()[mode + 1])
+        radius = max(abs(np.linalg.eigvals(F)))
+        # the same matrix in other units: eigenvalues differ by rounding
+        assert check.spectral_radius[mode] == pytest.approx(radius, rel=1e-6)
+        assert radius <= design.decay
+        assert np.array_equal(gain, design.node_gains[design.resting_nodes()[mode + 1]])
+    again = design.check()
+    # gains went to physical units and back: rounding only
+    assert again.gamma == pytest.approx(check.gamma, rel=1e-12)
+    assert again.margin == pytest.approx(check.margin, abs=1e-9)
+
+
 def test_a_perturbed_gain_is_refused(design):
     for element, factor in itertools.product(range(3), (0.5, 1.5)):
         gains = design.node_gains.copy()
@@ -111,6 +157,12 @@ def test_promising_more_than_is_proved_is_refused(design):
             dataclasses.replace(design, decay=faster).check()
     with pytest.raises(CertificateError, match="finite"):
         dataclasses.replace(design, gamma=float("nan")).check()
+
+
+def test_another_axis_is_refused(design):
+    heavier = design.axis.replace(mass=3.0 * design.axis.mass)
+    with pytest.raises(CertificateError):
+        dataclasses.replace(design, axis=heavier).check()
 
 
 def lifted_gain(design, path, repeats):
@@ -144,6 +196,40 @@ def test_worst_switching_is_reached_by_an_explicit_disturbance(design):
     assert reached == pytest.approx(check.lower_bound, rel=4e-3)
 
 
+def test_no_short_sequence_beats_the_one_found():
+    """Every word of up to six modes, rotations and repetitions aside, against the search."""
+    design = design_pi_observer(AXIS, DT, **CASES["slack"])
+    for period in range(1, 7):
+        for word in itertools.product((0, 1), repeat=period):
+            turned = [word[k:] + word[:k] for k in range(1, period)]
+            if word >= min(turned, default=word + (0,)):
+                continue
+            path = path_of(design.graph, word)
+            assert lifted_gain(design, path, 120 // period) < design.lower_bound
+
+
+def test_best_gain_against_the_algebraic_riccati_equation():
+    """Stabilizing solution for gammas above, none for gammas below."""
+    design = design_pi_observer(AXIS, DT, **SPEC)
+    A = np.array([[1.0, DT], [0.0, 1.0 - 0.4 * DT]])
+    C, Z = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+    W = np.array([0.0, DT])
+
+    def feasible(gamma):
+        both = np.vstack([C, Z])
+        weight = np.diag([1e-8, -(gamma**2)])
+        try:
+            S = scipy.linalg.solve_discrete_are(A.T, both.T, np.outer(W, W), weight)
+        except np.linalg.LinAlgError:
+            return False
+        return bool(np.linalg.eigvalsh(S)[0] >= 0.0 and S[1, 1] < gamma**2)
+
+    limit = best_gain({1: _physical_models(design)[1]}, (1,))
+    # the recursion stops after 20,000 samples and a bisection of width 2e-5
+    assert feasible(1.001 * limit)
+    assert not feasible(0.999 * limit)
+
+
 def test_limit_is_shown_by_an_invisible_disturbance(design):
     """A force whose trace in the measurement the noise cancels is invisible.
 
@@ -174,6 +260,14 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
     assert ratio < check.limit * (1.0 + 1e-4)  # longer can only be harder
 
 
+@pytest.mark.slow
+def test_without_a_decay_rate_memory_meets_the_limit():
+    """So the limit is tight, and what is left with a rate is the price of it."""
+    spec = SPEC | {"decay": 1.0}
+    design = design_pi_observer(AXIS, DT, method="dwell", window=16, **spec)
+    assert design.certificate.cost < 0.01
+
+
 def test_best_gain_against_an_exhaustive_scalar_case():
     """A scalar integrator: gamma has a closed form.
 
@@ -192,6 +286,20 @@ def test_best_gain_against_an_exhaustive_scalar_case():
     assert best_gain({1: model.corrected()}, (1,)) == pytest.approx(1.0, rel=2e-4)
 
 
+def test_search_finds_the_only_bad_switching():
+    """Two rotations, each contracting alone, that together amplify."""
+    design = design_pi_observer(AXIS, DT, method="slack", **SPEC)
+    alone = max(
+        worst_switching(
+            {key: model for key in (0, 1)}, design.graph, np.tile(design.node_gains[k], (2, 1)), 1e3
+        )[0]
+        for k, model in enumerate(_physical_models(design).values())
+    )
+    together, word = worst_switching(_physical_models(design), design.graph, design.node_gains, 1e3)
+    assert len(set(word)) == 2
+    assert together > alone
+
+
 def _physical_models(design):
     result = {}
     for node, key in enumerate(design.graph.labels):
@@ -200,6 +308,20 @@ def _physical_models(design):
         D[1] = design.noise
         result[key] = ErrorModel(A, W, D, Z)
     return result
+
+
+def test_summary_says_what_is_proved():
+    check = dataclasses.replace(
+        design_pi_observer(AXIS, DT, **SPEC).certificate,
+        gamma=3.0, lower_bound=2.0, limit=1.5, worst_sequence=(0, 0, 1, 1, 1),
+        hardest_sequence=(-1,),
+    )  # fmt: skip
+    text = check.summary()
+    assert "2 <= true gain <= 3 (gap 50.00 %)" in text
+    assert "reached by repeating the modes 0 x 2, +1 x 3" in text
+    assert "no observer can be below 1.5, shown by -1 x 1" in text
+    assert (check.gap, check.cost) == (0.5, 1.0)
+    assert dataclasses.replace(check, limit=0.0).cost == float("inf")
 
 
 @pytest.mark.parametrize("eigenvalue", [-LEAST_MARGIN, 0.0, float("nan")])

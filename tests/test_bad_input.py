@@ -283,6 +283,7 @@ rows(
     ("FrictionAxis", dict(effects=Each("spring", (fx.Spring,))), "dfc.effects.Spring"),
     ("FrictionAxis", dict(effects=2 * (fx.InputDelay(0.1),)), "more than one delay"),
     ("FrictionAxis", dict(effects=2 * (fx.Presliding(1e-5),)), "more than one contact"),
+    ("effects.Presliding", dict(distance=1e-5, bristles=0.5), "0 or 1"),
     ("FrictionAxis", dict(effects=(fx.Backlash(1e-3, 0.5), fx.Compliance(1e4, 1.0, 0.5))), "one"),
     ("FrictionAxis", dict(effects=(fx.ActuatorLag(0.1), fx.ActuatorLag(0.2))), "add them up"),
     ("FrictionAxis", dict(units=Each("m", ("m", 3), 3)), "position and force"),

@@ -150,6 +150,12 @@ def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
             yield full, kind["neutral"], kind["optional"]
 
 
+def held_by(name: str) -> tuple[str, ...]:
+    """Full names of a candidate's amounts that stay as they are until it is found."""
+    rows = effect_class(name).parameters().items()
+    return tuple(f"{name}.{p}" for p, k in rows if k["kind"] == "amount" and not k["free"])
+
+
 def travelled(records: Sequence[Record]) -> tuple[float, float]:
     """Lowest and highest position that count as within the travel of the records."""
     low = min(float(r.x.min()) for r in records)

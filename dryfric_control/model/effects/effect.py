@@ -151,6 +151,10 @@ class Inner(NamedTuple):
         Share of the mass behind the gap or transmission.
     on_load : float
         1 if the encoder is on the load, behind the gap or transmission.
+    contact_damping : float
+        Of an elastic contact [N s/m].
+    bristles : float
+        1 if the elastic contact consists of bristles.
 
     Examples
     --------
@@ -167,6 +171,8 @@ class Inner(NamedTuple):
     damping: float = 0.0
     load_fraction: float = 0.0
     on_load: float = 0.0
+    contact_damping: float = 0.0
+    bristles: float = 0.0
 
 
 #: What an effect depends on, by the arguments that its law reads.
@@ -400,6 +406,10 @@ class Effect:
             The states of the model in the records.
         """
         yield from by_law(cls, view)
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        """The same effect with another law, of the same size, none by default."""
+        return ()
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         """Distance [m] and time [s] in which it is no force.

@@ -100,6 +100,11 @@ class Presliding(Effect):
         # From one sign of the Coulomb level to the other.
         return 2.0 * self.distance, 0.0
 
+    def meaning(self, units: tuple[str, str]) -> str:
+        if self.bristles:
+            return "the contact yields gradually, as many bristles do (LuGre)"
+        return ""
+
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
         if self.bristles:
             return (replace(self, bristles=0.0),)

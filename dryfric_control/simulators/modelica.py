@@ -117,7 +117,12 @@ def _modified(bare: bytes, component: re.Match[bytes], texts: dict[str, str]) ->
     begin, end = component.end(3), _closing(bare, component.end(3))
     for name, value in texts.items():
         if old := re.compile(rb"\b%s\s*=\s*" % name.encode()).search(bare, begin, end):
-            yield Edit(old.end(), _ends(bare, old.end(), end), value.encode())
+            stop = _ends(bare, old.end(), end)
+            if not bare[old.end() : stop].strip():
+                raise ValueError(
+                    f"component {component[2].decode()!r}: {name} has no value: is the file whole?"
+                )
+            yield Edit(old.end(), stop, value.encode())
             del missing[name]
     if missing:
         comma = ", " if bare[begin:end].strip() else ""

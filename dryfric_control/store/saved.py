@@ -24,7 +24,8 @@ MIGRATIONS: dict[int, Callable[[str, dict[str, Any]], dict[str, Any]]] = {}
 _PLAIN = (str, bool, int, type(None))
 # What senseless data make their class or a check raise.
 _SENSELESS = (
-    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError,
+    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, SyntaxError, TypeError,
+    ValueError,
 )  # fmt: skip
 
 

@@ -146,12 +146,11 @@ _SIGNS: dict[type, tuple[str, Callable[..., Any], str]] = {
     ast.Sub: ("-", operator.sub, "add"),
     ast.Mult: ("*", operator.mul, "multiply"),
     ast.Div: ("/", operator.truediv, "divide"),
-}
-_WHOLE: dict[type, tuple[str, Callable[..., Any]]] = {
-    ast.FloorDiv: ("/", operator.floordiv),
-    ast.Mod: ("%", operator.mod),
-    ast.BitAnd: ("&", operator.and_),
-    ast.BitOr: ("|", operator.or_),
+    # Of whole numbers alone, which are not counted.
+    ast.FloorDiv: ("/", operator.floordiv, ""),
+    ast.Mod: ("%", operator.mod, ""),
+    ast.BitAnd: ("&", operator.and_, ""),
+    ast.BitOr: ("|", operator.or_, ""),
 }
 _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
     ast.Lt: ("<", operator.lt),
@@ -170,7 +169,7 @@ _HELPERS = {
 }
 
 #: Arguments for whose value a function is written anew, where that is known.
-_KNOWN = ("dt", "corner")
+_KNOWN = ("dt", "corner", "task", "place")
 
 #: In single precision these module constants are others: a tolerance below the rounding of
 #: a number would never be met.
@@ -332,18 +331,14 @@ class _Body:
         self.dead: set[str] = set()
         closure = inspect.getclosurevars(python).nonlocals
         self.globals = {**python.__globals__, **closure}
-        stored = Counter(
-            n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        )
+        stored, counted = Counter(self.parameters), Counter[str]()
         for n in ast.walk(node):
-            if isinstance(n, ast.AugAssign) and isinstance(n.target, ast.Name):
-                stored[n.target.id] += 1
-        stored.update(self.parameters)
-        counted = Counter(
-            n.target.id
-            for n in ast.walk(node)
-            if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
-        )
+            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+                stored[n.id] += 1
+            elif isinstance(n, ast.AugAssign):  # its target is stored once more
+                stored[_base(n.target)] += 1
+            elif isinstance(n, ast.For):
+                counted[_base(n.target)] += 1
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
         self.inside = _inside(node)
@@ -377,7 +372,6 @@ class _Body:
                     self.bound[name] = self.erased(kind)
             self.cost: Counter[str] = Counter()
             self.block(self.node.body)
-            self.results = set(self.returned)
             self.dead = {n for n in self.vars if n not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
             if now == before:
@@ -394,22 +388,23 @@ class _Body:
             ]
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
-        head = f"/* {' '.join(doc.split())} */\n" if doc else ""
-        result = NOTHING if is_erased(returns) else returns
-        head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
+        comment = f"/* {' '.join(doc.split())} */" if doc else ""
         if is_erased(returns):
             return Function(self.name, "", returns, used, True, self.cost)
+        head = f"static {self.out.declared(returns, self.name)}({given or 'void'})"
         self.lines[:0] = [
             f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
             for n, kind in self.late.items()
             if n not in self.dead
         ]
-        body = "\n".join(_wrapped(line) for line in self.lines)
-        text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
-        known = self.results.pop() if len(self.results) == 1 and self.pure else None
-        reads = frozenset(self.read)
-        cost = self.cost
-        return Function(self.name, text, returns, used, self.pure, cost, known, shifted, reads)
+        lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
+        lines += [_wrapped(head), "{", *map(_wrapped, self.lines), "}\n"]
+        results = set(self.returned)
+        return Function(
+            self.name, "\n".join(lines), returns, used, self.pure, self.cost,
+            results.pop() if len(results) == 1 and self.pure else None,
+            shifted, frozenset(self.read),
+        )  # fmt: skip
 
     def parameter(self, name: str) -> Kind:
         """Type of a parameter; an address that is only read through is one of constants."""
@@ -510,18 +505,10 @@ class _Body:
             self.assign(node.target, self.value(node.value))
 
     def do_assign(self, node: ast.Assign) -> None:
-        value = self.value(node.value)
-        if len(node.targets) > 1:
-            # a = b = value: to the right one first, the others from it
-            last = node.targets[-1]
-            self.assign(last, value)
-            if not isinstance(last, ast.Name):
-                raise self.fail(node, "a = b[i] = ...")
-            value = self.value(ast.copy_location(ast.Name(last.id, ast.Load()), node))
-            for target in node.targets[:-1]:
-                self.assign(target, value)
-            return
-        self.assign(node.targets[0], value)
+        *others, last = node.targets  # a = b = value: to b first, then from it to a
+        self.assign(last, self.value(node.value))
+        for target in others:
+            self.assign(target, self.value(ast.copy_location(_loaded(last), node)))
 
     def do_augassign(self, node: ast.AugAssign) -> None:
         whole = ast.BinOp(_loaded(node.target), node.op, node.value)
@@ -538,7 +525,7 @@ class _Body:
         if isinstance(target, ast.Subscript):
             self.stored(target)
             place = self.value(target)
-            if not isinstance(place.kind, Kind) or place.kind not in (F, INT):
+            if place.kind not in (F, INT):
                 raise self.fail(target, "only numbers are stored in arrays")
             self.emit(f"{place.text} = {self.converted(value, place.kind)};", place, value)
             return
@@ -553,11 +540,10 @@ class _Body:
             return
         kind = _plain(value.kind)
         if isinstance(value.kind, Pointer) and value.kind.length and value.text == "[]":
-            self.vars[name] = value.kind
-            base = "real" if value.kind.element == "f" else "int32_t"
+            self.vars[name], element = value.kind, Kind(value.kind.element)
             self.declared.add(name)
-            zero = self.zero(F if value.kind.element == "f" else INT)
-            self.emit(f"{base} {_c(name)}[{value.kind.length}] = {{{zero}}};")
+            array = f"{self.out.declared(element, _c(name))}[{value.kind.length}]"
+            self.emit(f"{array} = {{{self.zero(element)}}};")
             return
         if isinstance(kind, Axis) and name not in self.once:
             kind = Axis("plant", kind.integers, kind.known)
@@ -565,18 +551,16 @@ class _Body:
         if name in self.dead:
             self.emit_effects(value)
             return
-        text = self.converted(value, kind)
-        if name in self.declared or name in self.parameters:
-            self.emit(f"{_c(name)} = {text};", value)
-        elif self.depth == 0 or (name in self.inside and not self.unrolling):
+        text, left = self.converted(value, kind), _c(name)
+        if name not in self.declared and name not in self.parameters:
             self.declared.add(name)
-            fixed = name in self.once and not self.unrolling
-            constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
-            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};", value)
-        else:
-            self.declared.add(name)
-            self.late[name] = kind
-            self.emit(f"{_c(name)} = {text};", value)
+            if self.depth == 0 or (name in self.inside and not self.unrolling):
+                fixed = name in self.once and not self.unrolling
+                constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
+                left = constant + self.out.declared(kind, left)
+            else:
+                self.late[name] = kind
+        self.emit(f"{left} = {text};", value)
 
     def stored(self, target: ast.Subscript) -> None:
         """Note that numbers are stored through an address."""
@@ -601,20 +585,19 @@ class _Body:
             return
         if not isinstance(value.kind, Tuple):
             raise self.fail(target, "this is no tuple")
-        wanted = [
-            not (isinstance(n, ast.Name) and (n.id == "_" or n.id in self.dead)) for n in names
-        ]
-        for n, w in zip(names, wanted, strict=True):
-            if not w and isinstance(n, ast.Name) and n.id != "_":
-                kind = value.kind.kinds[names.index(n)]
-                self.vars[n.id] = unified(self.vars.get(n.id, kind), kind)
-        if not any(wanted):
+        wanted = []
+        for i, (name, kind) in enumerate(zip(names, value.kind.kinds, strict=True)):
+            own = getattr(name, "id", "")
+            if own != "_" and own in self.dead:
+                self.vars[own] = unified(self.vars.get(own, kind), kind)
+            elif own != "_":
+                wanted.append(i)
+        if not wanted:
             self.emit_effects(value)
             return
-        held = self.temporary(value)
-        for i, (name, w) in enumerate(zip(names, wanted, strict=True)):
-            if w:
-                self.assign(name, Value(f"{held.text}.f{i}", value.kind.kinds[i]))
+        held = _parts(self.temporary(value))
+        for i in wanted:
+            self.assign(names[i], held[i])
 
     def temporary(self, value: Value) -> Value:
         """The value in a constant of its own."""
@@ -654,11 +637,10 @@ class _Body:
         known = (start.known, stop.known, step.known)
         if step.known is None:
             raise self.fail(node, "the step of a range must be known")
-        if None not in known:
-            turns = range(*known)
-            if not turns or _calls_law(node):
-                self._unrolled(node, list(turns))
-                return
+        turns = None if None in known else range(*known)
+        if turns is not None and (not turns or _calls_law(node)):
+            self._unrolled(node, list(turns))
+            return
         if not isinstance(node.target, ast.Name):
             raise self.fail(node, "a loop counts one variable")
         name = node.target.id
@@ -675,8 +657,7 @@ class _Body:
         first = f"{'int32_t ' if own else ''}{c} = {start.text}"
         self.emit(f"for ({first}; {c} {sign} {stop.within(_ORDER)}; {move}) {{", start, stop)
         self.read.add(name)
-        passes = len(range(*known)) if None not in known else 8
-        self._loop(node.body, passes)
+        self._loop(node.body, 8 if turns is None else len(turns))
 
     def _loop(self, body: list[ast.stmt], passes: int = 1) -> None:
         self.cost += Counter({what: passes * n for what, n in self.inner(body).items()})
@@ -707,33 +688,26 @@ class _Body:
 
     def converted(self, value: Value, kind: Kind) -> str:
         """The text of a value as another type."""
-        if value.parts and isinstance(kind, Tuple):
-            inner = ", ".join(
-                self.converted(v, k) for v, k in zip(value.parts, kind.kinds, strict=True)
-            )
+        if isinstance(kind, Tuple) and (value.parts or kind != value.kind):
+            parts = value.parts or _parts(self.temporary(value))
+            inner = ", ".join(map(self.converted, parts, kind.kinds))
             return f"({self.out.type(kind)}){{{inner}}}"
         if kind == F and value.kind == INT:
             if value.known is not None:
                 return self.out.number(float(value.known))
             return f"(real){value.within(_UNARY)}"
         if kind == F and value.kind == BOOL:
-            return (
-                f"({value.within(_CHOICE + 1)} ? {self.out.number(1.0)} : {self.out.number(0.0)})"
-            )
-        if kind == value.kind or isinstance(kind, (Pointer, Axis)):
+            one, zero = self.out.number(1.0), self.out.number(0.0)
+            return f"({value.within(_CHOICE + 1)} ? {one} : {zero})"
+        same = kind == value.kind or (kind == INT and value.kind == BOOL)
+        if same or isinstance(kind, (Pointer, Axis)):
             return value.text
-        if kind == INT and value.kind == BOOL:
-            return value.text
-        if isinstance(kind, Tuple) and isinstance(value.kind, Tuple):
-            held = self.temporary(value)
-            parts = [Value(f"{held.text}.f{i}", k) for i, k in enumerate(value.kind.kinds)]
-            return self.converted(Value("", kind, parts=parts), kind)
         raise NotInC(f"{value.text!r} is {value.kind}, wanted {kind}")
 
     def truth(self, value: Value) -> Value:
         """The value as a condition."""
         if value.known is not None:
-            return Value("true" if value.known else "false", BOOL, bool(value.known))
+            return self.constant(bool(value.known))
         if value.kind == BOOL:
             return value
         zero = self.out.number(0.0) if value.kind == F else "0"
@@ -753,7 +727,7 @@ class _Body:
         self.reading = outer | result.reads
         return result
 
-    def constant(self, value: Any, node: ast.expr, name: str = "") -> Value:
+    def constant(self, value: Any, node: ast.expr | None = None, name: str = "") -> Value:
         """A Python value as a C one."""
         if isinstance(value, (bool, np.bool_)):
             return Value("true" if value else "false", BOOL, bool(value))
@@ -770,7 +744,7 @@ class _Body:
         if isinstance(value, tuple):
             parts = [self.constant(v, node) for v in value]
             return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
-        raise self.fail(node, f"{value!r} has no C")
+        raise self.fail(node or self.node, f"{value!r} has no C")
 
     def of_constant(self, node: ast.Constant) -> Value:
         return self.constant(node.value, node)
@@ -807,7 +781,7 @@ class _Body:
         kind = owner.kind
         if isinstance(kind, Axis):
             if node.attr == "integers":
-                return Value("", Record("integers", (), (Table("k", "", "i", (), kind.integers),)))
+                return Value("", Table("k", "", "i", (), kind.integers))
             return Value(owner.text, Pointer("p", "f", True, kind.known))
         if isinstance(kind, Record):
             place = kind.names.index(node.attr)
@@ -829,36 +803,24 @@ class _Body:
             return Value(f"{owner.within(_SUM)} + {start.within(_SUM + 1)}", owner.kind, binds=_SUM)
         owner, place = self.value(node.value), self.value(node.slice)
         kind = owner.kind
-        if isinstance(kind, Record) and kind.code == "integers":
-            values = kind.kinds[0].values  # type: ignore[attr-defined]
-            if place.known is None:
-                raise self.fail(node, "an integer of the axis at an unknown place")
-            return Value(str(values[place.known]), INT, int(values[place.known]))
-        if owner.parts or isinstance(kind, Tuple):
-            assert isinstance(kind, Tuple)
+        if isinstance(kind, Tuple):
+            parts = _parts(owner)
             if place.known is not None:
-                if owner.parts:
-                    return owner.parts[place.known]
-                return Value(f"{owner.text}.f{place.known}", kind.kinds[place.known])
-            parts = owner.parts or [
-                Value(f"{owner.text}.f{i}", k) for i, k in enumerate(kind.kinds)
-            ]
+                return parts[place.known]
             inner = ", ".join(self.converted(p, F) for p in parts)
             return Value(f"((const real[]){{{inner}}})[{place.text}]", F)
         if isinstance(kind, Table):
-            known = None
-            if place.known is not None:
-                known = kind.values[place.known]
+            known = None if place.known is None else kind.values[place.known]
             if kind.element == "i" and known is not None:
                 return Value(str(int(known)), INT, int(known))
-            return Value(f"{kind.name}[{place.text}]", F if kind.element == "f" else INT, known)
+            if not kind.name:
+                raise self.fail(node, "an integer of the axis at an unknown place")
+            return Value(f"{kind.name}[{place.text}]", Kind(kind.element), known)
         if isinstance(kind, Pointer):
-            known = dict(kind.known).get(place.known) if place.known is not None else None
-            element = F if kind.element == "f" else INT
-            reads = {n for n in owner.reads or () if n[0] != "*"} | (place.reads or set())
-            return Value(
-                f"{owner.within(_ATOM)}[{place.text}]", element, known, reads=frozenset(reads)
-            )
+            known = dict(kind.known).get(place.known)
+            reads = {n for n in owner.reads or () if n[0] != "*"}.union(place.reads or ())
+            text = f"{owner.within(_ATOM)}[{place.text}]"
+            return Value(text, Kind(kind.element), known, reads=frozenset(reads))
         raise self.fail(node, f"{owner.text} cannot be indexed")
 
     def of_tuple(self, node: ast.Tuple) -> Value:
@@ -878,7 +840,7 @@ class _Body:
         if isinstance(node.op, ast.Not):
             test = self.truth(value)
             if test.known is not None:
-                return Value("false" if test.known else "true", BOOL, not test.known)
+                return self.constant(not test.known)
             return Value(f"!{test.within(_UNARY)}", BOOL, binds=_UNARY)
         if not isinstance(node.op, ast.USub):
             raise self.fail(node, "this sign")
@@ -893,12 +855,12 @@ class _Body:
         if op is ast.Pow:
             return self.power(node, a, b)
         whole = a.kind == INT and b.kind == INT
-        if op not in _SIGNS and op not in _WHOLE:
+        if op not in _SIGNS:
             raise self.fail(node, f"{op.__name__} has no C here")
-        sign, fold, *group = _SIGNS.get(op) or _WHOLE[op]
+        sign, fold, group = _SIGNS[op]
         if whole and a.known is not None and b.known is not None and op is not ast.Div:
             return self.constant(fold(a.known, b.known), node)
-        if op in _WHOLE:
+        if not group:
             if not whole:
                 raise self.fail(node, f"{op.__name__} of numbers that are not whole")
             return Value(f"({a.within(_UNARY)} {sign} {b.within(_UNARY)})", INT)
@@ -907,7 +869,7 @@ class _Body:
             left, right = self.real(a), self.real(b)
             known = _folded(op, left.known, right.known)
             if known is None:
-                self.cost[group[0]] += 1
+                self.cost[group] += 1
             kind = F
         else:
             left, right, kind, known = a, b, INT, None
@@ -936,18 +898,15 @@ class _Body:
 
     def of_boolop(self, node: ast.BoolOp) -> Value:
         is_and = isinstance(node.op, ast.And)
-        parts = []
+        parts: list[Value] = []
         for element in node.values:
             part = self.truth(self.value(element))
-            if part.known is None:
+            if part.known != is_and:
                 parts.append(part)
-            elif part.known != is_and:
-                if not parts:
-                    return part
-                parts.append(part)
+            if part.known == (not is_and):  # it decides
                 break
         if not parts:
-            return Value("true" if is_and else "false", BOOL, is_and)
+            return self.constant(is_and)
         if len(parts) == 1:
             return parts[0]
         level = _AND if is_and else _OR
@@ -963,7 +922,7 @@ class _Body:
             sign, fold = _COMPARE[type(op)]
             if a.known is not None and b.known is not None:
                 if not fold(a.known, b.known):
-                    return Value("false", BOOL, False)
+                    return self.constant(False)
                 continue
             if a.kind != b.kind:
                 a, b = self.real(a), self.real(b)
@@ -973,7 +932,7 @@ class _Body:
             text = f"{a.within(_SUM)} {sign} {b.within(_SUM)}"
             parts.append(Value(text, BOOL, binds=level))
         if not parts:
-            return Value("true", BOOL, True)
+            return self.constant(True)
         if len(parts) == 1:
             return parts[0]
         return Value(" && ".join(f"({p.text})" for p in parts), BOOL, binds=_AND)
@@ -1010,10 +969,8 @@ class _Body:
         """A named tuple."""
         if cls is axis_step.Plant:
             numbers, integers = given
-            if isinstance(integers.kind, Record):
-                values = integers.kind.kinds[0].values  # type: ignore[attr-defined]
-            else:
-                values = integers.kind.values  # type: ignore[attr-defined]
+            assert isinstance(integers.kind, Table)
+            values = tuple(map(int, integers.kind.values))
             if isinstance(numbers.kind, Table):
                 known = tuple(enumerate(numbers.kind.values))
                 return self.erased(Axis("plant", values, known, numbers.kind.name))
@@ -1027,7 +984,7 @@ class _Body:
         kind = Record(cls.__name__, names, kinds)
         if is_erased(kind):
             return Value("", kind)
-        kind = Record(cls.__name__, names, tuple(_plain(v.kind) for v in given))
+        kind = Record(cls.__name__, names, tuple(map(_plain, kinds)))
         inner = ", ".join(v.text for v in given)
         return Value(f"({self.out.type(kind)}){{{inner}}}", kind)
 
@@ -1058,22 +1015,12 @@ class _Body:
             given.append(self.constant(parameter.default, node))
         kinds: list[Kind] = []
         for parameter, value in zip(parameters, given, strict=True):
-            if parameter.name in _KNOWN and value.kind == F and value.known is not None:
-                kinds.append(Known("k", float(value.known)))
-            elif parameter.name in ("task", "place") and value.kind == INT:
-                if value.known is None:
-                    raise self.fail(node, f"{parameter.name} is unknown")
-                kinds.append(Known("k", value.known))
-            elif isinstance(value.kind, Record) and value.kind.code == "integers":
-                kinds.append(value.kind)
-            elif name.startswith("dfc_law_") and parameter is not parameters[-1]:
+            if name.startswith("dfc_law_") and parameter is not parameters[-1]:
                 kinds.append(F)
+            elif parameter.name in _KNOWN and value.known is not None:
+                kinds.append(Known("k", value.known))
             else:
-                kinds.append(_plain(value.kind) if not is_erased(value.kind) else value.kind)
-        kinds = [
-            Pointer("p", k.element, k.constant, k.known) if isinstance(k, Pointer) else k
-            for k in kinds
-        ]
+                kinds.append(value.kind if is_erased(value.kind) else _plain(value.kind))
         made = self.out.function(target, tuple(kinds), name)
         self.cost += made.cost
         self.cost["call"] += 1
@@ -1102,6 +1049,13 @@ def _folded(op: type, a: float | None, b: float | None) -> float | None:
         return None
     result = _SIGNS[op][1](a, b)
     return float(result) if math.isfinite(result) else None
+
+
+def _parts(value: Value) -> list[Value]:
+    """The values of a tuple, one by one."""
+    assert isinstance(value.kind, Tuple)
+    places = enumerate(value.kind.kinds)
+    return value.parts or [Value(f"{value.text}.f{i}", kind) for i, kind in places]
 
 
 def _codes(kind: Kind) -> str:
@@ -1178,13 +1132,6 @@ def _wrapped(line: str) -> str:
             break_long_words=False, break_on_hyphens=False,
         )
     )  # fmt: skip
-
-
-def _headed(head: str) -> str:
-    """Comment and first line of a function."""
-    comment, _, rest = head.partition("\n")
-    lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
-    return "\n".join([*lines, _wrapped(rest)])
 
 
 # What numba or Python gives the kernels, in C ------------------------------------------

@@ -13,26 +13,10 @@ import control as ct
 import matplotlib.pyplot as plt
 import numpy as np
 
+import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.demo_figures import draw_system, marked_friction, over_crawl
-from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
-from dryfric_control.identification import (
-    Fit,
-    FitWarning,
-    fit,
-    identify_coulomb,
-    identify_stribeck,
-    replay,
-    replay_loop,
-    slow_ramp_experiment,
-)
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import Spring
-from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.model.loops import PositionController, simulate_loop
-from dryfric_control.model.state_machine import plot_state_machine
-from dryfric_control.records import Record, read_record
+from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.store.files import output_folder, replacing
 from dryfric_control.text import length_text, percent
 
@@ -46,62 +30,61 @@ TRAINING = 0.6
 _FREE = ("mass", "viscous", "coulomb", "bias_force")
 
 
-def emps_controller(dt: float) -> PositionController:
+def emps_controller(dt: float) -> dfc.PositionController:
     """Controller that ran while the EMPS record was taken."""
     # From its reference: vir = kp kv (qg - qm) - kv dq, dq the backward difference of the
     # two-sample mean, saturation 10 V, 35.15 N/V (A. Janot, M. Gautier, M. Brunot, Nonlinear
     # System Identification Benchmarks, 2019).
     kp, kv, gain = 160.18, 243.45, 35.15
-    return PositionController(
+    return dfc.PositionController(
         kp=gain * kp * kv, ki=0.0, kd=gain * kv, dt=dt, limit=gain * 10.0, span=2
     )
 
 
 def stick_slip() -> ct.ControlPlot:
     """Classic stick-slip: a mass pulled by a spring whose end moves slowly."""
-    spring, peak = Spring(stiffness=2.0), Stribeck(excess=0.5, speed=0.05)
-    axis = FrictionAxis(
-        1.0, 0.0, CoulombMap.of(1.0), peak, 1e-3, effects=(spring,), name="mass pulled by a spring"
-    )
+    spring, peak = dfc.effects.Spring(stiffness=2.0), dfc.Stribeck(excess=0.5, speed=0.05)
+    axis = dfc.FrictionAxis(1.0, 0.0, dfc.CoulombMap.of(1.0), peak, 1e-3, effects=(spring,))
+    axis = axis.replace(name="mass pulled by a spring")
     t = np.arange(40_001) * 1e-3
     return axis.simulate(spring.stiffness * 0.1 * t, dt=1e-3, hold="first").plot()
 
 
-def made_record() -> tuple[FrictionAxis, Record, PositionController]:
+def made_record() -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController]:
     """Nominal axis (every parameter is off), simulated record of 20 s, its controller."""
-    levels = CoulombMap.of((9.0, 7.0))
-    true = FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
+    levels = dfc.CoulombMap.of((9.0, 7.0))
+    true = dfc.FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
     dt, n = 1e-3, 20_000
     t = np.arange(n) * dt
     steps = np.repeat(np.random.default_rng(0).uniform(0.05, 0.25, 20), n // 20)
     slow = 0.15 + 0.08 * np.sin(2.0 * np.pi * t / 8.0)
     reference = np.where(t < 10.0, slow, np.convolve(steps, np.ones(200) / 200.0, "same"))
-    controller = PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
-    run = simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
-    record = Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="simulated record")
-    believed = true.replace(mass=9.0, viscous=90.0, coulomb=CoulombMap.of(6.0))
+    controller = dfc.PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
+    run = dfc.simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
+    record = dfc.Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="simulated record")
+    believed = true.replace(mass=9.0, viscous=90.0, coulomb=dfc.CoulombMap.of(6.0))
     return believed, record, controller
 
 
 def measured(
     path: str | os.PathLike[str], dt: float | None = None
-) -> tuple[FrictionAxis, Record, PositionController | None]:
+) -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController | None]:
     """A rough axis for a measured record, the record, its controller where that is known."""
-    record = read_record(path, dt=dt)
-    axis = FrictionAxis(50.0, 100.0, CoulombMap.of(10.0), name=record.name or "axis")
+    record = dfc.read_record(path, dt=dt)
+    axis = dfc.FrictionAxis(50.0, 100.0, dfc.CoulombMap.of(10.0), name=record.name or "axis")
     is_emps = Path(path).name.upper().startswith("DATA_EMPS")
     return axis, record, emps_controller(record.dt) if is_emps else None
 
 
 def fit_and_replay(
-    axis: FrictionAxis, record: Record, controller: PositionController | None
-) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
+    axis: dfc.FrictionAxis, record: dfc.Record, controller: dfc.PositionController | None
+) -> tuple[dfc.Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
     """Fit the first part of a record, replay the rest: the fit, its figures in numbers, plots."""
     training, held_out = record.split(TRAINING)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)  # its messages are in the summary
-        fitted = fit(axis, training, free=_FREE)
-    before, after = replay(axis, held_out), replay(fitted.axis, held_out)
+        warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are in the summary
+        fitted = dfc.fit(axis, training, free=_FREE)
+    before, after = dfc.replay(axis, held_out), dfc.replay(fitted.axis, held_out)
     level, bias = fitted.parameters["coulomb"], fitted.parameters["bias_force.force"]
     summary: dict[str, Any] = {
         "record": record.name,
@@ -120,7 +103,7 @@ def fit_and_replay(
     }
     figures = {"fit": fitted.plot(), "held_out_windows": after.plot()}
     if controller is not None and record.reference is not None:
-        loop = replay_loop(fitted.axis, held_out, controller)
+        loop = dfc.replay_loop(fitted.axis, held_out, controller)
         summary["held_out_closed_loop"] = loop.to_dict()
         figures["held_out_closed_loop"] = loop.plot()
     return fitted, summary, figures
@@ -132,19 +115,19 @@ def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
     axis = presets.clutch_actuator()
     figures = {
         "figure_1_friction": marked_friction(axis),
-        "figure_2_state_machine": plot_state_machine(axis),
+        "figure_2_state_machine": dfc.plot_state_machine(axis),
         "figure_3_system": draw_system(),
     }
     say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
-    ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
-    levels = identify_coulomb(ramp.record)
+    ramp = dfc.slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
+    levels = dfc.identify_coulomb(ramp.record)
     # As in the paper, levels are known and vs is Sigma; the excess is found from the slips of the
     # middle of the crawl.
-    believed = levels.apply(axis.replace(stribeck=Stribeck(excess=0.1, speed=axis.stick_speed)))
+    believed = levels.apply(axis.replace(stribeck=dfc.Stribeck(excess=0.1, speed=axis.stick_speed)))
     quarter = len(ramp.record) // 4
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)  # its messages are printed with the result
-        peak = identify_stribeck(
+        warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are printed with the result
+        peak = dfc.identify_stribeck(
             believed, ramp.record[quarter : 3 * quarter], ramp.controller,
             free=("stribeck.excess",), starts=1,
         )  # fmt: skip
@@ -168,14 +151,14 @@ def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
     return summary, figures
 
 
-def hidden_cause() -> Diagnosis:
+def hidden_cause() -> dfc.Diagnosis:
     """Diagnosis of a short record of an axis with a Stribeck peak that the model lacks."""
-    axis = FrictionAxis(mass=2.0, viscous=15.0, coulomb=CoulombMap.of(8.0), name="simulated stage")
-    machine = axis.replace(stribeck=Stribeck(excess=0.4, speed=0.03))
+    axis = dfc.FrictionAxis(2.0, 15.0, dfc.CoulombMap.of(8.0), name="simulated stage")
+    machine = axis.replace(stribeck=dfc.Stribeck(excess=0.4, speed=0.03))
     t = 2e-3 * np.arange(3000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=2e-3).y[0])
-    return diagnose(axis, Record(t, u, x, name="simulated record of 6 s"), progress=False)
+    return dfc.diagnose(axis, dfc.Record(t, u, x, name="simulated record of 6 s"), progress=False)
 
 
 def run(

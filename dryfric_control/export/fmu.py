@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -153,7 +153,8 @@ def settings(axis: FrictionAxis, dt: float) -> list[tuple[Variable, list[_Place]
         fixed |= {axis_step.SHORT_WAY, axis_step.SHORT_TIME}
     found = []
     for one, changed in _parameters(axis):
-        moved = one.start * 1.01 if one.start else 1e-3
+        value = one.start or 0.0
+        moved = value * 1.01 if value else 1e-3
         try:
             other = changed(moved).arrays(dt).numbers
         except ValueError:
@@ -161,7 +162,7 @@ def settings(axis: FrictionAxis, dt: float) -> list[tuple[Variable, list[_Place]
         if other.size != base.size:
             continue
         touched = np.flatnonzero(base != other).tolist()
-        places = [_place(i, one.start, moved, base[i], other[i]) for i in touched]
+        places = [_place(i, value, moved, base[i], other[i]) for i in touched]
         known = [place for place in places if place is not None]
         if known and len(known) == len(touched) and fixed.isdisjoint(touched):
             least = max(one.low, _LEAST) if any(inverse for _, _, inverse in known) else one.low
@@ -183,11 +184,11 @@ def _exact(factor: float) -> float:
     return 1.0 if math.isclose(factor, 1.0, rel_tol=1e-12) else factor
 
 
-def _parameters(axis: FrictionAxis) -> Iterator[tuple[Variable, Callable[[float], FrictionAxis]]]:
-    """Every parameter of an axis, and the axis with another value of it."""
+def _parameters(axis: FrictionAxis) -> Iterator[tuple[Variable, Any]]:
+    """Every parameter of an axis, and the axis as a function of its value."""
 
-    def own(name: str, unit: str, meaning: str, value: float, *bounds: float) -> Variable:
-        return Variable(name, axis.unit(unit), meaning, "parameter", value, *bounds)
+    def own(name: str, unit: str, meaning: str, value: float, low: float) -> Variable:
+        return Variable(name, axis.unit(unit), meaning, "parameter", value, low)
 
     for name, unit, meaning, least in _BASE:
         yield (

@@ -20,7 +20,7 @@ from dryfric_control.checks import positive
 from dryfric_control.diagnosis import diagnose, diagnose_joints
 from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.estimation.parameters import checked_knowledge
-from dryfric_control.export.c_code import existing_folder, export_c
+from dryfric_control.export.c_code import export_c
 from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import exported, read_exportable
 from dryfric_control.model.axis import FrictionAxis
@@ -29,7 +29,7 @@ from dryfric_control.records.scaling import read_sampling
 from dryfric_control.simulators.files import read_result
 from dryfric_control.simulators.mujoco_file import axes_of
 from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
-from dryfric_control.store.files import output_folder, replacing
+from dryfric_control.store.files import existing_folder, output_folder, write_file
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import check_units
 
@@ -363,8 +363,7 @@ def _joints(chosen: argparse.Namespace) -> None:
         **knowledge,
     )
     print(found.summary(), flush=True)
-    with replacing(folder / "joints.json") as part:
-        part.write_text(json.dumps(found.to_dict(), indent=1), encoding="utf-8")
+    write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
     if model:
         kind = _SIMULATORS[model.suffix.lower()]
         given = _given(chosen, "load", "stiff") if kind == "mjcf" else {}

@@ -17,7 +17,7 @@ import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.demo_figures import draw_system, marked_friction, over_crawl
 from dryfric_control.diagnosis.report.diagnosis import write_report
-from dryfric_control.store.files import output_folder, replacing
+from dryfric_control.store.files import output_folder, replacing, write_file
 from dryfric_control.text import length_text, percent
 
 #: What it does and how long that takes, as measured for the README.
@@ -206,8 +206,7 @@ def run(
     write_report(found, folder)
     summary["diagnosis"] = found.to_dict()
 
-    with replacing(folder / "summary.json") as temporary:
-        temporary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_file(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     say(f"report.html, the figures and summary.json are in {folder}")
     return summary
 

@@ -33,14 +33,13 @@ def marked_friction(axis: FrictionAxis) -> ct.ControlPlot:
 
 def _spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
     """A zigzag between two points, its name in the middle."""
-    a, b = np.array(start), np.array(end)
-    along = b - a
+    a, along = np.array(start), np.subtract(end, start)
     across = 0.16 * np.array([-along[1], along[0]]) / np.hypot(*along)
     part = np.r_[0.0, np.linspace(0.15, 0.85, 9), 1.0]
     side = np.r_[0.0, 0.0, np.resize([1.0, -1.0], 7), 0.0, 0.0]
     ax.plot(*(a[:, None] + along[:, None] * part + across[:, None] * side), "k", lw=1.1)
     side_by_side = "right" if along[0] == 0.0 else "center"
-    ax.text(*(0.5 * (a + b) - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
+    ax.text(*(a + 0.5 * along - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
 
 
 def draw_kinematics(ax: Any) -> None:

@@ -115,18 +115,9 @@ def panels(
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:
     """Lay a light band behind the time at rest, mode 0."""
-    ax.fill_between(
-        np.asarray(time),
-        0.0,
-        1.0,
-        where=np.asarray(mode) == 0,
-        transform=ax.get_xaxis_transform(),
-        color=STUCK_COLOUR,
-        linewidth=0,
-        step="post",
-        label=label,
-        zorder=0,
-    )
+    look = {"color": STUCK_COLOUR, "linewidth": 0, "step": "post", "zorder": 0}
+    place, at_rest = ax.get_xaxis_transform(), np.asarray(mode) == 0
+    ax.fill_between(np.asarray(time), 0.0, 1.0, where=at_rest, transform=place, label=label, **look)
 
 
 def over_time(axes: Any, names: Sequence[str] = ()) -> None:
@@ -162,15 +153,9 @@ def legend_above(ax: Any) -> None:
     scale = float(plt.rcParams["font.size"]) / _FONT
     names = ax.get_legend_handles_labels()[1]
     widths = [scale * (_HANDLE + _SMALL_LETTER * len(name)) for name in names]
-    ax.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=_columns(widths, 72.0 * ax.bbox.width / ax.figure.dpi),
-        fontsize="small",
-        frameon=False,
-        markerscale=2.0,
-        borderaxespad=0.1,
-    )
+    look = {"fontsize": "small", "frameon": False, "markerscale": 2.0, "borderaxespad": 0.1}
+    columns = _columns(widths, 72.0 * ax.bbox.width / ax.figure.dpi)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **look)
 
 
 def _columns(widths: Sequence[float], room: float) -> int:

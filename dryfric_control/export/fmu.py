@@ -25,7 +25,7 @@ from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, exported
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, named, write_file
 from dryfric_control.text import rotary_words
 from dryfric_control.units import powers
 
@@ -96,16 +96,9 @@ def export_fmu(
 
     Notes
     -----
-    It needs a C compiler, and the package ``fmpy`` for the FMI headers.
-
-    The plant holds its input over a communication step of any length and locates its switches
-    inside it; longer steps than `dt` are cut into equal pieces.  With a delay of the drive a
-    step is a whole number of samples.  Parameters that set numbers of the axis in proportion can
+    It needs a C compiler, and the package ``fmpy`` for the FMI headers.  Steps of the plant longer
+    than `dt` are cut into equal pieces; parameters that set numbers of the axis in proportion can
     be set.
-
-    Observer and compensation take a sample at every multiple of their `dt` that a step
-    begins at or contains, with the inputs of that step.  In a loop they go first: readings
-    to the controller, its step, its drive to the plant, the plant's step.
 
     Examples
     --------
@@ -124,23 +117,15 @@ def export_fmu(
     made = exported(obj, name, dt)
     if made.name in ("model", "fmi", "fmi2", "fmi3"):
         raise ValueError(f'name {made.name!r} is that of a file in every FMU: pass name="..."')
-    try:
-        target = Path(path)
-    except TypeError:
-        raise ValueError(f"path must be a file name, got {path!r}") from None
+    target = file_path("path", path)
     if target.suffix != ".fmu" or target.is_dir():
         raise ValueError(f"path must be a file that ends in .fmu, got {str(path)!r}")
     if not target.parent.is_dir():
         raise ValueError(f"path {str(path)!r} is in no folder that there is: make it first")
     model = Model(made, version)
     content = model.zipped()
-    try:
-        with replacing(target) as part:
-            part.write_bytes(content)
-    except OSError as problem:
-        raise ValueError(
-            f"path {str(path)!r} cannot be written ({problem.strerror}): name another"
-        ) from None
+    with named(f"path {str(path)!r}"):
+        write_file(target, content)
     return target
 
 
@@ -268,16 +253,10 @@ class Model:
         numbers = made.tables.get("numbers", np.zeros(0))
         return self.code.render(
             "model.c.jinja",
-            name=made.name,
-            moves=made.moves,
             late=bool(made.moves and numbers[axis_step.DELAY] > 0.0),
-            dt=made.dt,
             size=numbers.size,
-            inputs=made.inputs,
-            outputs=made.outputs,
             settings=[v for v in self.variables if v.causality == "parameter"],
             first=1 + len(made.inputs) + len(made.outputs) + made.moves,
-            starts=len(made.starts),
             rows=rows,
         )
 

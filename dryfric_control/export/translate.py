@@ -10,6 +10,7 @@ what one object needs and nothing else.  The order of operations is that of the 
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import math
 import operator
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.export import entries
 from dryfric_control.model.effects.effect import read_by
 
 #: Passes of one search loop at most: none is met before its own end.
@@ -69,7 +71,7 @@ class Table(Kind):
 
 @dataclass(frozen=True)
 class Record(Kind):
-    """A named tuple."""
+    """Several values: a named tuple, or a tuple (code "t") of f0, f1 and so on."""
 
     names: tuple[str, ...] = ()
     kinds: tuple[Kind, ...] = ()
@@ -81,21 +83,14 @@ class Axis(Kind):
 
     integers: tuple[int, ...] = ()
     known: tuple[tuple[int, float], ...] = ()
-    base: str = ""  # name of the constant array, where it is one
-
-
-@dataclass(frozen=True)
-class Tuple(Kind):
-    """Several values."""
-
-    kinds: tuple[Kind, ...] = ()
+    name: str = ""  # of the constant array, where it is one
 
 
 def is_erased(kind: Kind) -> bool:
     """Whether the type alone is the value, which then is no argument in C."""
     if isinstance(kind, Record):
-        return bool(kind.kinds) and all(map(is_erased, kind.kinds))
-    return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.base != "")
+        return kind.code != "t" and bool(kind.kinds) and all(map(is_erased, kind.kinds))
+    return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.name != "")
 
 
 F, INT, BOOL, NOTHING = Kind("f"), Kind("i"), Kind("b"), Kind("v")
@@ -160,14 +155,6 @@ _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
     ast.Eq: ("==", operator.eq),
     ast.NotEq: ("!=", operator.ne),
 }
-#: Smaller and larger of two numbers: name, type, and how the second compares.
-_HELPERS = {
-    "dfc_min": ("real", "<"),
-    "dfc_max": ("real", ">"),
-    "dfc_least": ("int32_t", "<"),
-    "dfc_most": ("int32_t", ">"),
-}
-
 #: Arguments for whose value a function is written anew, where that is known.
 _KNOWN = ("dt", "corner", "task", "place")
 
@@ -193,8 +180,8 @@ def unified(a: Kind, b: Kind) -> Kind:
         return F if F in (a, b) else INT
     if isinstance(a, Axis) and isinstance(b, Axis) and a.integers == b.integers:
         return Axis("plant", a.integers, a.known)
-    if isinstance(a, Tuple) and isinstance(b, Tuple) and len(a.kinds) == len(b.kinds):
-        return Tuple("t", tuple(unified(p, q) for p, q in zip(a.kinds, b.kinds, strict=True)))
+    if isinstance(a, Record) and isinstance(b, Record) and (a.code, a.names) == (b.code, b.names):
+        return Record(a.code, a.names, tuple(map(unified, a.kinds, b.kinds)))
     if isinstance(a, Pointer) and isinstance(b, Pointer) and a.element == b.element:
         return Pointer("p", a.element, a.constant or b.constant)
     raise NotInC(f"a variable is {a} and {b}")
@@ -219,7 +206,6 @@ class Translator:
         self.rests = False  # whether a law reads the time at rest
         self.functions: dict[Any, Function] = {}
         self.records: dict[str, str] = {}
-        self.helpers: set[str] = set()
         self.names: Counter[str] = Counter()
         self.powers: set[int] = set()
         self.impure: set[str] = set()
@@ -244,7 +230,7 @@ class Translator:
             return f"const {base} *" if kind.constant else f"{base} *"
         if isinstance(kind, Axis):
             return "const real *"
-        if isinstance(kind, (Tuple, Record)):
+        if isinstance(kind, Record):
             return self._struct(kind)
         return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
 
@@ -253,36 +239,24 @@ class Translator:
         base = self.type(kind)
         return f"{base}{name}" if base.endswith("*") else f"{base} {name}"
 
-    def _struct(self, kind: Tuple | Record) -> str:
+    def _struct(self, kind: Record) -> str:
         """Name of the structure that holds several values; it is declared once."""
-        if isinstance(kind, Record):
-            name, names = f"dfc_{kind.code.lower()}", kind.names
-        else:
-            name = f"dfc_{_codes(kind)}"
-            names = tuple(f"f{i}" for i in range(len(kind.kinds)))
+        name = f"dfc_{_codes(kind) if kind.code == 't' else kind.code.lower()}"
         if name not in self.records:
-            rows = "".join(
-                f"    {self.declared(k, n)};\n" for n, k in zip(names, kind.kinds, strict=True)
-            )
+            rows = "".join(f"    {one};\n" for one in map(self.declared, kind.kinds, kind.names))
             self.records[name] = f"typedef struct {{\n{rows}}} {name};\n"
         return name
 
     def text(self) -> str:
         """All structures and functions, each before its use."""
-        helpers = [
-            f"static {kind} {name}({kind} a, {kind} b)\n{{\n    return (b {sign} a) ? b : a;\n}}\n"
-            for name, (kind, sign) in _HELPERS.items()
-            if name in self.helpers
-        ]
-        for n in sorted(self.powers):
-            helpers.append(_power(n))
+        powers = map(_power, sorted(self.powers))
         # What was decided here leaves functions that nothing calls.
         called, kept = {"dfc_sample", "dfc_look"}, []
         for function in reversed(self.functions.values()):
             if function.name in called and function.text:
                 kept.append(function.text)
                 called |= function.reads
-        return "\n".join([*self.records.values(), *helpers, *reversed(kept)])
+        return "\n".join([*self.records.values(), *powers, *reversed(kept)])
 
     def function(self, source: Any, kinds: tuple[Kind, ...], name: str = "") -> Function:
         """C function of a kernel for arguments of these types."""
@@ -415,7 +389,7 @@ class _Body:
 
     def zero(self, kind: Kind) -> str:
         """Something to start from, never read."""
-        if isinstance(kind, (Tuple, Record)):
+        if isinstance(kind, Record):
             return "{" + ", ".join(self.zero(k) for k in kind.kinds) + "}"
         if isinstance(kind, (Pointer, Axis)):
             return "NULL"
@@ -424,14 +398,8 @@ class _Body:
     def erased(self, kind: Kind) -> Value:
         """The value that a type alone is."""
         if isinstance(kind, Known):
-            whole = isinstance(kind.value, int)
-            text = str(kind.value) if whole else self.out.number(kind.value)
-            return Value(text, INT if whole else F, kind.value)
-        if isinstance(kind, Table):
-            return Value(kind.name, kind)
-        if isinstance(kind, Axis):
-            return Value(kind.base, kind)
-        return Value("", kind)
+            return self.constant(kind.value)
+        return Value(getattr(kind, "name", ""), kind)
 
     def fail(self, node: ast.AST, why: str) -> NotInC:
         """Error that names function and line."""
@@ -583,13 +551,13 @@ class _Body:
             for name, part in zip(names, parts, strict=True):
                 self.assign(name, part)
             return
-        if not isinstance(value.kind, Tuple):
+        if value.kind.code != "t":
             raise self.fail(target, "this is no tuple")
         wanted = []
-        for i, (name, kind) in enumerate(zip(names, value.kind.kinds, strict=True)):
-            own = getattr(name, "id", "")
+        for i, part in enumerate(_parts(value)):
+            own = getattr(names[i], "id", "")
             if own != "_" and own in self.dead:
-                self.vars[own] = unified(self.vars.get(own, kind), kind)
+                self.vars[own] = unified(self.vars.get(own, part.kind), part.kind)
             elif own != "_":
                 wanted.append(i)
         if not wanted:
@@ -638,7 +606,7 @@ class _Body:
         if step.known is None:
             raise self.fail(node, "the step of a range must be known")
         turns = None if None in known else range(*known)
-        if turns is not None and (not turns or _calls_law(node)):
+        if turns is not None and (not turns or "_law" in _names(node.body)):
             self._unrolled(node, list(turns))
             return
         if not isinstance(node.target, ast.Name):
@@ -688,7 +656,7 @@ class _Body:
 
     def converted(self, value: Value, kind: Kind) -> str:
         """The text of a value as another type."""
-        if isinstance(kind, Tuple) and (value.parts or kind != value.kind):
+        if isinstance(kind, Record) and (value.parts or kind != value.kind):
             parts = value.parts or _parts(self.temporary(value))
             inner = ", ".join(map(self.converted, parts, kind.kinds))
             return f"({self.out.type(kind)}){{{inner}}}"
@@ -742,8 +710,7 @@ class _Body:
             binds = _ATOM if not text.startswith("-") else _UNARY
             return Value(text, F, number, binds, reads=frozenset())
         if isinstance(value, tuple):
-            parts = [self.constant(v, node) for v in value]
-            return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
+            return _several([self.constant(v, node) for v in value])
         raise self.fail(node or self.node, f"{value!r} has no C")
 
     def of_constant(self, node: ast.Constant) -> Value:
@@ -790,8 +757,7 @@ class _Body:
                 return self.erased(inner)
             return Value(f"{owner.text}.{node.attr}", inner)
         if isinstance(kind, Table) and node.attr == "shape":
-            parts = [Value(str(n), INT, n) for n in kind.shape]
-            return Value("", Tuple("t", (INT,) * len(parts)), parts=parts)
+            return self.constant(kind.shape, node)
         raise self.fail(node, f"attribute {node.attr}")
 
     def of_subscript(self, node: ast.Subscript) -> Value:
@@ -799,11 +765,10 @@ class _Body:
             owner = self.value(node.value)
             if node.slice.lower is None or node.slice.upper is not None or node.slice.step:
                 raise self.fail(node, "only array[n:]")
-            start = self.value(node.slice.lower)
-            return Value(f"{owner.within(_SUM)} + {start.within(_SUM + 1)}", owner.kind, binds=_SUM)
+            return _behind(owner, self.value(node.slice.lower), owner.kind)
         owner, place = self.value(node.value), self.value(node.slice)
         kind = owner.kind
-        if isinstance(kind, Tuple):
+        if kind.code == "t":
             parts = _parts(owner)
             if place.known is not None:
                 return parts[place.known]
@@ -833,7 +798,7 @@ class _Body:
                 parts += inner.parts
             else:
                 parts.append(self.value(element))
-        return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
+        return _several(parts)
 
     def of_unaryop(self, node: ast.UnaryOp) -> Value:
         value = self.value(node.operand)
@@ -944,9 +909,10 @@ class _Body:
         a, b = self.value(node.body), self.value(node.orelse)
         kind = unified(_plain(a.kind), _plain(b.kind))
         left, right = self.converted(a, kind), self.converted(b, kind)
-        wrap = "({})".format
-        left = left if a.binds >= _UNARY or left.startswith("(real)") else wrap(left)
-        right = right if b.binds >= _UNARY or right.startswith("(real)") else wrap(right)
+        left, right = (
+            text if value.binds >= _UNARY or text.startswith("(real)") else f"({text})"
+            for value, text in ((a, left), (b, right))
+        )
         return Value(f"{test.within(_ATOM)} ? {left} : {right}", kind, binds=_CHOICE)
 
     def of_call(self, node: ast.Call) -> Value:
@@ -1051,18 +1017,24 @@ def _folded(op: type, a: float | None, b: float | None) -> float | None:
     return float(result) if math.isfinite(result) else None
 
 
+def _several(parts: list[Value]) -> Value:
+    """A tuple that is written out."""
+    names = tuple(f"f{i}" for i in range(len(parts)))
+    return Value("", Record("t", names, tuple(_plain(p.kind) for p in parts)), parts=parts)
+
+
 def _parts(value: Value) -> list[Value]:
     """The values of a tuple, one by one."""
-    assert isinstance(value.kind, Tuple)
-    places = enumerate(value.kind.kinds)
-    return value.parts or [Value(f"{value.text}.f{i}", kind) for i, kind in places]
+    assert isinstance(value.kind, Record)
+    members = zip(value.kind.names, value.kind.kinds, strict=True)
+    return value.parts or [Value(f"{value.text}.{name}", kind) for name, kind in members]
 
 
-def _codes(kind: Kind) -> str:
+def _codes(kind: Record) -> str:
     """Letters that name a tuple by what it holds."""
-    if not isinstance(kind, Tuple):
-        return kind.code
-    return "".join(f"t{_codes(k)}e" if isinstance(k, Tuple) else k.code for k in kind.kinds)
+    inner = (f"t{_codes(k)}e" if isinstance(k, Record) and k.code == "t" else k.code
+             for k in kind.kinds)  # fmt: skip
+    return "".join(inner)
 
 
 def _plain(kind: Kind) -> Kind:
@@ -1092,10 +1064,6 @@ def _loaded(node: ast.expr) -> ast.expr:
     if isinstance(node, ast.Subscript):
         return ast.Subscript(node.value, node.slice, ast.Load())
     return node
-
-
-def _calls_law(node: ast.For) -> bool:
-    return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
 
 
 def _names(nodes: list[ast.stmt]) -> Counter[str]:
@@ -1137,17 +1105,11 @@ def _wrapped(line: str) -> str:
 # What numba or Python gives the kernels, in C ------------------------------------------
 
 
-def _smallest(body: _Body, node: ast.Call, real: str, whole: str) -> Value:
+def _extreme(body: _Body, node: ast.Call, kernel: Any, name: str) -> Value:
     given = [body.value(a) for a in node.args]
-    is_whole = all(v.kind == INT for v in given)
-    values = given if is_whole else [body.real(v) for v in given]
-    name = whole if is_whole else real
-    body.out.helpers.add(name)
-    text = values[0].text
-    for value in values[1:]:
-        text = f"{name}({text}, {value.text})"
-        body.cost["compare"] += 1
-    return Value(text, INT if is_whole else F)
+    if any(v.kind != INT for v in given):
+        given = [body.real(v) for v in given]
+    return functools.reduce(lambda a, b: body.call(kernel, [a, b], node, name), given)
 
 
 def _absolute(body: _Body, node: ast.Call) -> Value:
@@ -1171,28 +1133,24 @@ def _to_float(body: _Body, node: ast.Call) -> Value:
     return Value(real.text, F, known, real.binds)
 
 
-def _same(body: _Body, node: ast.Call) -> Value:
-    return body.value(node.args[0])
-
-
 def _further(body: _Body, node: ast.Call) -> Value:
     start, count = body.value(node.args[0]), body.value(node.args[1])
     if not isinstance(start.kind, Pointer):
         raise body.fail(node, "an address of numbers")
     kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
+    return _behind(start, count, kind)
+
+
+def _behind(start: Value, count: Value, kind: Kind) -> Value:
+    """An address some numbers further on."""
     return Value(f"{start.within(_SUM)} + {count.within(_SUM + 1)}", kind, binds=_SUM)
 
 
 def _local(body: _Body, node: ast.Call) -> Value:
-    size = axis_step.HISTORY
-    element = "f"
-    if node.args:
-        length = body.value(node.args[0]).known
-        if length is None:
-            raise body.fail(node, "the length of an array must be known")
-        size = int(length)
-        element = "i" if len(node.args) > 1 else "f"
-    return Value("[]", Pointer("p", element, False, (), size))
+    length = body.value(node.args[0]).known if node.args else axis_step.HISTORY
+    if length is None:
+        raise body.fail(node, "the length of an array must be known")
+    return Value("[]", Pointer("p", "i" if len(node.args) > 1 else "f", False, (), int(length)))
 
 
 def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
@@ -1240,12 +1198,12 @@ def _task(body: _Body, node: ast.Call) -> Value:
 
 
 _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
-    min: lambda body, node: _smallest(body, node, "dfc_min", "dfc_least"),
-    max: lambda body, node: _smallest(body, node, "dfc_max", "dfc_most"),
+    min: lambda body, node: _extreme(body, node, entries.smaller, "dfc_min"),
+    max: lambda body, node: _extreme(body, node, entries.larger, "dfc_max"),
     abs: _absolute,
     int: _to_int,
     float: _to_float,
-    axis_step.pointer: _same,
+    axis_step.pointer: lambda body, node: body.value(node.args[0]),
     axis_step.further: _further,
     axis_step.spare_memory: _local,
     np.empty: _local,

@@ -24,17 +24,16 @@ def compared(expected: Floats, measured: Floats, dt: float) -> Comparison:
     """Gain, offset and delay that bring a channel closest to what is expected."""
     longest = min(round(_LONGEST / dt), expected.size // 4)
     inside = slice(longest, expected.size - longest)
-    best: Comparison | None = None
     wanted = expected[inside]
     if wanted.size < 3 or np.ptp(wanted) == 0.0:
         raise ValueError("the position does not move enough to compare a channel with it")
     centred = wanted - wanted.mean()
-    for lag in range(-longest, longest + 1):
+
+    def later(lag: int) -> Comparison:
         seen = measured[longest + lag : expected.size - longest + lag]
         gain = float(centred @ seen) / float(centred @ centred)
         offset = float(seen.mean() - gain * wanted.mean())
         rms = float(np.sqrt(np.mean((seen - gain * wanted - offset) ** 2)))
-        if best is None or rms < best.rms:
-            best = Comparison(gain, offset, lag * dt, rms)
-    assert best is not None
-    return best
+        return Comparison(gain, offset, lag * dt, rms)
+
+    return min(map(later, range(-longest, longest + 1)), key=lambda one: one.rms)

@@ -25,8 +25,9 @@ JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
 _MAX_MAGNITUDE = 1e100  # squares stay finite
 
 
-#: Note of a record without a drive.
+#: Notes of a record without a drive, and of one without a position.
 NO_DRIVE = "no drive: u = 0"
+INTEGRAL = "x is the integral of v, from 0: its offset is free, that of v makes it drift"
 
 
 def plain_text(text: str) -> str:
@@ -95,8 +96,7 @@ def vector(name: str, value: Any, gaps: bool = False) -> Floats:
     mend = {
         "b": "holds true and false, not numbers; the wrong column? If meant, .astype(float)",
         "c": "is complex; pass its real part",
-        "U": "holds text; convert it with np.asarray(..., dtype=float)",
-        "S": "holds text; convert it with np.asarray(..., dtype=float)",
+        **dict.fromkeys("US", "holds text; convert it with np.asarray(..., dtype=float)"),
         "O": "is of dtype object (None, text or mixed values inside); convert it to float",
         "M": "holds dates; pass seconds: (t - t[0]) / np.timedelta64(1, 's')",
         "m": "holds durations; pass seconds: t / np.timedelta64(1, 's')",
@@ -152,15 +152,16 @@ def vectors(
         return array
 
     more = {name: checked(f"channels[{name!r}]", one) for name, one in (channels or {}).items()}
-    notes: tuple[str, ...] = ()
-    if u is None:
-        u = np.zeros(tv.size)
-        notes += (NO_DRIVE,)
+    notes = (NO_DRIVE,) * (u is None)
+    u = np.zeros(tv.size) if u is None else u
     if x is None and "v" in more:
         sound = np.isfinite(tv) & np.isfinite(more["v"])
         x = np.full(tv.size, np.nan)
         x[sound] = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
-        notes += ("x is the integral of v, from 0: its offset is free, that of v makes it drift",)
+        notes = (
+            *notes,
+            "x is the integral of v, from 0: its offset is free, that of v makes it drift",
+        )
     found = {"t": tv, "u": checked("u", u), "x": checked("x", x)}
     if reference is not None:
         found["reference"] = checked("reference", reference)
@@ -286,12 +287,10 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     jumps = np.flatnonzero(steps > 0.5 * span)
     if usual > 0.1 * span:
         return
-    before = steps[np.maximum(jumps - 1, 0)] * (jumps > 0)
-    after = steps[np.minimum(jumps + 1, steps.size - 1)] * (jumps < steps.size - 1)
-    lone = np.maximum(before, after) < 0.1 * steps[jumps]
-    low, high = x.min() + 0.1 * span, x.max() - 0.1 * span
-    ends = np.minimum(x[jumps], x[jumps + 1]), np.maximum(x[jumps], x[jumps + 1])
-    wraps = jumps[lone & (ends[0] <= low) & (ends[1] >= high)]
+    beside = np.pad(steps, 1)
+    lone = np.maximum(beside[jumps], beside[jumps + 2]) < 0.1 * steps[jumps]
+    ends = np.sort((x[jumps], x[jumps + 1]), axis=0)
+    wraps = jumps[lone & (ends[0] <= x.min() + 0.1 * span) & (ends[1] >= x.max() - 0.1 * span)]
     if wraps.size:
         raise ValueError(
             f"x jumps {wraps.size} times across its whole range, first from {jump(wraps[0])}: the "
@@ -566,11 +565,9 @@ def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
     """Stamps and inputs with the samples in between that were lost, along straight lines."""
     # A value held over several steps would be an impulse that did not act.
     steps = np.diff(t)
-    counts = np.maximum(np.rint(steps / np.median(steps)), 1.0).astype(np.int64)
-    first = np.repeat(np.arange(counts.size), counts)
-    share = (np.arange(first.size) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[first]
-    more = t[first] + share * steps[first], u[first] + share * np.diff(u)[first]
-    return np.append(more[0], t[-1]), np.append(more[1], u[-1])
+    at = np.append(0.0, np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1.0)))
+    every = np.arange(at[-1] + 1.0)
+    return np.interp(every, at, t), np.interp(every, at, u)
 
 
 def resample(

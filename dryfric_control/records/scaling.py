@@ -144,18 +144,13 @@ class Scaling:
         Parameters
         ----------
         data : mapping
-            Such as the table ``[record]`` of an axis file.
-
-        Returns
-        -------
-        Scaling
-            Without the table's `dt`, `rate` and `max_gap`, which `read_sampling` reads.
+            Such as the table ``[record]`` of an axis file; its sampling is passed over.
         """
         known_keys("record.", data, [*(item.name for item in fields(cls)), *_SAMPLING])
         return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 
     def conversion(self, role: str, unit: str) -> Conversion | None:
-        """Factor that brings a channel to the axis, if it takes one.
+        """Factor that brings a channel to the axis, None if it takes none.
 
         Parameters
         ----------
@@ -163,11 +158,6 @@ class Scaling:
             ``"u"``, ``"x"``, ``"reference"`` or ``"v"``, ``"a"``; others are left alone.
         unit : str
             Unit it is in, such as ``"mA"``, empty if it is not known.
-
-        Returns
-        -------
-        Conversion or None
-            None where the numbers of the machine do not enter, as for a force in kN.
         """
         if role not in ("u", "x", "reference", "v", "a"):
             return None

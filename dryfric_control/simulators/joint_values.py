@@ -56,21 +56,12 @@ _Systems = Sequence[tuple[str, str]]  # units of position and force
 class Format(NamedTuple):
     """How a simulator states the friction of a joint."""
 
-    columns: Callable[[Floats, Any], Floats]  # of v, shape: friction for each coefficient of 1
-    shapes: Callable[[Floats], Iterable[Any]]  # of speeds: those to choose from
     values: Callable[[Floats, Any, float], dict[str, Any]]  # of coefficients, shape, breakaway
     breakaway: bool = False  # whether it states the breakaway friction force on its own
     armature: str = ""  # name of the inertia beyond that of the bodies
-
-
-def one_shape(speed: Floats) -> tuple[None]:
-    """Shapes of a format that has one."""
-    return (None,)
-
-
-def straight(v: Floats, shape: Any = None) -> Floats:
-    """Columns of a Coulomb level and a viscous coefficient."""
-    return np.column_stack((np.sign(v), v))
+    #: Of v and a shape, friction for each coefficient of 1: by default a level and a viscous one.
+    columns: Callable[[Floats, Any], Floats] = lambda v, shape: np.column_stack((np.sign(v), v))
+    shapes: Callable[[Floats], Iterable[Any]] = lambda speed: (None,)  # those to choose from
 
 
 class Loss(NamedTuple):
@@ -341,7 +332,7 @@ def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     return scaled, gain
 
 
-_STRAIGHT = Format(straight, one_shape, lambda c, shape, breakaway: {})
+_STRAIGHT = Format(lambda c, shape, breakaway: {})
 
 
 class _States(NamedTuple):

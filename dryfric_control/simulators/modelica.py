@@ -40,7 +40,7 @@ def _table(c: Floats, knots: Floats, breakaway: float) -> dict[str, Any]:
     return {"table": rows, "peak": 1.0}
 
 
-_MODELICA = joint_values.Format(_hats, _knots, _table, breakaway=True)
+_MODELICA = joint_values.Format(_table, breakaway=True, columns=_hats, shapes=_knots)
 
 
 def to_modelica(

@@ -20,8 +20,6 @@ from dryfric_control.store.files import existing_file
 from dryfric_control.text import see
 
 _MJCF = joint_values.Format(
-    joint_values.straight,
-    joint_values.one_shape,
     lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
     armature="armature",
 )
@@ -59,15 +57,10 @@ def to_mjcf(
         Velocities over which friction is approximated.  Default: those of the records of
         the result; without a record, as far as the friction curve is drawn.
     stiff : bool, optional
-        Whether to set `solreffriction` and `solimpfriction` as well, with which a joint
-        at rest creeps fifty times less, at a time step of 2 ms.
+        Whether to set `solreffriction` and `solimpfriction`: a joint at rest creeps fifty times
+        less, at a time step of 2 ms.
     out : path-like, optional
         File to write.  Default: `model` itself.
-
-    Returns
-    -------
-    SimulatorValues
-        The numbers with their standard errors, what MJCF cannot say, and the errors of both.
 
     Notes
     -----
@@ -78,8 +71,8 @@ def to_mjcf(
 
         min sum (F(x, v) - c sign(v) - d v)^2,    c, d >= 0
 
-    with what depends on position, direction, load and time averaged in the same way.
-    Whatever they cannot say is in `lost`, with the RMS force or position it makes there.
+    with what depends on position, direction, load and time averaged in the same way.  Whatever they
+    cannot say is in `lost`, with the RMS force or position it makes there.
 
     Examples
     --------

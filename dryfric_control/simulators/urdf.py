@@ -14,8 +14,6 @@ from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.simulators.xml_text import attributes_set, child_added, elements
 
 _URDF = joint_values.Format(
-    joint_values.straight,
-    joint_values.one_shape,
     lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
 )
 _UNITS = {"revolute": ("rad", "N m"), "continuous": ("rad", "N m"), "prismatic": ("m", "N")}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import datetime
 import gzip
-import io
 import itertools
 import json
 import math
@@ -96,11 +95,14 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     text = _Text(path, wanted)
     parts: list[list[_Array]] = []
     above = rows = 0
-    for chunk, last in _chunks(text):
+    content = _content(text)
+    chunk = list(itertools.islice(content, _CHUNK))
+    while chunk:
+        following = list(itertools.islice(content, _CHUNK))
         if not text.headings:
             above = _lay_out(text, chunk)
             chunk = chunk[above:]
-        if last and (why := _cut_off(text, chunk)):
+        if not following and (why := _cut_off(text, chunk)):
             warn(f"{text.name}: row {chunk[-1][0]}, the last, {why}: cut off, and left out")
             chunk = chunk[:-1]
         rows += len(chunk)
@@ -108,6 +110,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
             raise ValueError(too_long(text.name, wanted.max_rows))
         if chunk:
             parts.append(_parse(text, chunk))
+        chunk = following
     if not text.headings:
         raise ValueError(f"{text.name} holds no data, only blank or comment lines")
     if not parts:
@@ -128,19 +131,15 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         return replace(start, values=values, units=units, **own)
     notes = left_out(text.headings, text.chosen)
     if above > 1:
-        lines = "1 line above the heading was" if above == 2 else (
-            f"{above - 1} lines above the heading were")  # fmt: skip
-        notes = (f"{lines} skipped", *notes)
+        lines, were = ("line", "was") if above == 2 else ("lines", "were")
+        notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
     return replace(start, values=values, units=units, notes=notes)
 
 
 def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
     """Heading and the one or two columns of a file that holds one channel."""
-    content = itertools.chain.from_iterable(chunk for chunk, _ in _chunks(_Text(path, Wanted())))
-    rows = [
-        (number, [c for c in re.split(r"[;,\t ]+", line.strip()) if c])
-        for number, line in itertools.islice(content, max_rows + 2)
-    ]
+    content = itertools.islice(_content(_Text(path, Wanted())), max_rows + 2)
+    rows = [(n, [c for c in re.split(r"[;,\t ]+", line.strip()) if c]) for n, line in content]
     if len(rows) > max_rows + 1:
         raise ValueError(too_long(path.name, max_rows))
     heading = ""
@@ -162,63 +161,50 @@ def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
 
 def _open(path: Path) -> IO[str]:
     """The file as text, decompressed if its name ends in .gz, in UTF-16 if it says so."""
-    raw: Any = gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
-    try:
+    opened: Any = gzip.open if path.suffix.lower() == ".gz" else open
+    with opened(path, "rb") as raw:
         head = raw.read(64)
-        raw.seek(0)
-    except BaseException:
-        raw.close()
-        raise
     encoding = "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     elif len(head) > 8 and not any(head[1::2]):
         encoding = "utf-16-le"
-    return io.TextIOWrapper(raw, encoding=encoding, errors="surrogateescape")
+    return opened(path, "rt", encoding=encoding, errors="surrogateescape")
 
 
-def _chunks(text: _Text) -> Iterator[tuple[_Lines, bool]]:
-    """Lines of the content, and whether they are the last; comments go to the text."""
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines with something on them, and their numbers."""
     try:
-        yield from _content(text)
+        with _open(path) as file:
+            read = iter(lambda: file.readline(_LINE_LIMIT), "")
+            for number, line in enumerate(read, 1):
+                if len(line) == _LINE_LIMIT:
+                    raise ValueError(f"{path.name}: line {number} is too long; is it a text file?")
+                if "\0" in line:
+                    raise ValueError(
+                        f"{path.name}: line {number} is no plain text (a binary file?); "
+                        "save it as CSV in UTF-8"
+                    )
+                if line.strip() not in ("", "EOF"):
+                    yield number, line
     except (gzip.BadGzipFile, EOFError, zlib.error) as problem:
-        raise ValueError(f"{text.name} is damaged or not compressed by gzip ({problem})") from None
+        raise ValueError(f"{path.name} is damaged or not compressed by gzip ({problem})") from None
     except UnicodeError as problem:
-        raise ValueError(f"{text.name} is no plain text ({problem})") from None
+        raise ValueError(f"{path.name} is no plain text ({problem})") from None
 
 
-def _content(text: _Text) -> Iterator[tuple[_Lines, bool]]:
-    chunk: _Lines = []
+def _content(text: _Text) -> Iterator[tuple[int, str]]:
+    """Lines of the content, and their numbers; comments above it go to the text."""
     begun = False
-    with _open(text.path) as file:
-        for number in itertools.count(1):
-            line = file.readline(_LINE_LIMIT)
-            if not line:
-                break
-            if len(line) == _LINE_LIMIT:
-                raise ValueError(f"{text.name}: line {number} is too long; is it a text file?")
-            if "\0" in line:
-                raise ValueError(
-                    f"{text.name}: line {number} is no plain text (a binary file?); "
-                    "save it as CSV in UTF-8"
-                )
-            stripped = line.strip()
-            if not stripped or stripped == "EOF":
-                continue
-            if stripped[0] in "#%":
-                if not begun and len(text.comments) < 1000:
-                    text.comments.append(stripped)
-                continue
-            begun = True
-            if len(chunk) == _CHUNK:
-                yield chunk, False
-                chunk = []
-            text.complete = line[-1] == "\n"
-            if not line.isascii():
-                line = line.replace("\N{MINUS SIGN}", "-")
-            chunk.append((number, line.rstrip("\r\n").replace(" -> ", "\t", 1)))
-    if chunk:
-        yield chunk, True
+    for number, line in _lines(text.path):
+        if line.lstrip()[0] in "#%":
+            if not begun and len(text.comments) < 1000:
+                text.comments.append(line.strip())
+            continue
+        begun, text.complete = True, line[-1] == "\n"
+        if not line.isascii():
+            line = line.replace("\N{MINUS SIGN}", "-")
+        yield number, line.rstrip("\r\n").replace(" -> ", "\t", 1)
 
 
 def _own_notes(text: _Text) -> dict[str, Any]:
@@ -344,7 +330,7 @@ def _headings(
 
 def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
     """Cells of a line of names, none if they are not as many as the columns."""
-    for words in (line, line.partition("#")[0]) if not cut else (line,):
+    for words in (line,) if cut else (line, line.partition("#")[0]):
         cells = [_readable(c) for c in _cells(words, delimiter, cut, width)]
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells

@@ -27,8 +27,7 @@ from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
 TRAVEL = 10_000.0
 #: Increment of its encoder, the unit of position.
 QUANTUM = 1.0
-#: Corner of the low-pass on the reference (paper, section 5), and bandwidth of
-#: the position loop [rad/s].
+#: Corner of the low-pass on the reference (paper, section 5), bandwidth of the loop [rad/s].
 CORNER, BANDWIDTH = 20.0, 20.0
 #: Where the observer believes the axis to be at the start (paper, section 5).
 FIRST_ESTIMATE = 1000.0
@@ -50,8 +49,7 @@ def clutch_actuator() -> FrictionAxis:
     increments a turn and an inertia of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is
     two and a half turns. Two springs through a bevel leave a torque level between 0.14 and 0.22 N m
     that varies along the travel and differs between the directions. Breakaway lies 30 % above it.
-    Stribeck velocity and stick velocity are equal, as the paper advises to start with: 150
-    increments a second, 0.15 per sample.
+    Stribeck and stick velocity are equal, as the paper advises at first: 150 increments a second.
 
     Examples
     --------
@@ -222,8 +220,6 @@ def clutch_monte_carlo(
     >>> presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).scores["paper"].shape
     (2, 5)
     """
-    design, controller, reference = _parts_of_loop(design, duration)
+    design, controller, wanted = _parts_of_loop(design, duration)
     options = {"stribeck_speed": 150.0, "runs": runs, **_FIRST, **options}
-    return monte_carlo(
-        design, controller, filter_reference(reference, CORNER, design.dt), **options
-    )
+    return monte_carlo(design, controller, filter_reference(wanted, CORNER, design.dt), **options)

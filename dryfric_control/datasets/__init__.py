@@ -56,9 +56,8 @@ def emps(path: str | os.PathLike[str]) -> Record:
 
     Notes
     -----
-    Drive force [N], position and reference [m] at 1 kHz, 24.8 s.  A. Janot, M. Gautier, M. Brunot,
-    "Data set and reference models of EMPS", Workshop on Nonlinear System Identification
-    Benchmarks, 2019.
+    Drive force [N], position and reference [m] at 1 kHz.  A. Janot, M. Gautier, M. Brunot, "Data
+    set and reference models of EMPS", Nonlinear System Identification Benchmarks, 2019.
 
     Examples
     --------

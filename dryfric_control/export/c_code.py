@@ -27,11 +27,7 @@ from dryfric_control.store.saved import write_document
 from dryfric_control.text import WIDTH
 
 #: Types of a number, and of a position that goes in or comes out.
-PRECISIONS = {
-    "double": ("double", "double"),
-    "single": ("float", "float"),
-    "mixed": ("float", "double"),
-}
+PRECISIONS = {"double": ("double",) * 2, "single": ("float",) * 2, "mixed": ("float", "double")}
 #: Samples after which single precision looks whether the origin of the positions is still near.
 _LOOKS = 64
 #: The time at rest that grew by one sample, in several steps, is off by less than this share.
@@ -64,8 +60,7 @@ def export_c(
     folder : str or path
         Where to write; created if it does not exist.  One folder per object.
     precision : {"double", "single", "mixed"}, optional
-        Type of the numbers: `double`; `float`; `float` with positions given and returned as
-        `double`.
+        Type of the numbers: `double`; `float`; `float` and `double` for positions outside.
     name : str, optional
         Prefix of every C name and of the files.  Default: the name of the axis, blanks and
         the like as ``_``, followed by ``_observer``, ``_filter`` or ``_compensation``.
@@ -163,12 +158,9 @@ class Code:
             undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
             keep_trailing_newline=True,
         )  # fmt: skip
-        environment.filters |= {
-            "number": self.out.number,
-            "quoted": quoteattr,
-            "wrap": textwrap.fill,
-            "comment": _comment,
-        }
+        environment.filters.update(
+            number=self.out.number, quoted=quoteattr, wrap=textwrap.fill, comment=_comment
+        )
         given = {"code": self, "made": self.made, "n": self.made.name, "room": ROOM}
         return environment.from_string(source_text(template)).render(given | values)
 

@@ -96,9 +96,8 @@ def export_fmu(
 
     Notes
     -----
-    It needs a C compiler, and the package ``fmpy`` for the FMI headers.  Steps of the plant longer
-    than `dt` are cut into equal pieces; parameters that set numbers of the axis in proportion can
-    be set.
+    It needs a C compiler, and the package ``fmpy`` for the FMI headers.  Longer steps of the plant
+    than `dt` are cut into equal pieces; what sets numbers of it in proportion is a parameter.
 
     Examples
     --------
@@ -312,9 +311,7 @@ class Model:
             ]  # fmt: skip
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
             if done.returncode:
-                raise ValueError(
-                    f"{compiler} refuses the C of the FMU: {done.stderr.strip()[-600:]}"
-                )
+                raise ValueError(f"{compiler} refuses the C: {done.stderr.strip()[-600:]}")
             return f"{place}/{name}", (Path(folder) / name).read_bytes()
 
     def description(self) -> str:

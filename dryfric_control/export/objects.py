@@ -18,18 +18,8 @@ from dryfric_control.compensation import load_compensation
 from dryfric_control.compensation.design import Compensation
 from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
 from dryfric_control.export import entries
-from dryfric_control.export.translate import (
-    BOOL,
-    KEYWORDS,
-    F,
-    Function,
-    Kind,
-    NotInC,
-    Pointer,
-    Record,
-    Table,
-    Translator,
-)
+from dryfric_control.export import translate as c
+from dryfric_control.export.translate import Function, Translator
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import Effect, law_address
 from dryfric_control.observer import design as designs
@@ -46,7 +36,7 @@ ROOM = 16
 #: Longest line of delayed drives, in samples.
 MOST_DELAY = 4096
 #: Words of C that a name must not be.
-_TAKEN = KEYWORDS | {"main", "real"}
+_TAKEN = c.KEYWORDS | {"main", "real"}
 
 
 @dataclass(frozen=True)
@@ -94,8 +84,7 @@ class Exported:
     def grid(self) -> float:
         """Step in which the origin of positions moves in single precision, a power of two.
 
-        It resolves a sixteenth of a sample's way at the stick speed, a millionth of the shortest
-        period.
+        A sixteenth of a sample's way at the stick speed, a millionth of the shortest period.
         """
         short = [self.axis.effective().stick_speed * self.dt * 2.0**20]
         short += [2.0**4 * length for _, length in self.periods.values()]
@@ -128,42 +117,40 @@ class Exported:
 
     def translated(self, single: bool) -> tuple[Translator, Function, Function | None]:
         """The kernels in C: all of them, that of one sample, and that which only looks."""
-        laws: dict[int, tuple[str, Any]] = {
-            axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)
-        }
+        laws = {axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)}
         laws |= {law_address(kind): (kind.slug, kind.law) for kind in self._effects()}
         if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
             laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
         out = Translator(laws, single, self.periods)
         try:
             return out, *self._functions(out)
-        except NotInC as problem:
+        except c.NotInC as problem:
             raise ValueError(
                 f"{self.name} has no C: {problem}; a law may use numbers, its arguments, if, and "
                 "the functions of math: rewrite it, or export the axis without that effect"
             ) from None
 
     def _functions(self, out: Translator) -> tuple[Function, Function | None]:
-        memory, table = Pointer("p"), {n: self._table(n) for n in self.tables}
+        memory, table = c.Pointer("p"), {n: self._table(n) for n in self.tables}
         if self.moves:
             places = [axis_step.DELAY, axis_step.LAG]
             known = tuple((i, float(self.tables["numbers"][i])) for i in places)
-            numbers = Pointer("p", "f", True, known)
-            plant = (numbers, table["integers"], memory, F, F, F)
-            events = (Pointer("p"), Pointer("p", "i"))
-            step = out.function(entries.move, (*plant, BOOL, *events, memory), "dfc_sample")
+            numbers = c.Pointer("p", "f", True, known)
+            plant = (numbers, table["integers"], memory, c.F, c.F, c.F)
+            events = (c.Pointer("p"), c.Pointer("p", "i"))
+            step = out.function(entries.move, (*plant, c.BOOL, *events, memory), "dfc_sample")
             return step, out.function(entries.look, (*plant, memory), "dfc_look")
-        given: tuple[Kind, ...] = tuple(table.values())
+        given: tuple[c.Kind, ...] = tuple(table.values())
         if self.entry is entries.compensate:
-            given = (Record("Law", compensation.Law._fields, given),)
-        signals = (F,) * (1 + len(self.inputs))
+            given = (c.Record("Law", compensation.Law._fields, given),)
+        signals = (c.F,) * (1 + len(self.inputs))
         return out.function(self.entry, (*given, memory, *signals, memory), "dfc_sample"), None
 
-    def _table(self, name: str) -> Table:
+    def _table(self, name: str) -> c.Table:
         array = self.tables[name]
         element = "i" if array.dtype.kind == "i" else "f"
         values = tuple(array.ravel().tolist())
-        return Table("k", f"dfc_{name}", element, array.shape, values)
+        return c.Table("k", f"dfc_{name}", element, array.shape, values)
 
 
 def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
@@ -177,8 +164,7 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
     plant = isinstance(obj, FrictionAxis)
     if not plant and dt is not None and dt != obj.dt:
         raise ValueError(
-            f"dt is for an axis: this {type(obj).__name__} was made for dt = {obj.dt:g} s, "
-            f"got {dt!r}"
+            f"dt is for an axis: {type(obj).__name__} was made for dt = {obj.dt:g} s, got {dt!r}"
         )
     step = positive("dt", 1e-3 if dt is None else dt, unit="s") if plant else obj.dt
     # Before any array is made: a delay in the wrong unit would fill the memory.
@@ -212,8 +198,7 @@ def _identifier(name: Any, of_axis: bool) -> str:
     mend = 'pass name="..."' + (" or axis.replace(name=...)" if of_axis else "")
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ValueError(
-            f"name {name!r} is no C identifier (a letter, then letters, digits and _, at most 41): "
-            f"{mend}"
+            f"name {name!r} is no C identifier (letter, letters, digits and _, at most 41): {mend}"
         )
     if name in _TAKEN or name.startswith("dfc_"):
         raise ValueError(f"name {name!r} is taken in C, or by the generated code: {mend}")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
+import itertools
 import math
 import operator
 import textwrap
@@ -158,8 +159,7 @@ _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
 #: Arguments for whose value a function is written anew, where that is known.
 _KNOWN = ("dt", "corner", "task", "place")
 
-#: In single precision these module constants are others: a tolerance below the rounding of
-#: a number would never be met.
+#: Module constants in single precision: a tolerance below its rounding would never be met.
 SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
 #: And numbers in the text that are ends of a search, relative.
 _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
@@ -191,8 +191,7 @@ class Translator:
     """Writes the C functions that an exported object needs.
 
     `laws`: name and Python source of each law and task by its address in the integers; `single`:
-    numbers are `float`; `periods`: time and length after which the law of a number in the integers
-    of an axis repeats.
+    numbers are `float`; `periods`: time and length after which a law repeats, by axis and number.
     """
 
     def __init__(
@@ -996,12 +995,9 @@ class _Body:
             return self.erased(made.returns)
         if made.known is not None:
             return self.constant(made.known, node)
-        texts = [
-            self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
-        ]
-        reads = {made.name}.union(
-            *(v.reads or () for v, used in zip(given, made.used, strict=True) if used)
-        )
+        taken = list(itertools.compress(zip(given, kinds, strict=True), made.used))
+        texts = [self.converted(*one) for one in taken]
+        reads = {made.name}.union(*(value.reads or () for value, _ in taken))
         if made.shifted:
             texts.insert(0, SHIFT)
             reads.add(SHIFT)

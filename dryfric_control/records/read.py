@@ -51,9 +51,8 @@ def read_record(
         Heading or index for any of ``t``, ``u``, ``x``, ``reference`` and the known channels ``v``
         (velocity), ``a`` (acceleration), ``x2`` (second encoder), ``good`` (0 where x may not be
         used); None for none: ``u`` is then 0, ``x`` the integral of ``v``. The rest is recognised
-        by usual names; without headings, three or four columns are t, u, x, reference in this
-        order. In the EMPS benchmark layout (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is
-        gtau * vir.
+        by usual names; without headings, three or four columns are t, u, x, reference. In the EMPS
+        benchmark layout (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is gtau * vir.
     gain : float, mapping or Scaling
         Factor on ``u``, such as N per V; factors by channel, such as ``{"u": 35.0, "x": 1e-6}``; or
         the numbers of the machine. A factor converts the number in the file, and a unit in the
@@ -65,8 +64,7 @@ def read_record(
         Title; the file's name when left out.
     dt : float, optional
         Resample irregular time stamps to this step [s], see `Record.from_irregular`; without a
-        column of time, the sampling step. Rows that were lost, repeat a stamp or lack a number are
-        bridged and masked.
+        column of time, the step. Rows lost, with a stamp twice or without a number are masked.
     rate : float, optional
         Samples per second of a source without a column of time.
     max_gap : float, optional

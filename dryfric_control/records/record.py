@@ -23,7 +23,6 @@ from dryfric_control.checks import positive, whole
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
-from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.channels import EXTRAS, ROLES
@@ -84,16 +83,14 @@ class Record:
     raw : mapping, optional
         Unit in which a channel was stored and its factor, such as ``{"x": ("counts", 1e-6)}``.
     good : array_like of bool, shape (n,), optional
-        Readings of ``x`` that may be used.  Default: all but single jumps, and repetitions of the
-        reading before while the axis moves.
+        Readings of ``x`` that may be used.  Default: all but jumps, and repetitions in motion.
 
     Attributes
     ----------
     dt : float
         Sampling step [s].
     masked : Masked
-        Readings that are not used: ``indices``, ``reasons`` and ``readings``, what was recorded.
-        In ``x`` a smooth path bridges them.
+        Readings that are not used: ``indices``, ``reasons`` and ``readings``; ``x`` bridges them.
 
     Warns
     -----
@@ -102,11 +99,10 @@ class Record:
 
     Notes
     -----
-    An estimated quantum is the largest step of which at least 98 % of the differences between
-    positions are whole multiples (within a tenth).
+    An estimated quantum is the largest step of which 98 % of the differences of positions are whole
+    multiples (within a tenth).
 
-    A velocity from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
-    ``u[k]``, not ``u[k]``.
+    A velocity from ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and ``u[k]``, not ``u[k]``.
 
     Examples
     --------
@@ -169,8 +165,7 @@ class Record:
         checks.check_motion(found["u"], found["x"], seen or None)
         if quantum is not None and quantum > (span := np.ptp(found["x"])):
             raise ValueError(
-                f"quantum = {quantum:g} is larger than the range of x, {span:.6g}: give it in the "
-                "unit of x"
+                f"quantum = {quantum:g} exceeds the range, {span:.6g}: give it in the unit of x"
             )
         checks.warn_if_suspect(found["t"], dt, found["u"])
         name = None if name is None else checks.plain_text(name)
@@ -256,8 +251,7 @@ class Record:
     def noise(self) -> float:
         """Standard deviation of the fast position noise [unit of x].
 
-        From the median size of fourth differences, which slow motion hardly reaches; at least
-        quantum / sqrt(12).
+        From the median size of fourth differences; at least quantum / sqrt(12).
         """
         return checks.spread_of(self.x, self.quantum or 0.0)
 
@@ -306,8 +300,7 @@ class Record:
     def smoothing_window(self) -> int:
         """Default window of `derivatives` [samples].
 
-        The shortest at which the noise leaves at most 5 % of the large accelerations (their 95th
-        percentile), 101 at most.
+        The shortest at which noise is at most 5 % of the large accelerations, 101 at most.
         """
         middle = max(0, len(self) // 2 - 500_000)
         x = self.x[middle : middle + 1_000_000]
@@ -408,18 +401,14 @@ class Record:
             raise ValueError(f"split needs a fraction, a number or fractions, got {parts}")
         if isinstance(parts, (int, np.integer)):
             if not 1 <= parts <= len(self) // 2:
-                raise ValueError(
-                    f"cannot split {len(self)} samples into {parts} parts of 2 or more"
-                )
+                raise ValueError(f"{len(self)} samples do not make {parts} parts of 2 or more")
             fractions = np.full(int(parts), 1 / int(parts))
         elif isinstance(parts, (float, np.floating)):
             fractions = np.array([parts, 1 - parts], dtype=float)
         else:
             fractions = checks.vector("fractions", parts)
         if not np.all(fractions > 0) or abs(fractions.sum() - 1) > 1e-9:
-            raise ValueError(
-                f"split fractions must be positive with sum 1, got {fractions.tolist()}"
-            )
+            raise ValueError(f"fractions must be positive with sum 1, got {fractions.tolist()}")
         edges = np.rint(np.cumsum(fractions) * len(self)).astype(int)[:-1].tolist()
         return tuple(self[a:b] for a, b in itertools.pairwise([0, *edges, len(self)]))
 
@@ -479,9 +468,7 @@ class Record:
             )
         u = self.reference - self.x
         if not np.any(u):
-            raise ValueError(
-                "record.reference is the position itself: give the commands, not what was measured"
-            )
+            raise ValueError("record.reference is the position itself: give the commands")
         units = {k: v for k, v in self.units.items() if k != "u"}
         if gain is None:
             note = "u is reference - x: forces are known only in ratio to the gain of the servo"
@@ -670,7 +657,7 @@ class Record:
         x, v, a = (savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
         return Derivatives(x, v, a)
 
-    def compare(self, name: str, window: int | None = None) -> Comparison:
+    def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.
 
         The channel is close to gain * expected + offset, `delay` later.
@@ -688,7 +675,7 @@ class Record:
             )
         smooth = self.derivatives(window)
         expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
-        return compared(np.asarray(expected), self.channels[name], self.dt)
+        return checks.compared(np.asarray(expected), self.channels[name], self.dt)
 
     @classmethod
     def from_frame(
@@ -865,8 +852,7 @@ def usable_readings(good: Any, size: int) -> Bools | None:
         )
     if np.count_nonzero(array) < checks.MIN_SAMPLES:
         raise ValueError(
-            f"good leaves {np.count_nonzero(array)} readings, at least {checks.MIN_SAMPLES} are "
-            "needed"
+            f"good leaves {np.count_nonzero(array)} readings, at least {checks.MIN_SAMPLES} needed"
         )
     return array
 

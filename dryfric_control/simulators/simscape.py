@@ -62,8 +62,7 @@ def to_simscape(
     Parameters
     ----------
     result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
-        What is known of the joint, or of each joint by the path of its block, such as
-        ``{"arm/Elbow friction": found}``.
+        What is known of the joint, or of each by the path of its block: ``{"arm/Elbow": found}``.
     path : path-like
         MATLAB script to write.
     joint, velocities

@@ -49,11 +49,9 @@ def run_batch(
         File with a line of JSON for each result, written as soon as it is ready.  Cases that it
         already holds are not run again.
     settings : mapping, optional
-        Everything else that the results depend on, ready for JSON.  A store made with other
-        settings is refused.
+        What else the results depend on, ready for JSON.  A store with others is refused.
     jobs : int, optional
-        Cases at the same time, -1 for one on each core.  Default: what
-        `joblib.parallel_config` says, else one.
+        Cases at the same time, -1 for one a core.  Default: by `joblib.parallel_config`, else one.
     progress : bool, optional
 
     Returns
@@ -63,8 +61,7 @@ def run_batch(
 
     Notes
     -----
-    Two runs must not write one store at the same time.  NaN and infinities stand in it as NaN and
-    Infinity.
+    Two runs must not write one store at the same time.  NaN stands in it as NaN.
 
     Examples
     --------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import datetime
+import functools
 import gzip
 import itertools
 import json
@@ -18,16 +19,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from dryfric_control.records.readers.channels import (
-    EXACT,
-    EXTRAS,
-    Channels,
-    Wanted,
-    assign_columns,
-    left_out,
-    own_notes,
-    split_header,
-)
+from dryfric_control.records.readers import channels
+from dryfric_control.records.readers.channels import EXTRAS, Channels, Wanted, split_header
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.record_warning import warn
 from dryfric_control.units import known_unit
@@ -129,7 +122,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         values["t"], units["t"] = _over_midnight(values["t"]), "ns"
     if own := _own_notes(text):
         return replace(start, values=values, units=units, **own)
-    notes = left_out(text.headings, text.chosen)
+    notes = channels.left_out(text.headings, text.chosen)
     if above > 1:
         lines, were = ("line", "was") if above == 2 else ("lines", "were")
         notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
@@ -172,39 +165,35 @@ def _open(path: Path) -> IO[str]:
     return opened(path, "rt", encoding=encoding, errors="surrogateescape")
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines with something on them, and their numbers."""
-    try:
-        with _open(path) as file:
-            read = iter(lambda: file.readline(_LINE_LIMIT), "")
-            for number, line in enumerate(read, 1):
-                if len(line) == _LINE_LIMIT:
-                    raise ValueError(f"{path.name}: line {number} is too long; is it a text file?")
-                if "\0" in line:
-                    raise ValueError(
-                        f"{path.name}: line {number} is no plain text (a binary file?); "
-                        "save it as CSV in UTF-8"
-                    )
-                if line.strip() not in ("", "EOF"):
-                    yield number, line
-    except (gzip.BadGzipFile, EOFError, zlib.error) as problem:
-        raise ValueError(f"{path.name} is damaged or not compressed by gzip ({problem})") from None
-    except UnicodeError as problem:
-        raise ValueError(f"{path.name} is no plain text ({problem})") from None
-
-
 def _content(text: _Text) -> Iterator[tuple[int, str]]:
     """Lines of the content, and their numbers; comments above it go to the text."""
-    begun = False
-    for number, line in _lines(text.path):
-        if line.lstrip()[0] in "#%":
-            if not begun and len(text.comments) < 1000:
-                text.comments.append(line.strip())
-            continue
-        begun, text.complete = True, line[-1] == "\n"
-        if not line.isascii():
-            line = line.replace("\N{MINUS SIGN}", "-")
-        yield number, line.rstrip("\r\n").replace(" -> ", "\t", 1)
+    name, begun = text.name, False
+    try:
+        with _open(text.path) as file:
+            read = iter(functools.partial(file.readline, _LINE_LIMIT), "")
+            for number, line in enumerate(read, 1):
+                if len(line) == _LINE_LIMIT:
+                    raise ValueError(f"{name}: line {number} is too long; is it a text file?")
+                if "\0" in line:
+                    raise ValueError(
+                        f"{name}: line {number} is no plain text (a binary file?); "
+                        "save it as CSV in UTF-8"
+                    )
+                stripped = line.strip()
+                if not stripped or stripped == "EOF":
+                    continue
+                if stripped[0] in "#%":
+                    if not begun and len(text.comments) < 1000:
+                        text.comments.append(stripped)
+                    continue
+                begun, text.complete = True, line[-1] == "\n"
+                if not line.isascii():
+                    line = line.replace("\N{MINUS SIGN}", "-")
+                yield number, line.rstrip("\r\n").replace(" -> ", "\t", 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as problem:
+        raise ValueError(f"{name} is damaged or not compressed by gzip ({problem})") from None
+    except UnicodeError as problem:
+        raise ValueError(f"{name} is no plain text ({problem})") from None
 
 
 def _own_notes(text: _Text) -> dict[str, Any]:
@@ -221,7 +210,7 @@ def _own_notes(text: _Text) -> dict[str, Any]:
         meta = json.loads(first[2] if first else "")
     except (ValueError, RecursionError):
         meta = None
-    return own_notes(meta, f"{text.name}: the first line is damaged; remove it")
+    return channels.own_notes(meta, f"{text.name}: the first line is damaged; remove it")
 
 
 def _lay_out(text: _Text, chunk: _Lines) -> int:
@@ -251,7 +240,7 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
                 + "Of files with one channel each, give all: "
                 'read_record({"t": path, "u": path, "x": path})'
             )
-    text.chosen = assign_columns(text.headings, text.wanted, text.name)
+    text.chosen = channels.assign_columns(text.headings, text.wanted, text.name)
     text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in (columns or {}))
     if clocks and "t" in text.chosen:
         own = {max((c for c in clocks if c <= k), default=0) for k in text.chosen.values()}
@@ -311,9 +300,7 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     return start
 
 
-def _headings(
-    above: list[str], comments: list[str], delimiter: str | None, width: int
-) -> list[str]:
+def _headings(above: list[str], notes: list[str], delimiter: str | None, width: int) -> list[str]:
     """Names over the columns: of the last line above, with one of units, or a comment's."""
     # A heading may hold a "#"; in a row of numbers it starts a comment.
     named = [_fitting(line, delimiter, width, cut=False) for line in above[-2:]]
@@ -321,7 +308,7 @@ def _headings(
         if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
             return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
         return named[-1]
-    for line in reversed(comments[-20:]):
+    for line in reversed(notes[-20:]):
         for mark in (delimiter, None):
             if found := _fitting(line.lstrip("#% "), mark, width):
                 return found
@@ -423,7 +410,7 @@ def _column(values: _Array) -> _Array:
     """Numbers of one column, whole ones beyond 2^53 as integers if written as such."""
     if values.dtype != object:
         return values
-    if all(isinstance(v, int) or (v.is_integer() and abs(v) <= EXACT) for v in values):
+    if all(isinstance(v, int) or (v.is_integer() and abs(v) <= channels.EXACT) for v in values):
         try:
             return np.array([int(v) for v in values], dtype=np.int64)
         except OverflowError:
@@ -463,7 +450,7 @@ def _numbers(text: _Text, role: str, column: int, cells: list[str], chunk: _Line
         try:
             values = np.array(list(map(float, whole.replace(",", ".").split("\n"))))
             text.decimal = text.decimal or "," * comma or "." * point
-            if not np.abs(values).max() > EXACT:
+            if not np.abs(values).max() > channels.EXACT:
                 return values
             exact = True
         except ValueError:

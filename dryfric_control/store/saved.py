@@ -103,9 +103,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def load_any(
-    path: str | os.PathLike[str], loaders: Mapping[str, Callable[[Any], Any]], mend: str
-) -> Any:
+def load_any(path: str | os.PathLike[str], loaders: Mapping[str, Any], mend: str) -> Any:
     """An axis (TOML), or what the loader of the kind of a saved file reads."""
     source = existing_file(path)
     if source.suffix == ".toml":

@@ -92,9 +92,12 @@ class Trial:
 
 
 def simulate(
-    axis: FrictionAxis, controller: PositionController, reference: Floats, force: Floats,
+    axis: FrictionAxis,
+    controller: PositionController,
+    reference: Floats,
+    force: Floats,
     quantum: float,
-) -> Trial:  # fmt: skip
+) -> Trial:
     """Simulate an experiment on an axis, and cut it into windows."""
     with warnings.catch_warnings():
         # The caller rejects a trial that exceeds its limits.
@@ -103,8 +106,7 @@ def simulate(
             axis, controller, reference, quantum, x0=float(reference[0]), disturbance=force
         )
     x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
-    u = run.y[4] + force
-    dt = controller.dt
+    u, dt = run.y[4] + force, controller.dt
     length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
     count = x.size // length
     starts = length * np.arange(count)
@@ -129,15 +131,12 @@ def staged(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
-    limits = stage.limits
-    low, high = limits.travel
-    changed = axes
-    if excitation.change is not None:
-        changed = [excitation.change(stage, axis) for axis in axes]
+    limits, (low, high) = stage.limits, stage.limits.travel
+    changed = [excitation.change(stage, axis) if excitation.change else axis for axis in axes]
     bandwidth = min(_PACE / dt, _BRISK)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
-        reference, force = excitation.motion(stage, size)
+        reference, force = excitation.at(stage, size)
         left = limits.drive - float(np.abs(force).max())
         if left <= 0.0:
             continue
@@ -171,20 +170,16 @@ class Refit:
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
         windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
-        length = int(windows.samples[0])
-        whole = windows.samples >= length
-        count = int(np.argmin(whole)) if not whole.all() else whole.size
+        length, last = int(windows.samples[0]), int(windows.samples[-1])
+        count = len(windows) - (last < length)
         starts = windows.edges[:count]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
         moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
-        windowed = _windowed(
-            record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
-            windows.rest[:count],
-        )  # fmt: skip
-        known = Runs(windowed, active, np.empty(0))
+        states = (one[:count] for one in (windows.x0, windows.v0, windows.rest))
+        known = Runs(_windowed(record.u, record.dt, length, *states), active, np.empty(0))
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 
@@ -192,8 +187,7 @@ class Refit:
         """Mean square errors of a trial's windows after the best refit, shape (nwindows,).
 
         Gauss-Newton on the mean of log(1 + square/scale^2) over the windows of the trial plus the
-        same mean over the known record, where every change of the prediction counts as an error.
-        The scale falls from the first error to the quantum.
+        same over changes in the known record; the scale falls from the first error to the quantum.
         """
         change, problem = staged.excitation.change, self.problem
         first = problem.start()[: len(problem.names)]
@@ -227,10 +221,8 @@ class Refit:
                     if moved is not None:
                         j[i] = (flat(moved) - now) / way[i]
                         break
-            weight = flat([
-                np.repeat(1.0 / (len(part) * (scale**2 + mean_squares(part))), part.shape[1])
-                for part in e
-            ])  # fmt: skip
+            parts = ((len(part) * (scale**2 + mean_squares(part)), part.shape[1]) for part in e)
+            weight = np.concatenate([np.repeat(1.0 / size, n) for size, n in parts])
             normal = (j * weight) @ j.T
             normal += _RIDGE * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
             step = -np.linalg.solve(normal, (j * weight) @ now)

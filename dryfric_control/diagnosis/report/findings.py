@@ -120,9 +120,8 @@ class Gain(Result):
     @property
     def headline(self) -> str:
         """Errors and their ratio in one line."""
-        before, after, floor = (
-            length_text(value, self.unit) for value in (self.before, self.after, self.floor)
-        )
+        values = self.before, self.after, self.floor
+        before, after, floor = (length_text(value, self.unit) for value in values)
         low, high = map(plain, self.interval)
         return (
             f"{before} RMS before, {after} after; error reduction (factor) {plain(self.ratio)} "
@@ -265,15 +264,11 @@ def kind_of(effect: str, parameter: str) -> str:
 
 def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
     """Nominal values of a cause's parameters; empty for a cause that is new to the axis."""
-    axis = axis.effective()
-    if cause.effect in BASE:
-        names = {name: name for name in cause.parameters}
-    elif holds(axis, cause.effect):
-        names = {name: f"{cause.effect}.{name}" for name in cause.parameters}
-    else:
+    axis, owner = axis.effective(), "" if cause.effect in BASE else f"{cause.effect}."
+    if owner and not holds(axis, cause.effect):
         return {}
-    values = values_of(axis, list(names.values()))
-    return dict(zip(names, map(float, values), strict=True))
+    values = values_of(axis, [f"{owner}{name}" for name in cause.parameters])
+    return dict(zip(cause.parameters, map(float, values), strict=True))
 
 
 def with_error(value: float, error: float, unit: str = "1") -> str:
@@ -326,8 +321,7 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"
     text = f"{name}: {', '.join(parameter_texts(cause, axis))}"
     if cause.alternatives:
-        others = ", ".join(map(titles_of, cause.alternatives))
-        text += f"; alternatives: {others}"
+        text += f"; alternatives: {', '.join(map(titles_of, cause.alternatives))}"
     return rotary_words(text, " ".join(cause.units.values()))
 
 

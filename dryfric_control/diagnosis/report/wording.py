@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.diagnosis.gain_or_base import GAIN
+from dryfric_control.diagnosis.causes import GAIN
 from dryfric_control.diagnosis.report.findings import (
     LATE,
     SMALL,
@@ -61,10 +61,8 @@ def check_text(d: Findings) -> str:
 def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> Floats:
     """Coulomb level in one direction at time zero, without load and Stribeck peak, shape (n,)."""
     acting = axis.effective()
-    alone = acting.replace(
-        stribeck=None, effects=tuple(e for e in acting.effects if e.action == "friction")
-    )
-    block = alone.mode(direction)
+    kept = tuple(e for e in acting.effects if e.action == "friction")
+    block = acting.replace(stribeck=None, effects=kept).mode(direction)
     places = np.atleast_1d(np.asarray(x, dtype=float))
     return np.array([direction * block.output(0.0, [place, 0.0], [0.0])[2] for place in places])
 
@@ -119,9 +117,8 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
         sides = []
         for axis in (d.extended, d.axis):
             one, other = (f"{viscous_coefficient(axis, s):.4g} {unit}" for s, _ in WAYS)
-            sides.append(
-                f"{one}, both ways" if one == other else f"forwards {one}, backwards {other}"
-            )
+            both = one == other
+            sides.append(f"{one}, both ways" if both else f"forwards {one}, backwards {other}")
         lines.append(f"viscous friction (x grows forwards): {sides[0]}; nominal: {sides[1]}")
     if effect is not None and effect.meaning(d.axis.units):
         lines.append(effect.meaning(d.axis.units))
@@ -140,11 +137,9 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
 def acts_on_level(cause: Cause) -> bool:
     """Whether a cause makes the Coulomb level depend on place or direction."""
     effect = class_of(cause.effect)
-    return (
-        effect is not None
-        and effect.action == "friction"
-        and (effect.depends_on_direction or effect.depends_on_place)
-    )
+    if effect is None or effect.action != "friction":
+        return False
+    return bool(effect.depends_on_direction or effect.depends_on_place)
 
 
 def gain_title(d: Findings) -> str:
@@ -253,8 +248,7 @@ def summary_lines(d: Findings) -> list[str]:
     small = d.small_corrections
     if small:
         lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")
-    for cause in small:
-        lines.append(f"    {cause_text(cause, d.axis)}")
+    lines += [f"    {cause_text(cause, d.axis)}" for cause in small]
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.unexplained.significant:
         lines.append("unexplained: " + places_text(d))
@@ -272,19 +266,15 @@ def further_lines(d: Findings) -> list[str]:
     if d.remaining.rms > 0.0:
         lines.append(d.remaining.headline)
     if d.references:
-        names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
-        lines.append(
-            f"gain of log-likelihood over references (positive: better than the reference): {names}"
-        )
+        head = "gain of log-likelihood over references (positive: better than the reference)"
+        gains = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
+        lines.append(f"{head}: {gains}")
     if moved := also_moved(d):
+        head = "also changed in the extended model, by less than the remaining force shows"
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
-        lines.append(
-            f"also changed in the extended model, by less than the remaining force shows: {changes}"
-        )
+        lines.append(f"{head}: {changes}")
     for name, found in d.varies.items():
-        values = ", ".join(
-            with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)
-        )
+        values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
         least, most = min(found["values"], key=abs), max(found["values"], key=abs)
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")

@@ -220,6 +220,10 @@ class Excitation:
         found = self.motion(stage, size)
         return found if isinstance(found, tuple) else (found, np.zeros(found.size))
 
+    def changed(self, stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+        """The axis on the bench."""
+        return axis if self.change is None else self.change(stage, axis)
+
     def words(self, stage: Stage) -> str:
         """The description with the numbers of a stage."""
         mass, force = (stage.axis.unit(unit) for unit in ("kg", "N"))

@@ -276,7 +276,7 @@ def _search(
         for k in ranked(-np.array(upper)):
             if not above(upper[k], best):
                 break
-            pairs = _after_refit(stages[k], stage, refits, raw[k], quantum)
+            pairs = _after_refit(stages[k], refits, raw[k], quantum)
             if above(_worth(pairs), best):
                 best, chosen, left = _worth(pairs), stages[k], pairs
         if left and all(pair.separate for pair in left):
@@ -310,20 +310,20 @@ def _worth(pairs: Sequence[Distance]) -> float:
 def _apart(one: Staged, rival: int, quantum: float) -> Distance:
     """Distance of a rival from the named cause without refit, smaller of both directions."""
     return min(
-        Distance.of(mean_squares(one.trials[truth].runs.errors(one.axes[other])), quantum)
+        Distance.of(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
         for truth, other in ((0, rival), (rival, 0))
     )
 
 
 def _after_refit(
-    one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
+    one: Staged, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
 ) -> list[Distance]:
     """Distance of every rival from the named cause, with the other hypothesis refitted."""
     found = []
     for rival, worst in enumerate(raw, start=1):
         for truth, other in ((0, rival), (rival, 0)):
             if worst.part > _SEPARATE:
-                squares = refits[other].best(one, stage, one.trials[truth])
+                squares = refits[other].best(one, one.trials[truth])
                 worst = min(worst, Distance.of(squares, quantum))
         found.append(worst)
     return found

@@ -124,10 +124,8 @@ def diagnose_joints(
     ----------
     joints : mapping of str to tuple
         Nominal axis and record, or records, of each joint by its name.
-    known, tolerance, window, hold
+    known, tolerance, window, hold, time_limit
         As for `diagnose`, the same for every joint.
-    time_limit : float, optional
-        Wall time for each joint [s], see `diagnose`.
     store : path-like, optional
         File that keeps each finished joint, see `run_batch`.
     jobs : int, optional
@@ -144,13 +142,13 @@ def diagnose_joints(
     Raises
     ------
     ValueError
-        If an argument is out of its range, a joint cannot be diagnosed (named in a note),
-        or the store is of other settings.
+        If an argument is out of range, a joint (named in a note) cannot be diagnosed, or the store
+        is of other settings.
 
     Notes
     -----
-    Each joint is an axis of its own: forces between the joints that the records do not
-    contain are a random force to it.  A joint whose axis or records change is diagnosed again.
+    Forces between the joints that the records do not contain are a random force to each.  A joint
+    whose axis or records change is diagnosed again.
 
     Examples
     --------

@@ -82,13 +82,12 @@ def mean_squares(errors: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """One excitation, simulated with one hypothesis as the truth."""
+class Trial(Runs):
+    """One excitation, simulated with one hypothesis, from whose states its windows start."""
 
     x: Floats
     v: Floats
     u: Floats  # drive force as commanded
-    runs: Runs  # its windows, each starting from the true state
 
 
 def simulate(
@@ -113,7 +112,7 @@ def simulate(
     rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
     windowed = _windowed(u, dt, length, x[starts], v[starts], rest)
     truth = x[: count * length].reshape(count, length)
-    return Trial(x, v, u, Runs(windowed, np.ones(count, bool), truth))
+    return Trial(windowed, np.ones(count, bool), truth, x, v, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +120,7 @@ class Staged:
     """An excitation scaled to the limits, simulated with every hypothesis."""
 
     excitation: Excitation
+    stage: Stage
     reference: Floats
     force: Floats
     axes: tuple[FrictionAxis, ...]  # the hypotheses, with the change of the bench, if any
@@ -132,7 +132,7 @@ def staged(
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
     limits, (low, high) = stage.limits, stage.limits.travel
-    changed = [excitation.change(stage, axis) if excitation.change else axis for axis in axes]
+    changed = [excitation.changed(stage, axis) for axis in axes]
     bandwidth = min(_PACE / dt, _BRISK)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
@@ -152,7 +152,7 @@ def staged(
                 break
             trials.append(trial)
         else:
-            return Staged(excitation, reference, force, tuple(changed), tuple(trials))
+            return Staged(excitation, stage, reference, force, tuple(changed), tuple(trials))
     return None
 
 
@@ -183,20 +183,20 @@ class Refit:
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 
-    def best(self, staged: Staged, stage: Stage, trial: Trial) -> Floats:
+    def best(self, staged: Staged, trial: Trial) -> Floats:
         """Mean square errors of a trial's windows after the best refit, shape (nwindows,).
 
         Gauss-Newton on the mean of log(1 + square/scale^2) over the windows of the trial plus the
         same over changes in the known record; the scale falls from the first error to the quantum.
         """
-        change, problem = staged.excitation.change, self.problem
+        problem = self.problem
         first = problem.start()[: len(problem.names)]
         reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
         def errors(z: Floats) -> tuple[Floats, ...] | None:
             try:
                 axis = problem.axis_at(z)
-                new = trial.runs.errors(change(stage, axis) if change else axis)
+                new = trial.errors(staged.excitation.changed(staged.stage, axis))
             except ValueError:
                 return None
             return (new, self.known.errors(axis)) if self.known.truth.size else (new,)
@@ -209,7 +209,7 @@ class Refit:
 
         z, e = first, errors(first)
         if e is None:
-            return mean_squares(trial.runs.errors(staged.axes[0]))
+            return mean_squares(trial.errors(staged.axes[0]))
         least, found = loss(e, self.quantum), mean_squares(e[0])
         widest = max(float(np.sqrt(found.mean())), self.quantum)
         for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH).tolist():

@@ -38,11 +38,7 @@ _QUIETER = (0.9, 0.5, 0.2, 0.07)
 
 
 def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
-    """A point with as much random force in each record as is best, as the cost may have two minima.
-
-    With a large random force the filter follows the readings, even where the model
-    alone would predict them.
-    """
+    """A point with as much random force in each record as is best: the cost may have two minima."""
     n, quiet = len(problem.names), z.copy()
     for i, run in enumerate(problem.runs):
         least = compiled.cost(point.out[i], run.active)
@@ -58,10 +54,7 @@ def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Poin
 
 
 def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
-    """Noises for fixed parameters, by scoring.
-
-    Found first, as with a much too large random force the readings say little about the parameters.
-    """
+    """Noises for fixed parameters; with a much too large one readings say little about these."""
     for _ in range(_NOISE_TURNS):
         gradients, information = problem.terms(z, point, 1, noises=True)
         g, h = gradients.sum(axis=0), problem.bent(information.sum(axis=0))
@@ -97,11 +90,8 @@ def _promised(unit: Floats, slope: Floats) -> float:
 
 
 def within_reach(unit: Floats, g: Floats, reach: Floats) -> Floats:
-    """Newton step in coordinates of unit information, each limited to its reach.
-
-    A coordinate that would go farther is fixed at its reach and the others are solved for
-    again, so that a poorly determined one does not shorten the whole step.
-    """
+    """Newton step in coordinates of unit information, each limited to its reach."""
+    # One that would go farther is fixed there, so that it does not shorten the step of the others.
     step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
     while not fixed.all():
         free = ~fixed
@@ -119,11 +109,7 @@ def within_reach(unit: Floats, g: Floats, reach: Floats) -> Floats:
 def _polled(
     problem: Likelihood, z: Floats, point: Point, free: Ints, h: Floats
 ) -> tuple[Floats, Point] | None:
-    """The lowest of some points around z, for a rough cost, whose slopes are no guide.
-
-    The points lie on the principal axes of the information h of the free coordinates.  None if
-    z is as near to the minimum as a rough cost shows.
-    """
+    """The lowest point on the principal axes of the information h, or None if none is lower."""
     own = free < len(problem.names)
     free, h = free[own], h[np.ix_(own, own)]
     size = np.sqrt(np.diag(h))

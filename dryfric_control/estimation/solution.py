@@ -69,10 +69,8 @@ class Solution:
     def curvature(self) -> float:
         """Ratio of the cost's curvature to the information of the weighted innovations.
 
-        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation, so that the
-        curvature is below that of the sum of weighted squares: 5/7 of it for Student's t,
-        two thirds for normal innovations.  Only sliding samples are used: at rest the
-        innovations are encoder noise and uninformative about the parameters.
+        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation: 5/7 for Student's t, two
+        thirds for normal ones.  At rest these are encoder noise and say nothing.
         """
         bent = total = 0.0
         rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
@@ -149,8 +147,7 @@ class Solution:
     def crossed(self) -> tuple[Floats, tuple[Floats, Floats], Ints]:
         """Held-out costs of the blocks, parameters fitted without each half, half of each block.
 
-        Blocks are assigned alternately, two at a time, to two halves; the parameters of the
-        other half follow by one Newton step.
+        Two blocks at a time belong to either half; the parameters follow by one Newton step.
         """
         problem = self.problem
         gradients, information = self.gradients, self.information

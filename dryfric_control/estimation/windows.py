@@ -31,11 +31,7 @@ _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 
 
 def shifted(u: Floats, samples: float) -> Floats:
-    """Held input delayed by some samples, as means over each sample.
-
-    The mean keeps the impulse, which determines position and velocity at the next
-    sample up to terms of order dt^2.
-    """
+    """Held input delayed by some samples, as means over each sample, which keep the impulse."""
     if samples == 0.0:
         return u
     whole = math.floor(samples)

@@ -87,16 +87,11 @@ class FitWarning(UserWarning):
     An input gain is the same as all other parameters over it:
 
     >>> import warnings
-    >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(4000)
-    >>> u = 20.0 * np.sin(6.0 * t)
-    >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
     >>> free = ("viscous", "input_gain", "mass", "coulomb")
     >>> with warnings.catch_warnings(record=True) as caught:
     ...     warnings.simplefilter("always")
-    ...     found = dfc.fit(axis, dfc.Record(t, u, x), free=free)
+    ...     found = dfc.fit(dfc.datasets.belt_stage_axis(), dfc.datasets.belt_stage(), free)
     >>> any(issubclass(one.category, dfc.FitWarning) for one in caught)
     True
     """
@@ -346,8 +341,8 @@ def fit(
     tolerance : mapping of str to float, optional
         Relative standard deviations of nominal values, such as ``{"viscous": 0.5}``.
     window : float, optional
-        Length of the free runs that show the fit [s].  Default: 0.25 s; without a drive, whose
-        noise would add up in them, an eighth of the shortest record.
+        Length of the free runs that show the fit [s].  Default: 0.25 s; without a drive an eighth
+        of the shortest record.
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     starts : int, optional
@@ -390,9 +385,9 @@ def fit(
     Student's t is their distribution, against single mistimed breakaways.  From each start the
     search begins at a large random force, where the likelihood is smooth.
 
-    Where a random force acts, samples within 10 ms of a start or stop, and slower than 2 % of
-    the high velocities, do not count unless a parameter acts by breakaway: a noisy input
-    releases the model but not the machine.
+    Where a random force acts, samples within 10 ms of a start or stop, and slower than 2 % of the
+    high velocities, count only if a parameter acts by breakaway: a noisy input releases the model
+    but not the machine.
 
     Standard errors come from leaving out blocks of the record: they hold where what is left is
     correlated in time for less than a block, and for no error that all blocks share, such as

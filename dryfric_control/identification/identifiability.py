@@ -37,8 +37,7 @@ def cannot_tell(
 ) -> list[str]:
     """Messages on what the records leave open, each with its cause.
 
-    `away`, shape (ndirections, nparameters): directions without effect, in search
-    coordinates; `slopes`, shape (nparameters,): change of the values with these.
+    `away`: directions without effect, as rows, in search coordinates; `slopes`: of the values.
     """
     names = [p.name for p in parameters]
     messages = []

@@ -103,7 +103,7 @@ def slow_ramp_experiment(
     bandwidth : float, optional
         Bandwidth of the position loop [rad/s]: low, so that the drive force follows friction.
     travel : tuple of float, optional
-        Lowest and highest position.  Default: the axis' own travel.
+        Lowest and highest position.  Default: that of the axis.
     quantum : float, optional
         Encoder increment; 0 reads exactly.
     controller : PositionController, optional

@@ -80,13 +80,7 @@ class Cause(Result):
 
 
 class Causes(tuple[Cause, ...]):
-    """Causes that show themselves, in print and in notebooks; a tuple otherwise.
-
-    Examples
-    --------
-    >>> Causes()
-    no causes
-    """
+    """Causes that show themselves, in print and in notebooks; a tuple otherwise."""
 
     __slots__ = ()
 
@@ -213,24 +207,7 @@ class Findings:
 
     @property
     def masked(self) -> Masks:
-        """Readings that were left out: indices and reasons, one entry a record.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> t = 1e-3 * np.arange(6000)
-        >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-        >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
-        >>> good = np.arange(6000) != 700
-        >>> d = dfc.diagnose(axis, dfc.Record(t, u, x, good=good))
-        >>> d.verdict, d.masked[0].indices.tolist(), d.masked[0].reasons
-        ('nothing to find', [700], ('given',))
-        >>> d.masked
-        masked  from sample  to sample  readings
-        given   700          700        1
-        """
+        """Readings that were left out: indices and reasons, one entry a record."""
         return Masks(record.masked for record in (self.record, *self.others))
 
     @property

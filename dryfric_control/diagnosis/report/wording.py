@@ -96,16 +96,13 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
     for _, way in WAYS:
         values = [f"{value:.3g} {force}" for value in table[side][way]]
         if len(set(values)) > 1:
-            values = [
-                f"{v} at x = {x:.3g} {length}" for v, x in zip(values, table["x"], strict=True)
-            ]
+            places = zip(values, table["x"], strict=True)
+            values = [f"{v} at x = {x:.3g} {length}" for v, x in places]
         ways.append(", ".join(dict.fromkeys(values)))
     if ways[0] == ways[1]:
         return f"{ways[0]}, both ways"
-    mark = ": " if "," in "".join(ways) else " "
-    return (";" if mark == ": " else ",").join(
-        f" {way}{mark}{words}" for (_, way), words in zip(WAYS, ways, strict=True)
-    )[1:]
+    mark, between = (": ", "; ") if "," in "".join(ways) else (" ", ", ")
+    return between.join(f"{way}{mark}{one}" for (_, way), one in zip(WAYS, ways, strict=True))
 
 
 def meaning(d: Findings, cause: Cause) -> list[str]:
@@ -164,12 +161,11 @@ def gain_text(d: Findings) -> str:
 def places_text(d: Findings) -> str:
     """Where the remaining error occurs."""
     # What is said of several records alike is said once.
-    said: dict[str, list[str]] = {}
+    said: dict[str, str] = {}
     for place in d.unexplained.where:
         head, _, numbers = place.partition(": ")
-        said.setdefault(head, []).append(numbers)
-    words = (head + ": " * bool(numbers[0]) + ", ".join(numbers) for head, numbers in said.items())
-    return "; ".join(words) or "no clear location"
+        said[head] = f"{said[head]}, {numbers}" if head in said else place
+    return "; ".join(said.values()) or "no clear location"
 
 
 def next_steps(d: Findings) -> list[str]:
@@ -195,7 +191,7 @@ def next_steps(d: Findings) -> list[str]:
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
             pair = f"{cause.title} from {' or '.join(map(titles_of, cause.alternatives))}"
-            if any(GAIN in other.split("+") for other in (cause.effect, *cause.alternatives)):
+            if GAIN in "+".join((cause.effect, *cause.alternatives)).split("+"):
                 by_force.append(pair)
             else:
                 steps.append(f"Separate {pair}. {cause.experiment}")

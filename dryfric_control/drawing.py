@@ -155,6 +155,16 @@ def legend_above(ax: Any) -> None:
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **look)
 
 
+def labelled(ax: Any, x: str = "", y: str = "", legend: bool = True) -> None:
+    """Label the axes where a label is given, and put the legend above them."""
+    if x:
+        ax.set_xlabel(x)
+    if y:
+        ax.set_ylabel(y)
+    if legend:
+        legend_above(ax)
+
+
 def _columns(widths: Sequence[float], room: float) -> int:
     """Most columns in which a legend, filled column by column, fits into the room."""
     for columns in range(min(len(widths), _MOST_COLUMNS), 1, -1):

@@ -181,7 +181,8 @@ class FrictionAxis:
         if self.travel is not None:
             put("travel", span_of(self.travel))
         self.coulomb.check(self.travel)
-        one_of("switching", self.switching, SWITCHING)
+        if not isinstance(self.switching, str) or self.switching not in SWITCHING:
+            raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
         given = self.effects
         effects = (given,) if isinstance(given, (Effect, str)) else given
         if not isinstance(effects, Iterable):

@@ -114,7 +114,7 @@ class ObserverDesign(Result):
         )
 
     def resting_nodes(self) -> Ints:
-        """Memory state of each mode once it has lasted, at place ``mode + 1``."""
+        """Memory state at place ``mode + 1`` once a mode has lasted."""
         resting = self.graph.resting()
         return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
 
@@ -167,7 +167,7 @@ class ObserverDesign(Result):
         return control.ss(F, B, output, direct, self.dt, name=f"observer_error_{mode:+d}", **names)
 
     def check(self) -> Certificate:
-        """Recompute the certificate; a CertificateError if an inequality does not hold."""
+        """Recompute the certificate from the gains, or refuse it."""
         scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
         models, gains = scales.apply(_models(self)), scales.scaled_gains(self.node_gains)
         gamma, proofs = self.gamma * self.output_scale, (self.lyapunov, self.lyapunov_decay)

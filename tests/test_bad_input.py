@@ -277,6 +277,7 @@ rows(
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, 2.0]), travel=None), "give travel"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
+    ("FrictionAxis", dict(coulomb=dfc.CoulombMap([8.0, 3.0]), travel=(-1e308, 0.3)), "-inf"),
     ("FrictionAxis", dict(stribeck=Each(0.3, (0.3, 0.01))), "dfc.Stribeck"),
     ("FrictionAxis", dict(travel=(0.0, 0.1, 0.2)), r"\(low, high\)"),
     ("FrictionAxis", dict(switching="Filippov"), '"filippov" or "paper"'),

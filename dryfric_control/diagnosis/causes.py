@@ -1,15 +1,22 @@
-"""Description of a cause, whether found by free runs or by likelihood."""
+"""Description of a cause that was found, and a gain against errors of all base parameters.
+
+Motion depends only on the ratio of all forces to the gain: both may be scaled alike.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 
-from dryfric_control.diagnosis.candidates import effect_class, holds
+from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
 from dryfric_control.diagnosis.report.findings import Cause
+from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
+#: The effect that scales every force of the drive.
+GAIN = "input_gain"
 #: Ratio of standard error to value beyond which a record hardly determines a parameter.
 HARDLY = 0.3
 
@@ -24,22 +31,10 @@ def cause_of(
     gain: tuple[float, float],
     alternatives: Sequence[str] = (),
 ) -> Cause:
-    """Cause from the results of a fit.
+    """Cause `slug` from the results of a fit.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The nominal axis.
-    slug : str
-        Name of the effect.
-    own : mapping of str to str
-        Names of its parameters, mapped to those in the fit.
-    values, errors, units : mapping
-        By the names in the fit.
-    gain : tuple of float
-        Gain on held-out data, and its standard error.
-    alternatives : sequence of str, optional
-        Equivalent effects or base parameters.
+    `own`: names of its parameters, mapped to those in the fit, by which `values`, `errors` and
+    `units` are; `gain`: on held-out data, with its standard error.
     """
     effect = effect_class(slug)
     title, explanation, experiment = (
@@ -64,10 +59,7 @@ def cause_of(
 
 
 def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
-    """A message for each parameter that the record hardly determines.
-
-    Compared with its value, or that in the nominal axis if this is larger.
-    """
+    """A message for each parameter that is hardly determined, beside its or the nominal value."""
     messages, present = [], named(axis)
     for cause in causes:
         kinds = effect_class(cause.effect).parameters()
@@ -80,3 +72,31 @@ def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")
     return messages
+
+
+def every(axis: FrictionAxis) -> list[str]:
+    """Base-parameter errors that together are equivalent to a gain; zero values stay zero."""
+    values = values_of(axis, tuple(SLUGS))
+    return [slug for slug, value in zip(SLUGS.values(), values, strict=True) if value > 0.0]
+
+
+def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
+    """Whether nothing separates a gain from base parameters, none of which is `told`."""
+    return not (axis.effects or {*told} & {*SLUGS})
+
+
+def or_a_gain(
+    axis: FrictionAxis,
+    wrong: Sequence[Cause],
+    scales: Callable[[Cause], Sequence[str]] = lambda cause: (GAIN,),
+) -> list[Cause]:
+    """Wrong base parameters, with scales of the drive as alternatives if all are wrong."""
+    slugs, scaled = [cause.effect for cause in wrong], every(axis)
+    found = list(wrong)
+    for i, cause in enumerate(wrong):
+        # A scale brings one of them back to nominal; a value of zero cannot be scaled.
+        if {*scaled} <= {*slugs} and cause.effect in scaled and all(cause.parameters.values()):
+            rest = [s for s in slugs if s != cause.effect]
+            others = ("+".join([one, *rest]) for one in scales(cause))
+            found[i] = replace(cause, alternatives=(*cause.alternatives, *others))
+    return found

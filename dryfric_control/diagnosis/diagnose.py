@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
-from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
+from dryfric_control.diagnosis.answer import causes_of, varying
 from dryfric_control.diagnosis.causes import hardly_determined
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
@@ -425,7 +425,8 @@ def _experiment(
     if doubtful is None:
         return None
     some = dict(list(rivals[doubtful].items())[:RIVALS])
-    return next_experiment(final.axis, axes_of(some), record, names=[doubtful, *some])
+    axes = [fit.axis for fit in some.values()]
+    return next_experiment(final.axis, axes, record, names=[doubtful, *some])
 
 
 def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:

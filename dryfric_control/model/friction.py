@@ -143,9 +143,10 @@ class CoulombMap:
             turns = roots.real[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))]
             inside = turns[(turns > travel[0]) & (turns < travel[1])]
             places = np.concatenate([travel, inside])
-            levels = self(places, direction)
+            with np.errstate(over="ignore", invalid="ignore"):
+                levels = self(places, direction)
             worst = int(np.argmin(levels))
-            if levels[worst] < 0.0:
+            if not 0.0 <= levels[worst] < np.inf:
                 raise ValueError(
                     f"coulomb.{name} falls to {levels[worst]:.6g} at x = {places[worst]:.6g}: a "
                     "Coulomb level is a magnitude and must stay positive over the travel"

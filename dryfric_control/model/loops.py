@@ -22,16 +22,10 @@ from dryfric_control.compiled.loop import (
     encode,
     run_loop,
 )
-from dryfric_control.model.axis import (
-    Arrays,
-    FrictionAxis,
-    check_finite,
-    check_pace,
-    without_effects,
-)
+from dryfric_control.model.axis import Arrays, FrictionAxis, check_pace, without_effects
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.model.responses import SimulationResponse, located
+from dryfric_control.model.responses import SimulationResponse, check_finite, located
 from dryfric_control.order import check_bandwidth_and_dt
 from dryfric_control.text import see, stated, with_parameters
 from dryfric_control.units import same_unit
@@ -70,8 +64,7 @@ class PositionController:
         u = sat(kp (r - y) + ki integral(r - y) - kd v_f)
         v_f: (y[k] - y[k - span]) / (span dt), through a first-order low-pass
 
-    The integral is unwound by back-calculation with the rate kp/ki while the
-    force is limited.
+    The integral is unwound with the rate kp/ki while the force is limited.
 
     Examples
     --------
@@ -118,7 +111,6 @@ class PositionController:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis; the design uses its sampled sliding mode.
         bandwidth : float
             Closed-loop bandwidth [rad/s].
         dt : float
@@ -131,11 +123,10 @@ class PositionController:
 
         Notes
         -----
-        State feedback with integral action on the exactly sampled sliding mode:
-        two poles at exp(-w dt), the third at exp(-w3 dt) with
-        w3 = max(w, f/m - 2 w), the slowest that needs no negative velocity gain; with
-        `at`, f/m is the damping there.  A delay or lag of the drive, presliding, backlash and
-        compliance are left out: keep the bandwidth well below theirs.
+        State feedback with integral action on the exactly sampled sliding mode: two poles at
+        exp(-w dt), the third at exp(-w3 dt) with w3 = max(w, f/m - 2 w), the slowest that needs no
+        negative velocity gain; with `at`, f/m is the damping there.  Keep the bandwidth well below
+        that of delay, lag, presliding, backlash and compliance, which are left out.
         """
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
@@ -159,14 +150,8 @@ class PositionController:
         a = np.block([[sliding.A, np.zeros((2, 1))], [-dt * sliding.C, np.ones((1, 1))]])
         b = np.vstack([sliding.B, [[0.0]]])
         kp, kd, minus_ki = np.asarray(ct.acker(a, b, poles)).ravel()
-        return cls(
-            kp=float(kp),
-            ki=float(-minus_ki),
-            kd=float(max(kd, 0.0)),
-            dt=dt,
-            limit=limit,
-            filter_time=max(0.05 / bandwidth, 2.0 * dt),
-        )
+        gains = float(kp), float(-minus_ki), float(max(kd, 0.0))
+        return cls(*gains, dt, limit, filter_time=max(0.05 / bandwidth, 2.0 * dt))
 
     @property
     def gains(self) -> Floats:
@@ -179,10 +164,8 @@ class PositionController:
 
         Parameters
         ----------
-        reading : float, optional
-            Position reading [m].
-        speed : float, optional
-            Velocity [m/s].
+        reading, speed : float, optional
+            Position reading [m] and velocity [m/s].
         """
         reading, speed = finite("reading", reading), finite("speed", speed)
         memory = np.zeros(READINGS + LONGEST_SPAN)
@@ -255,13 +238,9 @@ def simulate_loop(
     Returns
     -------
     SimulationResponse
-        Outputs x, v, F, mode, u, y; input r; with `events`.
-
-    Notes
-    -----
-    It agrees to round-off with `axis_block`, `encoder` and `PositionController.block` connected by
-    `control.interconnect`.  A RuntimeWarning says that the loop diverges: at the end the error is
-    more than ten times the travel of the reference, and the axis still moves.
+        Outputs x, v, F, mode, u, y; input r; with `events`.  A RuntimeWarning says that the loop
+        diverges: at the end the error is more than ten times the travel of the reference, and the
+        axis still moves.
 
     Examples
     --------
@@ -303,16 +282,10 @@ def simulate_loop(
     events = located(run)
     check_finite(out)
     _warn_if_divergent(axis, motion, force, out)
+    labels = {"output_labels": ["x", "v", "F", "mode", "u", "y"], "input_labels": ["r"]}
+    title, time = f"{axis.name}: closed loop", np.arange(r.size) * dt
     return SimulationResponse(
-        np.arange(r.size) * dt,
-        out,
-        r.reshape(1, -1),
-        events,
-        output_labels=["x", "v", "F", "mode", "u", "y"],
-        input_labels=["r"],
-        title=f"{axis.name}: closed loop",
-        sysname=axis.name,
-        units=axis.units,
+        time, out, r.reshape(1, -1), events, axis.units, title=title, sysname=axis.name, **labels
     )
 
 

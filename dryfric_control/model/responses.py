@@ -81,6 +81,17 @@ def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
     raise TooManySwitchesError
 
 
+def check_finite(outputs: Floats) -> None:
+    """Refuse to return a motion that has left the range of numbers."""
+    # What is not finite once stays so: the last sample tells.
+    if not np.isfinite(outputs[:3, -1]).all():
+        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
+        raise ValueError(
+            f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
+            "the input, and of mass, viscous and coulomb, and that a loop is stable"
+        )
+
+
 class Response(ct.TimeResponseData):
     """A `control.TimeResponseData` that takes its arrays without a copy, and units."""
 

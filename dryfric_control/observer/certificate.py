@@ -1,10 +1,8 @@
 """The certificate of an observer design, recomputed from its gains.
 
-A solver's word is not a certificate.  Everything here is plain double
-precision linear algebra on the gains that will run: each inequality of the
-design is evaluated for each allowed step between memory states, in its
-original form (no slack matrix), and made dimensionless by the Cholesky factors
-of the Lyapunov matrices so that no choice of units hides a violation.
+Each inequality of the design is evaluated for each allowed step between memory states, on the
+gains that will run, in its original form (no slack matrix), and made dimensionless by the Cholesky
+factors of the Lyapunov matrices, so that no choice of units hides a violation.
 """
 
 from __future__ import annotations
@@ -30,10 +28,7 @@ HEADROOM = 1e-6
 
 
 class CertificateError(ValueError):
-    """A design fails its certificate.
-
-    Raised by `design_pi_observer`, which never returns such a design, and by
-    `load_design` for a file that was changed.
+    """A design, or a file of one, fails its certificate.
 
     Examples
     --------
@@ -97,10 +92,7 @@ class Certificate(Result):
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
 
     def _shown(self) -> Iterator[str]:
-        radii = ", ".join(
-            f"mode {m:+d}: {r:.5f}" if m else f"mode 0: {r:.5f}"
-            for m, r in self.spectral_radius.items()
-        )
+        radii = (f"mode {signed(m)}: {r:.5f}" for m, r in self.spectral_radius.items())
         yield (
             f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
             f"(gap {100 * self.gap:.2f} %)"
@@ -109,7 +101,7 @@ class Certificate(Result):
         shown = _run_lengths(self.hardest_sequence)
         yield f"      no observer can be below {self.limit:.6g}, shown by {shown}"
         yield f"decay {self.decay:.6g} per sample for every allowed switching"
-        yield f"poles {radii}"
+        yield f"poles {', '.join(radii)}"
         yield f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,21 +109,24 @@ class Certificate(Result):
         return asdict(self)
 
 
+def signed(mode: int) -> str:
+    """A mode as text: 0, +1 or -1."""
+    return f"{mode:+d}" if mode else "0"
+
+
 def _run_lengths(word: tuple[int, ...]) -> str:
-    return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in runs_of(word))
+    return ", ".join(f"{signed(key)} x {n}" for key, n in runs_of(word))
 
 
 def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
-    symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2.0
-    result = np.empty_like(symmetric)
-    for k, P in enumerate(symmetric):
+    result = np.empty_like(matrices)
+    for k, P in enumerate((matrices + matrices.transpose(0, 2, 1)) / 2.0):
         try:
             result[k] = np.linalg.cholesky(P)
         except np.linalg.LinAlgError:
             raise CertificateError(
-                f"the Lyapunov matrix of the {what} condition at memory state "
-                f"({graph.names[k]}) is not positive definite: the design proves nothing; "
-                "relax decay, or design again"
+                f"the Lyapunov matrix of the {what} condition at memory state ({graph.names[k]}) "
+                "is not positive definite: relax decay, or design again"
             ) from None
     return result
 
@@ -239,14 +234,5 @@ def certify(
         radius[mode] = float(np.max(np.abs(np.linalg.eigvals(F))))
     lower, sequence = worst_switching(models, graph, gains, gamma)
     limit, hardest = hardest_switching(models, graph, gamma)
-    return Certificate(
-        gamma=gamma * unit,
-        lower_bound=lower * unit,
-        worst_sequence=sequence,
-        limit=limit * unit,
-        hardest_sequence=hardest,
-        decay=decay,
-        spectral_radius=radius,
-        margin=margin,
-        blocks=blocks,
-    )
+    gains_found = gamma * unit, lower * unit, sequence, limit * unit, hardest
+    return Certificate(*gains_found, decay, radius, margin, blocks)

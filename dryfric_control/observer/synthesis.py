@@ -16,10 +16,8 @@ Each is written with a slack matrix, which makes it linear in the unknowns
 Theorem 1 of the paper is the case S = P_i (with L = P^-1 V'; the printed
 V' P^-1 has wrong dimensions) and one Lyapunov matrix for both conditions.
 
-In SI units at 1 kHz the solver reports success with a gamma many times too
-large: gamma^2 lies below its absolute tolerance and the states differ by
-orders of magnitude.  So every error is measured in the amount by which the
-disturbances alone move it, and z in units of the gain no observer can beat,
+In SI units gamma^2 lies below the solver's absolute tolerance.  So every error is measured in the
+amount by which the disturbances alone move it, and z in units of the gain no observer can beat,
 which makes the optimal gamma a number a little above 1 whatever the units.
 """
 
@@ -27,6 +25,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -204,6 +203,7 @@ def solve_lmi(
     slack_at = 0 if paper else (12 if separate else 6)
     gain_at = 6 if paper else slack_at + 9
     size = gain_at + 3
+    acts = np.arange(slack_at, gain_at + 3)  # slack and gain stand side by side
     blocks: list[_Inequality] = []
     identity = np.eye(3)
     level = 1.0
@@ -226,14 +226,8 @@ def solve_lmi(
     def index(i: int, j: int, name: str) -> NDArray[np.intp]:
         here, there = i * size, j * size
         acting = models[graph.labels[i]].node(i, j) * size
-        return np.concatenate(
-            [
-                here + offsets[name] + np.arange(6),
-                acting + np.arange(slack_at, slack_at + (6 if paper else 9)),
-                acting + np.arange(gain_at, gain_at + 3),
-                there + offsets[name] + np.arange(6),
-            ]
-        )
+        own = offsets[name] + np.arange(6)
+        return np.concatenate([here + own, acting + acts, there + own])
 
     for i in range(nodes):
         for start in sorted(set(offsets.values())):
@@ -296,13 +290,10 @@ def _proved(
         found = solve_lmi(
             models, graph, decay, paper=paper, around=around, solver=solver, margin=margin
         )
+        gains, proofs = found.gains, (found.lyapunov, found.lyapunov_decay)
         try:
-            gamma = proved_gain(models, graph, found.gains, found.lyapunov)
-            check_blocks(
-                evaluate_blocks(
-                    models, graph, found.gains, gamma, decay, found.lyapunov, found.lyapunov_decay
-                )
-            )
+            gamma = proved_gain(models, graph, gains, found.lyapunov)
+            check_blocks(evaluate_blocks(models, graph, gains, gamma, decay, *proofs))
         except CertificateError as error:
             failure = error
         else:
@@ -314,18 +305,15 @@ def _advice(
     models: Mapping[int, ErrorModel], graph: ModeGraph, decay: float, paper: bool, solver: str
 ) -> str:
     """Which specification stands in the way."""
-    if decay < 1.0:
-        try:
+    mend = "or use more memory (method='path' or 'dwell')" + see("observer")
+    with suppress(ValueError):
+        if decay < 1.0:
             certified_solution(models, graph, 1.0, paper=paper, solver=solver)
-        except ValueError:
-            pass
-        else:
             return (
                 f"decay = {decay:.6g} per sample cannot be certified for every allowed switching; "
-                "relax decay towards 1, or use more memory (method='path' or 'dwell')"
-                + see("observer")
+                f"relax decay towards 1, {mend}"
             )
     return (
         "no gain can be certified for the allowed changes of mode; forbid some by pairs, lower "
-        "stick_rate, or use more memory (method='path' or 'dwell')" + see("observer")
+        f"stick_rate, {mend}"
     )

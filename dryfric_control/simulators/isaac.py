@@ -9,12 +9,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, target, written
+from dryfric_control.simulators.files import number, written
 from dryfric_control.simulators.joint_values import SimulatorValues
+from dryfric_control.store.files import file_path
 
 _ISAAC = joint_values.Format(
-    joint_values.straight,
-    joint_values.one_shape,
     lambda c, shape, breakaway: {
         # The engine does not let go of a joint at less than what brakes it once it slides.
         "friction": max(breakaway, float(c[0])),
@@ -59,17 +58,11 @@ def to_isaac(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "friction.py")
     ...     found = dfc.to_isaac({"elbow": axis}, path, load=0.1)
-    ...     print(path.read_text())
-    JOINT_FRICTION = dict(
+    ...     print(path.read_text().splitlines()[1])
         friction={"elbow": 1.5},
-        dynamic_friction={"elbow": 1.5},
-        viscous_friction={"elbow": 0.2},
-        armature={"elbow": 0.2},
-    )
-    <BLANKLINE>
     """
     joints = joint_values.joints_of(result, joint, {})
-    place = target("path", path)
+    place = file_path("path", path)
     loads = joint_values.checked_loads(load, joints)
     found = joint_values.described(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))

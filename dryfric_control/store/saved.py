@@ -24,7 +24,8 @@ MIGRATIONS: dict[int, Callable[[str, dict[str, Any]], dict[str, Any]]] = {}
 _PLAIN = (str, bool, int, type(None))
 # What senseless data make their class or a check raise.
 _SENSELESS = (
-    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError,
+    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, SyntaxError, TypeError,
+    ValueError,
 )  # fmt: skip
 
 
@@ -102,9 +103,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def load_any(
-    path: str | os.PathLike[str], loaders: Mapping[str, Callable[[Any], Any]], mend: str
-) -> Any:
+def load_any(path: str | os.PathLike[str], loaders: Mapping[str, Any], mend: str) -> Any:
     """An axis (TOML), or what the loader of the kind of a saved file reads."""
     source = existing_file(path)
     if source.suffix == ".toml":

@@ -1,10 +1,4 @@
-"""What a physical effect is, and the register of all that are known.
-
-The class of an effect states what it is called, its parameters with units and
-bounds, the compiled law by which it acts, what it is in plain words, and the
-experiment that would expose it.  Simulation, fitting, diagnosis and the
-documentation all read the same class.
-"""
+"""What a physical effect is, and the register of all that are known."""
 
 from __future__ import annotations
 
@@ -78,22 +72,18 @@ def parameter(
     default : float, optional
         Value when the user gives none.
     kind : {"amount", "place", "angle", "share", "time", "speed"}, optional
-        "place": a position; "angle": a phase.  A change of either has no
-        percentage.  "share": part of the mass, between 0 and 1.  "time": by how
-        much the drive acts late.  "speed": that of sliding, over which something fades,
-        which a record cannot show far below an increment a sample.  "amount": any other.
+        "place": a position; "angle": a phase.  A change of either has no percentage.  "share":
+        part of the mass, 0 to 1.  "time": by how much the drive acts late.  "speed": that of
+        sliding over which something fades.  "amount": any other.
     free : bool, optional
-        Whether the effect's name stands for it among others, in a fit and in a
-        diagnosis; else it stays where it is unless it is named itself.
+        Whether the name of the effect includes it in a fit and in a diagnosis; else it stays
+        where it is unless it is named itself.
     breaks_away : bool, optional
-        Whether it acts at breakaway alone, which makes the cost of a fit
-        rugged: it is fitted from several starts and with longer steps.
+        Whether it acts at breakaway alone: it is fitted from several starts and with longer steps.
     logarithmic : bool, optional
-        Whether a fit searches it on a logarithmic scale: what is positive, of
-        unknown magnitude.
+        Whether a fit searches it on a logarithmic scale.
     neutral : float, optional
-        Value with which the effect does nothing, where there is no default;
-        None if there is none.
+        Value with which the effect does nothing, where there is no default; None if none does.
     size : float, optional
         Change that matters.  Default: the value a fit starts from.
 
@@ -124,18 +114,13 @@ def parameter(
         finite("neutral", neutral)
     if size is not None:
         positive("size", size)
-    metadata = {
-        "unit": unit, "doc": doc, "bounds": (low, high), "kind": kind, "free": free,
-        "breaks_away": breaks_away, "logarithmic": logarithmic, "neutral": neutral, "size": size,
-        "optional": default is not None,
-    }  # fmt: skip
-    return field(default=MISSING if default is None else default, metadata=metadata)
+    said: dict[str, Any] = {"unit": unit, "doc": doc, "bounds": (low, high), "kind": kind}
+    said |= flags | {"neutral": neutral, "size": size, "optional": default is not None}
+    return field(default=MISSING if default is None else default, metadata=said)
 
 
 class Inner(NamedTuple):
     """Numbers of delay, lag, contact and transmission.
-
-    What `Effect.inner` returns: of that which has a state of its own.
 
     Parameters
     ----------
@@ -210,22 +195,17 @@ class Effect:
 
     Notes
     -----
-    ``law(t, x, v, u, level, direction, rest, p)`` returns, by `action`:
+    ``law(t, x, v, u, level, direction, rest, p)``, with the parameters p in the order of the
+    fields, is compiled once, whatever the combination of effects.  It returns, by `action`:
 
     - "force": a force added to the drive [N]; `u` is the drive force;
-    - "friction": an addition to the Coulomb level [N]; `level` is that level
-      here and in this `direction`, `u` the load of the transmission, which is the drive
-      less the force effects, `rest` the time at rest.
-      The Stribeck peak raises what it adds, unless `within_peak` is false; of those that it
-      raises, `level` contains what the ones before add, those that depend on the direction
-      first: shares of the level multiply;
+    - "friction": an addition to the Coulomb level [N]; `level` is that level here and in this
+      `direction`, `u` the load of the transmission, which is the drive less the force effects,
+      `rest` the time at rest.  The Stribeck peak raises what it adds, unless `within_peak` is
+      false; of those that it raises, `level` contains what the ones before add, those that depend
+      on the direction first: shares of the level multiply;
     - "input": the drive force that replaces `u` [N];
-    - "reading": an addition to the encoder reading [m]; it must change by less than
-      the position.
-
-    `p` contains the parameters in the order of the fields.  The law is compiled
-    once for itself; no combination of effects costs a further compilation, and
-    one call costs a few nanoseconds.
+    - "reading": an addition to the encoder reading [m]; it must change by less than the position.
 
     Examples
     --------
@@ -297,11 +277,7 @@ class Effect:
 
     @property
     def shortest_length(self) -> float:
-        """Length over which the law may oscillate, inf where it does not.
-
-        Integration steps are not longer: otherwise every stage could see a law that repeats
-        with position at the same phase.
-        """
+        """Length over which the law may oscillate, inf where it does not: the longest step."""
         return math.inf
 
     @property
@@ -316,11 +292,8 @@ class Effect:
 
     @property
     def periods(self) -> tuple[float, float]:
-        """Time [s] and length after which the law repeats, inf where it does not.
-
-        C in single precision leaves out whole periods, so that it stays accurate after
-        hours and far from zero.
-        """
+        """Time [s] and length after which the law repeats, inf where it does not."""
+        # C in single precision leaves out whole periods: it stays accurate far from zero.
         return math.inf, math.inf
 
     @classmethod
@@ -338,10 +311,8 @@ class Effect:
             Units of position and force of the axis, its `units`.
         """
         return {
-            item.name: item.metadata["unit"]
-            if item.metadata["kind"] == "angle"
-            else on_axis(item.metadata["unit"], units)
-            for item in fields(cls)
+            name: said["unit"] if said["kind"] == "angle" else on_axis(said["unit"], units)
+            for name, said in cls.parameters().items()
         }
 
     @classmethod
@@ -398,8 +369,6 @@ class Effect:
     def columns(cls, view: View) -> Iterator[Column]:
         """What it adds to a model: a column for each of its shapes.
 
-        By default its law at parts of the typical size of each unit, in every combination.
-
         Parameters
         ----------
         view : View
@@ -412,15 +381,12 @@ class Effect:
         return ()
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        """Distance [m] and time [s] in which it is no force.
-
-        They begin at a reversal of the motion, or of the force that a transmission carries, or at
-        a start; both are 0 for an effect that is a force at every sample.
+        """Distance [m] and time [s] after a reversal without its force.
 
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has the effect, its base parameters those that act.
+            As for `inner`.
         force : float
             RMS of the drive force [N].
         """
@@ -476,10 +442,8 @@ class Effect:
         units : tuple of str, optional
             Units of position and force of the axis, its `units`.
         """
-        parts = []
-        for name, unit in self.units(units).items():
-            suffix = "" if unit == "1" else f" {unit}"
-            parts.append(f"{name} = {getattr(self, name):.6g}{suffix}")
+        shown = {name: "" if u == "1" else f" {u}" for name, u in self.units(units).items()}
+        parts = (f"{name} = {getattr(self, name):.6g}{unit}" for name, unit in shown.items())
         return f"{self.slug}: {', '.join(parts)}"
 
 
@@ -495,13 +459,8 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Parameters
     ----------
     cls : type of Effect
-
-    Raises
-    ------
-    ValueError
-        If the class lacks a slug, a known action, a law, an `alter` or an `inner`,
-        takes the slug of another effect, or its law reads a parameter that it does
-        not declare.
+        A ValueError if it lacks a slug, a known action, a law, an `alter` or an `inner`, takes the
+        slug of another effect, or its law reads a parameter that it does not declare.
 
     Examples
     --------

@@ -64,9 +64,7 @@ def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
         rows += 1
         if rows > max_rows:
             raise ValueError(too_long(path.name, max_rows))
-    return {
-        key: np.array(column + [np.nan] * (rows - len(column))) for key, column in found.items()
-    }
+    return {key: np.array(one + [np.nan] * (rows - len(one))) for key, one in found.items()}
 
 
 def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
@@ -112,7 +110,6 @@ def read_frame(path: Path, max_rows: int) -> Any:
                 return pandas.read_parquet(path, engine=engine)
     except ImportError:
         raise ImportError(
-            f"{path.name}: reading {path.suffix} needs pandas and {engine}: "
-            f"pip install pandas {engine}"
+            f"{path.name}: {path.suffix} needs pandas and {engine}: pip install pandas {engine}"
         ) from None
     raise ValueError(too_long(path.name, max_rows))

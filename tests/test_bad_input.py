@@ -54,8 +54,10 @@ DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", dfc.FitWarning)
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
-_REST = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
-PLAN = Experiment("change_of_bench", "a change of the bench", "turn it", *_REST)
+PLAN = Experiment(
+    name="change_of_bench", title="a change of the bench", description="turn it", score={}, tried={},
+    cause="coulomb", units=("m", "N"),
+)  # fmt: skip
 HUGE = 10**400  # a whole number that no float holds
 
 
@@ -284,7 +286,6 @@ rows(
     ("FrictionAxis", dict(effects=Each("spring", (fx.Spring,))), "dfc.effects.Spring"),
     ("FrictionAxis", dict(effects=2 * (fx.InputDelay(0.1),)), "more than one delay"),
     ("FrictionAxis", dict(effects=2 * (fx.Presliding(1e-5),)), "more than one contact"),
-    ("effects.Presliding", dict(distance=1e-5, bristles=0.5), "0 or 1"),
     ("FrictionAxis", dict(effects=(fx.Backlash(1e-3, 0.5), fx.Compliance(1e4, 1.0, 0.5))), "one"),
     ("FrictionAxis", dict(effects=(fx.ActuatorLag(0.1), fx.ActuatorLag(0.2))), "add them up"),
     ("FrictionAxis", dict(units=Each("m", ("m", 3), 3)), "position and force"),

@@ -118,7 +118,8 @@ def _deflection(side, drive, t0, tau, at, strain, mode, rest):
     z = most
     if most > 0.0 and strain.most > 0.0:
         z = _bent(s * (at.y - strain.y), s * strain.z, strain.most, most)
-    return s * z, most
+    z *= s
+    return z, most
 
 
 @step.internal(forceinline=True)

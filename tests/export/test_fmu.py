@@ -157,6 +157,7 @@ EFFECTS = (
 BUILT_IN = {
     "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "backlash": {"load_fraction"},
     "load_encoder_backlash": {"load_fraction"}, "compliance": {"load_fraction"},
+    "presliding": {"bristles"},
 }  # fmt: skip
 
 

@@ -328,7 +328,8 @@ class Effect:
     @classmethod
     def needs_velocities(cls) -> bool:
         """Whether only motion at different velocities shows it."""
-        units = (re.findall("[a-z]+", p["unit"]) for p in cls.parameters().values())
+        free = (p for p in cls.parameters().values() if p["free"])
+        units = (re.findall("[a-z]+", p["unit"]) for p in free)
         return any({"m", "s"} <= set(names) for names in units)
 
     def inner(self, axis: BaseAxis) -> Inner:

@@ -67,7 +67,7 @@ class Presliding(Effect):
         free=False,
     )  # fmt: skip
     bristles: float = parameter(
-        "1", "1 where it yields gradually, 0 where it is elastic until it slides",
+        "1", "from 0.5 on it yields gradually, below it is elastic until it slides",
         bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
     )  # fmt: skip
 
@@ -84,16 +84,11 @@ class Presliding(Effect):
         "Raise and lower the force slowly below breakaway: the position follows a hysteresis loop."
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.bristles not in (0.0, 1.0):
-            raise ValueError(f"bristles must be 0 or 1, got {self.bristles!r}")
-
     def inner(self, axis: BaseAxis) -> Inner:
         # Stiffness of the contact, none without a Coulomb level.
         stiffness = middle_level(axis.coulomb, axis.travel) / self.distance
         return Inner(
-            contact=stiffness, contact_damping=self.damping, bristles=float(self.bristles > 0.0)
+            contact=stiffness, contact_damping=self.damping, bristles=float(self.bristles >= 0.5)
         )
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
@@ -101,12 +96,12 @@ class Presliding(Effect):
         return 2.0 * self.distance, 0.0
 
     def meaning(self, units: tuple[str, str]) -> str:
-        if self.bristles:
+        if self.bristles >= 0.5:
             return "the contact yields gradually, as many bristles do (LuGre)"
         return ""
 
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        if self.bristles:
+        if self.bristles >= 0.5:
             return (replace(self, bristles=0.0),)
         stiffness = middle_level(axis.coulomb, axis.travel) / self.distance
         return (replace(self, bristles=1.0, damping=math.sqrt(stiffness * axis.mass)),)

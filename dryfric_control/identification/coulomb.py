@@ -159,10 +159,9 @@ def identify_coulomb(
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import slow_ramp_experiment
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, travel=(0.0, 0.3),
     ...                         coulomb=dfc.CoulombMap([8.0, 10.0], 7.0))
-    >>> ramp = slow_ramp_experiment(axis, quantum=1e-6)
+    >>> ramp = dfc.slow_ramp_experiment(axis, quantum=1e-6)
     >>> found = dfc.identify_coulomb(ramp.record, axis=axis)
     >>> found.degrees
     (1, 0)

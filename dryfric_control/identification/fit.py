@@ -69,9 +69,10 @@ _SHOWN_BY = {
     "viscous": "several velocities",
     **dict.fromkeys(("coulomb", "coulomb_plus", "coulomb_minus"), "slow motion both ways"),
 }
-# Length of the free runs [s], and their number in a record without a drive: enough blocks for
-# the standard errors.
-_WINDOW, _UNDRIVEN = 0.25, 8
+#: Length of the free runs [s].
+WINDOW = 0.25
+# Their number in a record without a drive: enough blocks for the standard errors.
+_UNDRIVEN = 8
 # Force of a velocity's noise that may act from sample to sample, over the Coulomb level; median of
 # the size of a normal variable; fewest samples that are left.
 _DISTURBS, _MEDIAN, _FEWEST = 0.3, 0.6745, 500
@@ -253,10 +254,8 @@ class Fit(Result):
         for i, run in enumerate(self.training):
             slide = Sliding(run.windows.record, 3000)
             fastest = max(fastest, float(np.max(np.abs(slide.v), initial=0.0)))
-            top.plot(
-                slide.v, -slide.force_residual(bare), ".", color=MEASURED, ms=2,
-                label="measured, net of inertia and effects" if i == 0 else None,
-            )  # fmt: skip
+            label = None if i else "measured, net of inertia and effects"
+            top.plot(slide.v, -slide.force_residual(bare), ".", color=MEASURED, ms=2, label=label)
         x = np.concatenate([run.windows.record.x for run in self.training])
         span = float(x.min()), float(x.max())
         draw_curve(axis.replace(effects=()), top, fastest, span, "fitted", color="k", lw=1.5)
@@ -451,11 +450,11 @@ def problem_of(
     """Likelihood of parameters of an axis in records, without a prior but for `tolerance`."""
     axis, parameters = choose(axis, free, typical(records))
     length = uncertainty.block_length(records) if block is None else block
-    return Likelihood(
-        axis, [p.name for p in parameters],
-        [prepare(r, block=length, mass=axis.mass) for r in records],
-        tolerance=tolerance, priors=(), hold=hold,
-    )  # fmt: skip
+    names, runs = (
+        [p.name for p in parameters],
+        [prepare(r, None, length, axis.mass) for r in records],
+    )
+    return Likelihood(axis, names, runs, tolerance=tolerance, priors=(), hold=hold)
 
 
 def likeliest(
@@ -477,8 +476,7 @@ def likeliest(
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     found = run(joblib.delayed(search)(p) for p in points)
-    bar = tqdm(found, name, len(points), unit="start", disable=not progress)
-    ends = list(bar)
+    ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
     if few < SOME:
         ends = [maximise(one.problem, one.z, SOME, again=True) for one in ends]
@@ -517,8 +515,8 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
 def _window(records: Sequence[Record]) -> float:
     """Length of the free runs where none is given [s]."""
     if any(np.any(r.u) for r in records):
-        return _WINDOW
-    return max(_WINDOW, min(r.duration for r in records) / _UNDRIVEN)
+        return WINDOW
+    return max(WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:

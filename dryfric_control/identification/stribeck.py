@@ -12,7 +12,7 @@ from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.parameters import choose, typical, values_of
-from dryfric_control.identification.fit import Fit, likeliest, problem_of
+from dryfric_control.identification.fit import WINDOW, Fit, likeliest, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
@@ -32,8 +32,8 @@ _SHORTEST = 10
 # A move shorter than this part of the long slips is part of one stick phase:
 # noise, or the creep at its beginning.
 _SLIP = 0.1
-# Slips that a replay runs on before it starts anew, and the length of the free runs of the fit [s].
-_STRETCH, _WINDOW = 5, 0.25
+# Slips that a replay runs on before it starts anew.
+_STRETCH = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +90,8 @@ class StribeckIdentification(Result):
         length, force = self.axis.units
         for name, one in (("measured", self.measured), ("replayed", self.replayed)):
             if one is not None:
-                yield (
-                    f"ripple {name}: amplitude {one.amplitude:.4g} {force}, period "
-                    f"{one.period:.4g} s, slip {one.slip:.4g} {length}, {one.count} slips"
-                )
+                size = f"amplitude {one.amplitude:.4g} {force}, period {one.period:.4g} s"
+                yield f"ripple {name}: {size}, slip {one.slip:.4g} {length}, {one.count} slips"
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the result, ready for JSON."""
@@ -214,10 +212,9 @@ def identify_stribeck(
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import slow_ramp_experiment
     >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
-    >>> ramp = slow_ramp_experiment(true, duration=20.0, quantum=1e-6)
+    >>> ramp = dfc.slow_ramp_experiment(true, duration=20.0, quantum=1e-6)
     >>> found = dfc.identify_stribeck(true.replace(stribeck=None), ramp.record, starts=2)
     >>> round(found.stribeck.excess, 2), round(found.stribeck.speed, 3)
     (0.3, 0.01)
@@ -243,7 +240,7 @@ def identify_stribeck(
         np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
         for values in (values_of(one, problem.names) for one in guesses)
     ]
-    found = likeliest(problem, points, _WINDOW, jobs, progress, "identify_stribeck", starts)
+    found = likeliest(problem, points, WINDOW, jobs, progress, "identify_stribeck", starts)
     if controller is None:
         return StribeckIdentification(found, ripple(record), None, None)
     loop = replay_loop(found.axis, record, controller)

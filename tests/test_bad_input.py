@@ -54,8 +54,17 @@ DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", dfc.FitWarning)
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
-_REST = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
-PLAN = Experiment("change_of_bench", "a change of the bench", "turn it", *_REST)
+PLAN = Experiment(
+    name="change_of_bench",
+    title="a change of the bench",
+    description="turn it",
+    score={},
+    tried={},
+    cause="coulomb",
+    positions={},
+    drives={},
+    units=("m", "N"),
+)
 HUGE = 10**400  # a whole number that no float holds
 
 

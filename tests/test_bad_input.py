@@ -54,8 +54,17 @@ DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", dfc.FitWarning)
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
-_REST = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
-PLAN = Experiment("change_of_bench", "a change of the bench", "turn it", *_REST)
+PLAN = Experiment(
+    name="change_of_bench",
+    title="a change of the bench",
+    description="turn it",
+    score={},
+    tried={},
+    cause="coulomb",
+    positions={},
+    drives={},
+    units=("m", "N"),
+)
 HUGE = 10**400  # a whole number that no float holds
 
 
@@ -576,7 +585,7 @@ rows(
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
     ("design_pi_observer", dict(coulomb="8"), "level"),
     ("design_pi_observer", dict(coulomb=-8.0), "magnitude"),
-    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0, \+1 or -1", "mode"),
+    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0 \(stuck\), \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
     ("design_pi_observer", dict(axis=_SMOOTH), "amplitude", "uncertainty has no default"),
@@ -855,7 +864,7 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
         for room, name in (
             (axis_step, "run"),
             (axis_step, "step"),
-            (loops, "run_loop"),
+            (loops.kernel, "run_loop"),
             (windows, "free_runs"),
             (runtime.kernel, "run"),
             (synthesis, "certified_solution"),

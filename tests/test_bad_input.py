@@ -578,7 +578,7 @@ rows(
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
     ("design_pi_observer", dict(coulomb="8"), "level"),
     ("design_pi_observer", dict(coulomb=-8.0), "magnitude"),
-    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0, \+1 or -1", "mode"),
+    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0 \(stuck\), \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
     ("design_pi_observer", dict(axis=_SMOOTH), "amplitude", "uncertainty has no default"),
@@ -857,7 +857,7 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
         for room, name in (
             (axis_step, "run"),
             (axis_step, "step"),
-            (loops, "run_loop"),
+            (loops.kernel, "run_loop"),
             (windows, "free_runs"),
             (runtime.kernel, "run"),
             (synthesis, "certified_solution"),

@@ -14,14 +14,9 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
+from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
-from dryfric_control.compensation.certificate import (
-    DRIVE,
-    Loop,
-    TrackingCertificate,
-    certify_tracking,
-    loop_matrices,
-)
+from dryfric_control.compensation.certificate import Loop, TrackingCertificate
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
@@ -130,7 +125,7 @@ class Compensation(Result):
             )
         if reference is not None:
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
-        return certify_tracking(self.loop, mu, known, peak, reference)
+        return proof.certify_tracking(self.loop, mu, known, peak, reference)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a file that `load_compensation` reads back.
@@ -243,8 +238,8 @@ class Compensation(Result):
         """Step of the drive for one encoder increment [N], while the axis slides."""
         # Of the force that the drive is to make, before gain and dead zone are inverted.
         axis = self.rigid_axis
-        _, B = loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
-        return self.encoder_quantum * abs(float(B[DRIVE, 1]))
+        _, B = proof.loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
+        return self.encoder_quantum * abs(float(B[proof.DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
@@ -387,19 +382,10 @@ def design_compensation(
         u = kp e + ki integral(e) + kd e_v + m a_r + f v_r - g(r)
             + s (L + c_s + sigma L exp(-((abs(v_r) - Sigma)/vs)^2)) + q s l
 
-    c_s and sigma are learned by normalised least mean squares from the switched observer's
-    friction while it slides; of what they leave, l, a small part q is fed back.  With presliding,
-    s runs from -1 to 1 as the reference covers the presliding distance.
-
-    At rest of reference and axis the integral is held once the error is within the tolerance, and
-    after a settling time the drive itself.  Each correction widens the tolerance by half:
-    corrections end, and a constant drive below breakaway does not hunt.
-
-    e_v combines the low-passed difference of e with an estimate by an observer of e, whose model
-    has no delay: it leads the axis, which damps the loop in spite of the delay.
-
-    Static input effects (gain, dead zone) are inverted.  Effects that need states of their own
-    (backlash, compliance) are not compensated; an ObserverWarning names them.
+    with c_s and sigma learned from the switched observer, and l what they leave; the guide to
+    compensation says how it works.  Static input effects (gain, dead zone) are inverted.  Effects
+    that need states of their own (backlash, compliance) are not compensated; an ObserverWarning
+    names them.
 
     Examples
     --------
@@ -561,8 +547,7 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     >>> again.certificate.tube == comp.certificate.tube
     True
     """
-    found: Compensation = load_object(path, KIND, SAVED, _checked, CertificateError)
-    return found
+    return load_object(path, KIND, SAVED, _checked, CertificateError)
 
 
 def _checked(stated: Promise) -> Compensation:

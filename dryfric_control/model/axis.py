@@ -23,7 +23,13 @@ from dryfric_control.model.effects.effect import Inner, law_address
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
-from dryfric_control.model.responses import Events, SimulationResponse, check_finite, located
+from dryfric_control.model.responses import (
+    Events,
+    SimulationResponse,
+    check_finite,
+    check_mode,
+    located,
+)
 from dryfric_control.text import rotary_words, see, table
 from dryfric_control.units import axis_units, on_axis
 
@@ -131,11 +137,8 @@ class FrictionAxis:
 
     A stuck axis breaks away when w leaves [-Fb_minus, Fb_plus], with Fb = (1 + sigma) Fc, and
     loses a remaining velocity against that direction.  A sliding axis sticks when abs(v) <= Sigma
-    and w lies in [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``.  With a
-    Stribeck peak and Fc < w < F(x, 0+) it never sticks: velocity and friction change sign at
-    every sample without end.  The default ``switching="filippov"`` completes it: an axis whose
-    velocity reaches zero sticks if friction at rest can hold the load, reverses if the load
-    exceeds the breakaway friction force of the other direction, and slides on otherwise.
+    and w lies in [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``, which may
+    chatter with a Stribeck peak; "filippov" completes it, see the theory page.
 
     The model is not valid below Sigma: it has no presliding displacement, unless the effect
     `Presliding` adds it.  With `Backlash` or `Compliance` there are two masses; x and v are the
@@ -383,7 +386,7 @@ class FrictionAxis:
         >>> round(float(linear.A[1, 1]), 6)     # -f/m
         -7.5
         """
-        check_mode(index)
+        check_mode("mode", index)
         axis = self.effective()
         inner = rigid_inner(axis)
         if inner.delay > 0.0:
@@ -464,7 +467,7 @@ class FrictionAxis:
         [[1.    0.001]
          [0.    0.5  ]]
         """
-        check_mode(index)
+        check_mode("mode", index)
         dt = positive("dt", dt, unit="s", zero=True)
         one_of("method", method, ("euler", "zoh"))
         one_of("input", input, ("drive", "force"))
@@ -485,7 +488,6 @@ class FrictionAxis:
             a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
             b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
             states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
-        c = np.eye(1, len(states)) * read
         for what, fall in rates.items():
             if method == "euler" and dt * fall >= 2.0:
                 raise ValueError(
@@ -493,13 +495,13 @@ class FrictionAxis:
                     f'lower dt or {what}, or take method="zoh"'
                 )
         if input == "drive" and inner.delay > 0.0:
-            a, b, c = _delayed(a, b, c, inner.delay, dt, method)
+            a, b = _delayed(a, b, inner.delay, dt, method)
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
         elif dt > 0.0:
             a, b = _held(a, b, dt, method)
         names = {"inputs": ["u" if input == "drive" else "d"], "outputs": ["x"], "states": states}
         name = f"{self.name}_{MODE_LABELS[index]}"
-        return ModeStateSpace(a, b, c, [[0.0]], dt, name=name, **names)
+        return ModeStateSpace(a, b, np.eye(1, len(a)) * read, [[0.0]], dt, name=name, **names)
 
     def _slopes(self, index: int, at: Any) -> tuple[float, float, float, float]:
         """Slopes of a mode's acceleration by position, velocity and drive; of the reading."""
@@ -656,9 +658,7 @@ def _held(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     return held[:n, :n], held[:n, n:]
 
 
-def _delayed(
-    a: Floats, b: Floats, c: Floats, delay: float, dt: float, method: str
-) -> tuple[Floats, Floats, Floats]:
+def _delayed(a: Floats, b: Floats, delay: float, dt: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of one sample whose input is that of a while ago; earlier inputs are states."""
     if dt == 0.0:
         raise _no_states(delay, "give dt")
@@ -675,17 +675,11 @@ def _delayed(
     if method == "euler":
         a_old, _ = _held(a, b, dt, method)
         a_new = np.eye(n)
-    big = np.zeros((n + length, n + length))
-    big[:n, :n] = a_new @ a_old
-    big[n + 1 :, n:-1] = np.eye(length - 1)
-    enter = np.zeros((n + length, 1))
-    enter[n] = 1.0
-    for ago, column in ((whole, b_new), (whole + 1, a_new @ b_old)):
-        if ago == 0:
-            enter[:n] = column
-        elif ago <= length:
-            big[:n, [n + ago - 1]] = column
-    return big, enter, np.hstack([c, np.zeros((1, length))])
+    given = np.zeros((n, whole + 2))  # columns of the inputs, the newest first
+    given[:, [whole]], given[:, [whole + 1]] = b_new, a_new @ b_old
+    older, shift = given[:, 1 : length + 1], np.eye(length, k=-1)
+    big = np.block([[a_new @ a_old, older], [np.zeros((length, n)), shift]])
+    return big, np.vstack([given[:, :1], np.eye(length, 1)])
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -866,12 +860,6 @@ def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
     if not low < high:
         raise ValueError(f"{name} must run from low to high, got {travel!r}")
     return low, high
-
-
-def check_mode(index: Any) -> None:
-    """Refuse what is none of the three modes."""
-    if isinstance(index, (bool, str)) or not np.isscalar(index) or index not in MODES:
-        raise ValueError(f"mode must be 0 (stuck), +1 or -1 (sliding), got {index!r}")
 
 
 def _polynomial(coefficients: tuple[float, ...]) -> str:

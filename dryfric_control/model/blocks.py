@@ -86,7 +86,6 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     Parameters
     ----------
     axis : FrictionAxis
-        The axis whose rule, levels and stick velocity are used.
     dt : float
         Sampling time [s].
     name : str, optional

@@ -13,15 +13,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples
-from dryfric_control.compiled.loop import (
-    LONGEST_SPAN,
-    READINGS,
-    SPEED,
-    control_force,
-    control_update,
-    encode,
-    run_loop,
-)
+from dryfric_control.compiled import loop as kernel
 from dryfric_control.model.axis import Arrays, FrictionAxis, check_pace, without_effects
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
@@ -92,9 +84,9 @@ class PositionController:
         positive("filter_time", self.filter_time, unit="s", zero=True)
         if self.limit != math.inf:
             positive("limit", self.limit, unit="N")
-        if isinstance(self.span, bool) or self.span not in range(1, LONGEST_SPAN + 1):
+        if isinstance(self.span, bool) or self.span not in range(1, kernel.LONGEST_SPAN + 1):
             raise ValueError(
-                f"span must be a whole number from 1 to {LONGEST_SPAN}, got {self.span!r}"
+                f"span must be a whole number from 1 to {kernel.LONGEST_SPAN}, got {self.span!r}"
             )
 
     @classmethod
@@ -168,9 +160,10 @@ class PositionController:
             Position reading [m] and velocity [m/s].
         """
         reading, speed = finite("reading", reading), finite("speed", speed)
-        memory = np.zeros(READINGS + LONGEST_SPAN)
-        memory[SPEED] = speed
-        memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
+        memory = np.zeros(kernel.READINGS + kernel.LONGEST_SPAN)
+        memory[kernel.SPEED] = speed
+        ago = np.arange(1, kernel.LONGEST_SPAN + 1)
+        memory[kernel.READINGS :] = reading - speed * self.dt * ago
         return memory
 
     def run(self, loop: LoopRun) -> tuple[Floats, int]:
@@ -179,10 +172,9 @@ class PositionController:
         Parameters
         ----------
         loop : LoopRun
-            Plant, reference and encoder; its `out` is filled.
         """
-        memory = self.memory(encode(loop.state[0], loop.quantum), loop.state[1])
-        return run_loop(
+        memory = self.memory(kernel.encode(loop.state[0], loop.quantum), loop.state[1])
+        return kernel.run_loop(
             loop.axis.numbers, loop.axis.integers, loop.state, self.gains, memory,
             loop.motion.position, loop.disturbance, loop.quantum, self.dt, loop.room, loop.out,
         )  # fmt: skip
@@ -196,16 +188,11 @@ class PositionController:
         """
         gains = self.gains
 
-        def update(t: float, x: Any, u: Any) -> Floats:
-            memory = np.array(x, dtype=float)
-            control_update(gains, memory, u[0], u[1])
-            return memory
+        def step(t: float, memory: Floats, u: Any) -> Floats:
+            return np.array([kernel.control_update(gains, memory, u[0], u[1])])
 
-        def output(t: float, x: Any, u: Any) -> Floats:
-            return np.array([control_force(gains, np.array(x, dtype=float), u[0], u[1])[1]])
-
-        states = ["integral", "speed", *(f"y{i + 1}" for i in range(LONGEST_SPAN))]
-        return Block.of(update, output, "xref y", "u", states, self.dt, name)
+        states = ["integral", "speed", *(f"y{i + 1}" for i in range(kernel.LONGEST_SPAN))]
+        return Block.stepped(step, "xref y", "u", states, self.dt, name)
 
 
 def simulate_loop(

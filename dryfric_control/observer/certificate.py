@@ -118,6 +118,25 @@ def _run_lengths(word: tuple[int, ...]) -> str:
     return ", ".join(f"{signed(key)} x {n}" for key, n in runs_of(word))
 
 
+@dataclass(frozen=True)
+class Problem:
+    """What gains have to meet: error dynamics by class, allowed steps, decay per sample."""
+
+    models: Mapping[int, ErrorModel]
+    graph: ModeGraph
+    decay: float
+
+    def steps(
+        self, gains: Floats, factors: Floats
+    ) -> Iterator[tuple[int, int, Floats, Floats, Floats, Floats]]:
+        """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
+        for i, j in self.graph.edges:
+            model = self.models[self.graph.labels[i]]
+            F, G = model.closed(gains[model.node(i, j)])
+            inverse = np.linalg.inv(factors[i]).T
+            yield i, j, F, G, inverse, model.Z @ inverse
+
+
 def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
     result = np.empty_like(matrices)
     for k, P in enumerate((matrices + matrices.transpose(0, 2, 1)) / 2.0):
@@ -131,24 +150,11 @@ def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
     return result
 
 
-def _steps(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, factors: Floats
-) -> Iterator[tuple[int, int, Floats, Floats, Floats, Floats]]:
-    """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
-    for i, j in graph.edges:
-        model = models[graph.labels[i]]
-        F, G = model.closed(gains[model.node(i, j)])
-        inverse = np.linalg.inv(factors[i]).T
-        yield i, j, F, G, inverse, model.Z @ inverse
-
-
-def proved_gain(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, lyapunov: Floats
-) -> float:
+def proved_gain(problem: Problem, gains: Floats, lyapunov: Floats) -> float:
     """Smallest gamma that given Lyapunov matrices prove."""
+    graph, worst = problem.graph, 0.0
     factors = _factors(lyapunov, graph, "gain")
-    worst = 0.0
-    for i, j, F, G, inverse, out in _steps(models, graph, gains, factors):
+    for i, j, F, G, inverse, out in problem.steps(gains, factors):
         step, enter = factors[j].T @ F @ inverse, factors[j].T @ G
         kept = np.eye(3) - out.T @ out - step.T @ step
         if np.linalg.eigvalsh(kept)[0] < LEAST_MARGIN:
@@ -162,17 +168,12 @@ def proved_gain(
 
 
 def evaluate_blocks(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
-    gains: Floats,
-    gamma: float,
-    decay: float,
-    lyapunov: Floats,
-    lyapunov_decay: Floats,
+    problem: Problem, gains: Floats, gamma: float, lyapunov: Floats, lyapunov_decay: Floats
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains."""
     # With P = R R' the gain block of a step i to j is, dimensionless,
     # T'T + U'U - I, T = R_j' [F R_i^-T, G / gamma], U = [Z R_i^-T, 0].
+    graph, decay = problem.graph, problem.decay
     P = _factors(lyapunov, graph, "gain")
     Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P
     blocks = []
@@ -181,7 +182,7 @@ def evaluate_blocks(
         top = np.linalg.eigvalsh(T.T @ T + U.T @ U - np.eye(T.shape[1]))[-1]
         blocks.append(Block(kind, graph.names[i], graph.names[j], float(top)))
 
-    for i, j, F, G, inverse, out in _steps(models, graph, gains, P):
+    for i, j, F, G, inverse, out in problem.steps(gains, P):
         T = P[j].T @ np.hstack([F @ inverse, G / gamma])
         add("gain", i, j, T, np.hstack([out, np.zeros((len(out), G.shape[1]))]))
         if decay < 1.0:
@@ -210,22 +211,21 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
 
 
 def certify(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
+    problem: Problem,
     classes: Mapping[int, int],
     gains: Floats,
     gamma: float,
-    decay: float,
     lyapunov: Floats,
     lyapunov_decay: Floats,
     unit: float,
 ) -> Certificate:
     """Certificate of a design, or an error that says what fails."""
+    models, graph = problem.models, problem.graph
     if not (np.all(np.isfinite(gains)) and np.isfinite(gamma) and gamma > 0.0):
         raise CertificateError(
             f"gains and gamma must be finite numbers, got gamma = {gamma!r}: design again"
         )
-    blocks = evaluate_blocks(models, graph, gains, gamma, decay, lyapunov, lyapunov_decay)
+    blocks = evaluate_blocks(problem, gains, gamma, lyapunov, lyapunov_decay)
     margin = check_blocks(blocks)
     resting = graph.resting()
     radius = {}
@@ -235,4 +235,4 @@ def certify(
     lower, sequence = worst_switching(models, graph, gains, gamma)
     limit, hardest = hardest_switching(models, graph, gamma)
     gains_found = gamma * unit, lower * unit, sequence, limit * unit, hardest
-    return Certificate(*gains_found, decay, radius, margin, blocks)
+    return Certificate(*gains_found, problem.decay, radius, margin, blocks)

@@ -12,20 +12,18 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import one_of, positive, sampling_time, whole
-from dryfric_control.model.axis import MODES, FrictionAxis, check_mode
+from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.observer.certificate import Certificate, CertificateError, certify, signed
-from dryfric_control.observer.error_model import (
-    DISCRETIZATIONS,
-    FORMS,
-    C,
-    ErrorModel,
-    axis_matrices,
-    check_detectable,
-    check_sampling,
-    error_models,
-    mode_classes,
+from dryfric_control.model.responses import check_mode
+from dryfric_control.observer import error_model
+from dryfric_control.observer.certificate import (
+    Certificate,
+    CertificateError,
+    Problem,
+    certify,
+    signed,
 )
+from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, ErrorModel, mode_classes
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights, own_axis
@@ -132,8 +130,8 @@ class ObserverDesign(Result):
             State matrix; column of the known force u minus Fbar, zero while stuck, where friction
             cancels it; column of the integral term.
         """
-        check_mode(mode)
-        A, force = axis_matrices(self.axis, mode, self.dt, self.discretization)
+        check_mode("mode", mode)
+        A, force = error_model.axis_matrices(self.axis, mode, self.dt, self.discretization)
         return A, force * (mode != 0), force * (mode in self.integral_modes)
 
     def error_dynamics(self, mode: int) -> control.StateSpace:
@@ -151,7 +149,7 @@ class ObserverDesign(Result):
             sample]; outputs `e_x`, `e_v` (true minus estimated) and `e_w` = -w [N].  Estimated
             minus true friction is `force` + `e_w`.
         """
-        check_mode(mode)
+        check_mode("mode", mode)
         unit, ones = dict.fromkeys(MODES, 1.0), (1.0, 1.0, 1.0)
         one = replace(
             self, uncertainty=unit, noise=1.0, drift=1.0, performance=ones, form="prediction"
@@ -160,7 +158,7 @@ class ObserverDesign(Result):
         gain, output, direct = self.gains[mode], np.eye(3), np.zeros((3, 3))
         if self.form == "current":
             # State: the error before the correction; what counts is the one after it.
-            output, direct[:, 1] = output - np.outer(gain, C), -gain
+            output, direct[:, 1] = output - np.outer(gain, error_model.C), -gain
             gain = model.A @ gain
         F, B = model.closed(gain)
         names = {"inputs": ["force", "noise", "drift"], "outputs": ["e_x", "e_v", "e_w"]}
@@ -169,10 +167,10 @@ class ObserverDesign(Result):
     def check(self) -> Certificate:
         """Recompute the certificate from the gains, or refuse it."""
         scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
-        models, gains = scales.apply(_models(self)), scales.scaled_gains(self.node_gains)
-        gamma, proofs = self.gamma * self.output_scale, (self.lyapunov, self.lyapunov_decay)
-        unit = 1.0 / self.output_scale
-        return certify(models, self.graph, self.classes, gains, gamma, self.decay, *proofs, unit)
+        problem = Problem(scales.apply(_models(self)), self.graph, self.decay)
+        gains, gamma = scales.scaled_gains(self.node_gains), self.gamma * self.output_scale
+        proofs, unit = (self.lyapunov, self.lyapunov_decay), 1.0 / self.output_scale
+        return certify(problem, self.classes, gains, gamma, *proofs, unit)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a text file; `load_design` reads it back.
@@ -221,7 +219,7 @@ _GIVEN = (
 
 def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
     given: dict[str, Any] = {name: getattr(design, name) for name in _GIVEN}
-    return error_models(design.axis, design.dt, **given)
+    return error_model.error_models(design.axis, design.dt, **given)
 
 
 def design_pi_observer(
@@ -290,17 +288,9 @@ def design_pi_observer(
 
     Notes
     -----
-    A ValueError says so if a mode is not detectable, or the specifications cannot be met.
-
-    Effects of the axis enter what the observer knows: those on a base parameter its matrices;
-    forces and friction levels the known term, at the measured position and its own velocity, time
-    at rest and time since its first sample; gain, dead zone, saturation, delay and lag the known
-    drive.  The slope of a force over position or velocity is not part of the certificate.  An
-    ObserverWarning names effects that it leaves out: presliding, backlash, compliance.
-
-    Defaults: the uncertainty is a fifth of the Coulomb level; the noise four times the
-    quantization error quantum / sqrt(12), kept in the range in which the observer is neither
-    deadbeat nor blind; drift, decay and performance follow from the bandwidth these two fix.
+    A ValueError says so if a mode is not detectable, or the specifications cannot be met.  The
+    page on the observer says which effects it knows, and how defaults follow from Coulomb level
+    and encoder; an ObserverWarning names effects that it leaves out.
 
     gamma bounds the energy of z by that of all disturbances stacked, each divided by its
     amplitude, for every allowed sequence of modes; modes that the observer decides differently
@@ -332,32 +322,32 @@ def design_pi_observer(
     one_of("form", form, FORMS)
     own = own_axis(axis, coulomb, stick_speed)
     dt = sampling_time(dt)
-    check_sampling(own, dt, discretization)
+    error_model.check_sampling(own, dt, discretization)
     if not isinstance(integral_modes, Iterable):
         raise ValueError(f"integral_modes must hold modes such as (1, -1), got {integral_modes!r}")
     modes = tuple(integral_modes)
     for mode in modes:
-        check_mode(mode)
+        check_mode("mode", mode)
     weights = default_weights(
         own, dt, uncertainty=uncertainty, noise=noise, drift=drift, decay=decay,
         performance=performance, encoder_quantum=encoder_quantum,
     )  # fmt: skip
     given: dict[str, Any] = {name: getattr(weights, name) for name in _GIVEN[:4]}
     given |= {"discretization": discretization, "integral_modes": modes, "form": form}
-    models = error_models(own, dt, **given)
+    models = error_model.error_models(own, dt, **given)
     classes = mode_classes(weights.uncertainty)
     scales = scales_of(models, weights)
-    check_detectable(models, scales.state, weights.decay)
+    error_model.check_detectable(models, scales.state, weights.decay)
     allowed = allowed_pairs(classes, pairs)
     graph = (dwell_graph if method == "dwell" else window_graph)(allowed, int(window))
-    scaled = scales.apply(models)
+    problem = Problem(scales.apply(models), graph, weights.decay)
     candidate, gamma = certified_solution(
-        scaled, graph, weights.decay, paper=method == "paper", refine=refine, solver=solver
+        problem, paper=method == "paper", refine=refine, solver=solver
     )
     gains = scales.physical_gains(candidate.gains)
     proofs = candidate.lyapunov, candidate.lyapunov_decay
     own_gains, unit = scales.scaled_gains(gains), 1.0 / scales.output
-    certificate = certify(scaled, graph, classes, own_gains, gamma, weights.decay, *proofs, unit)
+    certificate = certify(problem, classes, own_gains, gamma, *proofs, unit)
     quantum = np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
     return ObserverDesign(
         axis=own,
@@ -400,8 +390,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     >>> bool((again.node_gains == design.node_gains).all())
     True
     """
-    found: ObserverDesign = load_object(path, KIND, SAVED, checked, CertificateError)
-    return found
+    return load_object(path, KIND, SAVED, checked, CertificateError)
 
 
 def checked(design: ObserverDesign) -> ObserverDesign:
@@ -432,7 +421,7 @@ def checked(design: ObserverDesign) -> ObserverDesign:
         one_of("integral_modes", mode, MODES)
     if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
         raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
-    check_sampling(design.axis, design.dt, design.discretization)
+    error_model.check_sampling(design.axis, design.dt, design.discretization)
     default_weights(
         design.axis, design.dt, uncertainty=design.uncertainty, noise=design.noise,
         drift=design.drift, decay=design.decay, performance=design.performance,

@@ -97,18 +97,14 @@ class HybridFilter:
 
     def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
         """The filter as a sampled block: inputs u, y; outputs xhat, vhat, Fhat, what, mode."""
-        tables, size = self.tables, self.memory_size
 
-        def sample(t: float, x: Any, u: Any) -> tuple[Floats, Floats]:
-            memory, out = np.array(x, dtype=float), np.empty(kernel.OUTPUTS)
-            kernel.step(*tables, memory, t, u[0], u[1], out)
-            return memory, out
+        def step(t: float, memory: Floats, u: Any) -> Floats:
+            out = np.empty(kernel.OUTPUTS)
+            kernel.step(*self.tables, memory, t, u[0], u[1], out)
+            return out[:5]
 
-        states = ["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, size))]
-        return Block.of(
-            lambda t, x, u: sample(t, x, u)[0], lambda t, x, u: sample(t, x, u)[1][:5],
-            "u y", " ".join(OUTPUTS), states, self.dt, name,
-        )  # fmt: skip
+        states = ["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, self.memory_size))]
+        return Block.stepped(step, "u y", " ".join(OUTPUTS), states, self.dt, name)
 
     def stepper(self) -> HybridStepper:
         """The filter sample by sample, for a loop of your own."""
@@ -171,21 +167,10 @@ def hybrid_filter(
 
     Notes
     -----
-    Each mode i (stuck, sliding in either direction) has a probability and a Gaussian of
-    (x, v, c_plus, c_minus, e, r): position, velocity, relative error of the Coulomb level in
-    either direction, excess over it, relative error of 1 / mass.  While sliding in direction s,
-    over one sample with the drive held ::
-
-        m v' = (1 + r) (W - s F_s(x, v) (1 + c_s + e)) - f v
-
-    The excess is forgotten with the distance in velocity, exp(-abs(dv) / excess_speed).  The part
-    of a sliding density that crosses v = 0 goes to rest, or to the other direction if W exceeds
-    the breakaway force there.  At rest the chance to break away rises where W nears the force at
-    which the axis broke away before.  A reading y says that the position lies in y -+ quantum / 2;
-    noise beyond that is seen from innovations, and followed.  Densities that arrive in one mode
-    are merged by their moments.  The theory page has the equations.
-
-    Effects of the axis act, or are left out, as in `design_pi_observer`.  The levels are learned
+    Each mode (stuck, sliding in either direction) has a probability and a Gaussian of position,
+    velocity, relative error of the Coulomb level in either direction, excess over it and relative
+    error of 1 / mass; a reading is an interval of one increment.  The theory page has the
+    equations.  Effects act, or are left out, as in `design_pi_observer`.  The levels are learned
     while sliding alone; creeping below an increment in many samples is taken for rest.
 
     Examples

@@ -152,12 +152,11 @@ def observe(
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import design_pi_observer, observe
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> design = design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
     >>> u = 12.0 * np.sin(np.arange(4000) * 3e-3)
     >>> plant = axis.simulate(u, dt=1e-3)
-    >>> estimate = observe(design, u, plant.y[0], encoder_quantum=1e-5)
+    >>> estimate = dfc.observe(design, u, plant.y[0], encoder_quantum=1e-5)
     >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
     True
     """
@@ -230,55 +229,29 @@ def pi_observer(
         w+    = w + G_i (y - C Xhat)
         Fhat  = Fbar_i(y) - w  when sliding,   W  when stuck;   B_0 = 0
 
-    ``switching="paper"`` decides the mode by the printed automaton: stuck until W leaves
-    [-Fbar_minus, Fbar_plus]; stuck again when abs(vhat) <= Sigma and W lies in it.  An axis that
-    breaks away above the level of the model is taken to move while it rests, and one integral for
-    all modes carries the friction error of sliding into the stuck mode, where it is none.
-
-    ``switching="filippov"`` reverses the mode where the velocity estimate passes zero only if W
-    pushes that way: it ends the chatter between +1 and -1 of the printed rule, no more.
-
-    ``switching="reading"``, the default, lets the measurement decide:
-
-    - Stuck, the observer holds the mean reading y_0 since the axis came to rest.  Motion in
-      direction s begins when ``s (y - y_0) > d``, with d one and a half increments plus the
-      distance Sigma / p that a remaining velocity covers; half of d is enough once s W exceeds
-      the sliding level, for then nothing but additional friction can hold the axis.
-    - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way beyond the level
-      there, only once the velocity estimate has passed zero.
-    - Each mode has an integral of its own, zero when the axis comes to rest.  When motion begins
-      it starts at minus the learned friction error d_s, a slow mean of -s w while sliding that
-      way; the levels above are Fbar_s + d_s.  In the certified error dynamics friction error and
-      w jump together, and their difference, which is the state, does not.
-
-    Neither rule can distinguish creeping below an increment per few samples from rest.
+    ``switching="reading"``, the default, lets the measurement decide the mode, "paper" the printed
+    automaton, "filippov" the same completed as in `FrictionAxis`; the page on the observer has the
+    rules.  None can distinguish creeping below an increment per few samples from rest.
 
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import design_pi_observer, pi_observer
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> block = pi_observer(design_pi_observer(axis, dt=1e-3))
+    >>> block = dfc.pi_observer(dfc.design_pi_observer(axis, dt=1e-3))
     >>> block.input_labels, block.output_labels
     (['u', 'y'], ['xhat', 'vhat', 'Fhat', 'what', 'mode'])
     """
     arrays = tables(design, switching, encoder_quantum)
     length = first_memory(design).size
 
-    def update(t: float, x: Any, u: Any) -> Floats:
-        memory = np.array(x, dtype=float)
+    def step(t: float, memory: Floats, u: Any) -> Floats:
         out = np.empty(kernel.OUTPUTS)
         kernel.step(*arrays, memory, t, u[0], u[1], out)
-        return memory
-
-    def output(t: float, x: Any, u: Any) -> Floats:
-        memory = np.array(x, dtype=float)
-        friction = kernel.decide(*arrays, memory, t, u[0], u[1])
-        return np.array([memory[0], memory[1], friction, memory[2], memory[kernel.MODE]])
+        return out
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return Block.of(update, output, "u y", " ".join(OUTPUTS), states, design.dt, name)
+    return Block.stepped(step, "u y", " ".join(OUTPUTS), states, design.dt, name)
 
 
 class Stepper:
@@ -321,9 +294,8 @@ class ObserverStepper(Stepper):
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import ObserverStepper, design_pi_observer
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> observer = ObserverStepper(design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
+    >>> observer = dfc.ObserverStepper(dfc.design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
     >>> observer.step(u=5.0, y=0.0)
     Estimate(x=0.0, v=0.0, F=5.0, w=0.0, mode=0)
     """

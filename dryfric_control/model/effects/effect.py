@@ -31,7 +31,14 @@ ACTIONS = (
     *("axis", "delay", "lag", "contact", "transmission"),
 )
 _BY_LAW = ACTIONS[:4]
-_METHODS = {"axis": "alter", **dict.fromkeys(ACTIONS[5:], "inner")}
+#: The method that an action needs.
+_METHODS = {
+    **dict.fromkeys(_BY_LAW, ("law", "a static method law(t, x, v, u, ..., p)")),
+    "axis": ("alter", "a method alter(axis) that returns a FrictionAxis"),
+    **dict.fromkeys(
+        ACTIONS[5:], ("inner", "a method inner(axis) that returns dfc.effects.Inner(...)")
+    ),
+}
 
 #: What a parameter is, and the range in which a diagnosis searches it if that is
 #: narrower than its bounds: a load next to nothing is an elastic contact, and a
@@ -185,13 +192,8 @@ def read_by(law: Any) -> set[str]:
 class Effect:
     """Base of every physical effect.
 
-    A subclass is a frozen dataclass whose fields are declared with `parameter`; its docstring
-    repeats them before the Notes.  It sets `slug`, `title`, `action`, `explanation` and
-    `experiment`, and, for the actions "input", "force", "friction" and "reading", a static method
-    `law`; for "axis" a method ``alter(axis)`` that returns the axis with other base parameters; for
-    "delay", "lag", "contact" and "transmission" a method ``inner(axis)`` that returns an `Inner`.
-    A law that oscillates along the travel or in time states `shortest_length` and `shortest_time`,
-    and one that repeats its `periods`.
+    A subclass is a frozen dataclass whose fields are declared with `parameter`, with a `law`, or a
+    method `alter` or `inner`; the guide to an effect of your own says what it sets.
 
     Notes
     -----
@@ -308,7 +310,6 @@ class Effect:
         Parameters
         ----------
         units : tuple of str, optional
-            Units of position and force of the axis, its `units`.
         """
         return {
             name: said["unit"] if said["kind"] == "angle" else on_axis(said["unit"], units)
@@ -387,7 +388,6 @@ class Effect:
         Parameters
         ----------
         axis : FrictionAxis
-            As for `inner`.
         force : float
             RMS of the drive force [N].
         """
@@ -399,7 +399,6 @@ class Effect:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has it.
         """
         return True
 
@@ -431,7 +430,6 @@ class Effect:
         Parameters
         ----------
         units : tuple of str
-            Units of position and force of the axis.
         """
         return ""
 
@@ -441,7 +439,6 @@ class Effect:
         Parameters
         ----------
         units : tuple of str, optional
-            Units of position and force of the axis, its `units`.
         """
         shown = {name: "" if u == "1" else f" {u}" for name, u in self.units(units).items()}
         parts = (f"{name} = {getattr(self, name):.6g}{unit}" for name, unit in shown.items())
@@ -485,24 +482,18 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(
             f"register_effect takes a class that derives from dfc.effects.Effect, got {cls!r}"
         )
-    if not isinstance(cls.slug, str) or not cls.slug.isidentifier():
-        raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
-    if cls.slug.rpartition("_")[2].isdecimal():
-        raise ValueError(
-            f"{cls.__name__}.slug must not end in a number, which counts effects of one kind in "
-            f"an axis, got {cls.slug!r}"
-        )
+    own, slug = cls.__name__, cls.slug
+    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
+        raise ValueError(f"{own}.slug must be a lower-case word, no number behind it, got {slug!r}")
     if cls.action not in ACTIONS:
-        raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
-    if cls.action in _BY_LAW and not callable(getattr(cls, "law", None)):
-        raise ValueError(f"{cls.__name__} needs a static method law(t, x, v, u, ..., p)")
-    known = REGISTRY.get(cls.slug)
+        raise ValueError(f"{own}.action must be one of {ACTIONS}, got {cls.action!r}")
+    known = REGISTRY.get(slug)
     if known is not None and known.__qualname__ != cls.__qualname__:
-        raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
-    method = _METHODS.get(cls.action)
-    if method is not None and getattr(cls, method, None) in (None, Effect.inner):
-        returns = {"alter": "a FrictionAxis", "inner": "dfc.effects.Inner(...)"}[method]
-        raise ValueError(f"{cls.__name__} needs a method {method}(axis) that returns {returns}")
+        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
+    method, needed = _METHODS[cls.action]
+    found = getattr(cls, method, None)
+    if not callable(found) or found is Effect.inner:
+        raise ValueError(f"{own} needs {needed}")
     _check_numbers(cls)
     _document_parameters(cls)
     REGISTRY[cls.slug] = cls

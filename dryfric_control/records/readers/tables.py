@@ -110,6 +110,7 @@ def read_frame(path: Path, max_rows: int) -> Any:
                 return pandas.read_parquet(path, engine=engine)
     except ImportError:
         raise ImportError(
-            f"{path.name}: {path.suffix} needs pandas and {engine}: pip install pandas {engine}"
+            f"{path.name}: reading {path.suffix} needs pandas and {engine}: "
+            f"pip install pandas {engine}"
         ) from None
     raise ValueError(too_long(path.name, max_rows))

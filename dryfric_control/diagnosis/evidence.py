@@ -41,51 +41,33 @@ class Evidence:
     """An axis compared with a record.
 
     Made by `evidence`.
-
-    Attributes
-    ----------
-    axis : FrictionAxis
-    record : Record
-    t, x, v : ndarray, shape (n,)
-        Time, position and velocity (zero-phase) of the sliding samples that are not `blind`.
-    residual : ndarray, shape (n,)
-        Force that the axis would need in addition to its drive to move as measured,
-        m a - (u - f v - F): positive where a force in positive direction is
-        missing.  u is the force after gain, delay and lag of the drive.
-    hidden : float
-        Fraction of the sliding samples that is left out as `blind`.
-    since_reversal : ndarray, shape (n,)
-        Time since the motion last changed direction [s]; NaN before the first
-        time.
-    lags, autocorrelation, white : ndarray, shape (nlags,)
-        Autocorrelation of the residual over the lag [s], and the half-width of
-        the 95 % band of white noise.  Smoothing alone correlates the shortest lags.
-    windows : Windows
-        Windows of the free runs.
-    errors : ndarray, shape (nsamples,)
-        Free-run position - measured position at every sample of the record, each run
-        from its most likely start state.
-    error_by_window : ndarray, shape (nwindows,)
-        RMS of those errors.
-    mode_measured, mode_simulated : ndarray of int8, shape (nsamples,)
-        +1 or -1 moving, 0 motionless: in the readings, and in the free runs as read
-        by the same encoder.
     """
 
     axis: FrictionAxis
     record: Record
+    # Time, position and velocity (zero-phase) of the sliding samples that are not `blind`.
     t: FloatArray
     x: FloatArray
     v: FloatArray
+    # Force that the axis would need in addition to its drive to move as measured, m a - (u -
+    # f v - F): positive where a force in positive direction is missing. u is the force after
+    # gain, delay and lag of the drive.
     residual: FloatArray
-    hidden: float
+    hidden: float  # fraction of the sliding samples that is left out as `blind`
+    # Time since the motion last changed direction [s]; NaN before the first time.
     since_reversal: FloatArray
+    # Autocorrelation of the residual over the lag [s], and the half-width of the 95 % band of
+    # white noise. Smoothing alone correlates the shortest lags.
     lags: FloatArray
     autocorrelation: FloatArray
     white: FloatArray
-    windows: Windows
+    windows: Windows  # windows of the free runs
+    # Free-run position - measured position at every sample of the record, each run from its
+    # most likely start state.
     errors: FloatArray
-    error_by_window: FloatArray
+    error_by_window: FloatArray  # RMS of those errors
+    # +1 or -1 moving, 0 motionless: in the readings, and in the free runs as read by the same
+    # encoder.
     mode_measured: NDArray[np.int8]
     mode_simulated: NDArray[np.int8]
 

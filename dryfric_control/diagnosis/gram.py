@@ -53,53 +53,25 @@ def _level(effect: type[Effect]) -> bool:
 
 @dataclass(frozen=True)
 class Item:
-    """One shape of an effect.
+    """One shape of an effect."""
 
-    Attributes
-    ----------
-    name : str
-        The effect's name in the axis.
-    column : Column
-    at : tuple of int
-        Places in the matrix.
-    gain : float
-        Gain of log-likelihood in one pass, if it was simulated.
-    """
-
-    name: str
+    name: str  # the effect's name in the axis
     column: Column
-    at: tuple[int, ...]
-    gain: float = -math.inf
+    at: tuple[int, ...]  # places in the matrix
+    gain: float = -math.inf  # gain of log-likelihood in one pass, if it was simulated
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """An axis with effects added, from which a fit starts.
+    """An axis with effects added, from which a fit starts."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        The effects.
-    axis : FrictionAxis
-    free : tuple of str
-        Their free parameters.
-    cost : float
-        Cost in one pass, with the size of all noises fitted.
-    predicted : float
-        Gain of log-likelihood that the normal equations predict.
-    held : FrictionAxis, optional
-        The same with the base parameters of the model.
-    remembers : bool
-        Whether its shape was simulated.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the effects
     axis: FrictionAxis
-    free: tuple[str, ...]
-    cost: float
-    predicted: float
-    held: FrictionAxis | None = None
-    remembers: bool = False
+    free: tuple[str, ...]  # their free parameters
+    cost: float  # cost in one pass, with the size of all noises fitted
+    predicted: float  # gain of log-likelihood that the normal equations predict
+    held: FrictionAxis | None = None  # the same with the base parameters of the model
+    remembers: bool = False  # whether its shape was simulated
 
 
 def raised(problem: Problem, fit: Solution) -> FloatArray:
@@ -126,23 +98,12 @@ def profiled(likelihood: Likelihood, point: Point) -> float:
 
 @dataclass(eq=False)
 class Gram:
-    """Normal equations of the columns of some effects beside a model.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : Solution
-        The model.
-    names : sequence of str
-        Effects that may be added, by their names in the axis.
-    fail : callable
-        Called with an effect and the reason why it was not tried.
-    """
+    """Normal equations of the columns of some effects beside a model."""
 
     problem: Problem
-    fit: Solution
-    names: Sequence[str]
-    fail: Callable[[str, str], None]
+    fit: Solution  # the model
+    names: Sequence[str]  # effects that may be added, by their names in the axis
+    fail: Callable[[str, str], None]  # called with an effect and the reason why it was not tried
     items: list[Item] = field(default_factory=list)
     #: Logarithm of the number of shapes of each effect that were searched.
     odds: dict[str, float] = field(default_factory=dict)

@@ -39,51 +39,25 @@ _NOISES = 3
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Records of one machine, its nominal axis, and what is known about it.
+    """Records of one machine, its nominal axis, and what is known about it."""
 
-    Attributes
-    ----------
-    believed : FrictionAxis
-        The nominal axis.
-    runs : tuple of Run
-        The records.
-    known : tuple of str
-        Parameters that stay at their nominal values.
-    tolerance : mapping of str to float
-        Relative standard deviations of priors.
-    own : tuple of str
-        Parameters with a separate value for each record.
-    also : tuple of str
-        Further free parameters of the nominal axis.
-    hold : str
-    view : type of Likelihood
-        Likelihood of the motion, or of the force where the motion is imposed.
-    shift : float or None
-        Start value of the time by which the inputs act after their time stamps [s]; None: not
-        free, and zero.
-    steady : bool
-        Whether each direction has nearly one velocity.
-    jobs : int
-        Number of fits in parallel.
-    until : float
-        Reading of `time.monotonic` at which fits end.
-    windows : tuple of Windows
-        Free runs of each record.
-    """
-
-    believed: FrictionAxis
-    runs: tuple[Run, ...]
-    known: tuple[str, ...] = ()
+    believed: FrictionAxis  # the nominal axis
+    runs: tuple[Run, ...]  # the records
+    known: tuple[str, ...] = ()  # parameters that stay at their nominal values
+    # Relative standard deviations of priors.
     tolerance: Mapping[str, float] = field(default_factory=dict)
-    own: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()  # parameters with a separate value for each record
+    also: tuple[str, ...] = ()  # further free parameters of the nominal axis
     hold: str = "zero"
+    # Likelihood of the motion, or of the force where the motion is imposed.
     view: type[Likelihood] = Likelihood
+    # Start value of the time by which the inputs act after their time stamps [s]; None: not
+    # free, and zero.
     shift: float | None = None
-    steady: bool = False
-    jobs: int = 1
-    until: float = math.inf
-    windows: tuple[Windows, ...] = ()
+    steady: bool = False  # whether each direction has nearly one velocity
+    jobs: int = 1  # number of fits in parallel
+    until: float = math.inf  # reading of `time.monotonic` at which fits end
+    windows: tuple[Windows, ...] = ()  # free runs of each record
 
     @cached_property
     def samples(self) -> int:

@@ -190,19 +190,11 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A fit with its causes.
-
-    Attributes
-    ----------
-    fit : Solution
-    causes : tuple of str
-        In the order found.
-    worth : dict of str to float
-        Evidence for each cause beside the others.
-    """
+    """A fit with its causes."""
 
     fit: Solution
-    causes: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()  # in the order found
+    # Evidence for each cause beside the others.
     worth: dict[str, float] = field(default_factory=dict)
 
     def own(self, name: str) -> tuple[str, ...]:
@@ -213,16 +205,10 @@ class Model:
 
 @dataclass(eq=False)
 class Search:
-    """Rounds of the search, remembered by the causes of their model.
-
-    Parameters
-    ----------
-    problem : Problem
-    tell : callable
-        Called with the name of each step and the causes so far.
-    """
+    """Rounds of the search, remembered by the causes of their model."""
 
     problem: Problem
+    # Called with the name of each step and the causes so far.
     tell: Callable[[str, Sequence[str]], None] = lambda step, causes: None
     #: Why effects were not tried.
     not_tried: dict[str, str] = field(default_factory=dict)

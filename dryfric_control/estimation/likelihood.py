@@ -74,11 +74,6 @@ _NOISE_BENT = 0.15
 _NOISE_STEP = 0.05
 # Allowed integration error of the velocity, over the effect of the random force in one sample.
 _HIDDEN = 0.05
-# Evenly spread stretches are moved if their fraction of motion is below this part of the
-# record's.
-_STILL = 0.5
-# Largest number of stretches that are foreseen worst, and their shortest length [samples].
-_WORST, _SHORT = 8, 500
 # Factor by which an elastic part that is too stiff already may become stiffer.
 _STIFFER = 1.5
 # Bounds of the standard deviation of the random force, over the RMS drive.
@@ -106,37 +101,18 @@ def recursion(axis: FrictionAxis, dt: float, states: FloatArray) -> Recursion:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One record, prepared for the filter.
-
-    Attributes
-    ----------
-    record : Record
-    u : ndarray, shape (n,)
-        Its input; zeros for a model without drive.
-    good : ndarray of bool, shape (n,)
-        Readings that may be used.
-    active : ndarray of bool, shape (n,)
-        Samples whose innovations are used.
-    edges : ndarray of int64, shape (nblocks + 1,)
-        Blocks over which scores are summed.
-    rest : ndarray, shape (n,)
-        Time at rest before each sample [s].
-    pieces : tuple of tuple of int
-        First sample and end of each stretch over which the filter runs.
-    floor : float
-        Lower bound of the variance of a reading.
-    drive : float
-        RMS of the input, or the force of the motion if more: the scale of the random force.
-    """
+    """One record, prepared for the filter."""
 
     record: Record
-    u: FloatArray
-    good: BoolArray
-    active: BoolArray
-    edges: NDArray[np.int64]
-    rest: FloatArray
+    u: FloatArray  # its input; zeros for a model without drive
+    good: BoolArray  # readings that may be used
+    active: BoolArray  # samples whose innovations are used
+    edges: NDArray[np.int64]  # blocks over which scores are summed
+    rest: FloatArray  # time at rest before each sample [s]
+    # First sample and end of each stretch over which the filter runs.
     pieces: tuple[tuple[int, int], ...]
-    floor: float
+    floor: float  # lower bound of the variance of a reading
+    # RMS of the input, or the force of the motion if more: the scale of the random force.
     drive: float
 
 
@@ -162,21 +138,12 @@ def prepare(
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Result of the filter at one point of the search.
+    """Result of the filter at one point of the search."""
 
-    Attributes
-    ----------
-    cost : float
-        Negative log-likelihood and prior.
-    out : list of ndarray, shape (2, n)
-        Innovations and their variances, one entry a record.
-    states : list of ndarray, shape (6, n)
-        Filtered position, velocity and mode, the correction of the velocity by each
-        reading, and the filter's gains for position and velocity.
-    """
-
-    cost: float
-    out: list[FloatArray]
+    cost: float  # negative log-likelihood and prior
+    out: list[FloatArray]  # innovations and their variances, one entry a record
+    # Filtered position, velocity and mode, the correction of the velocity by each reading,
+    # and the filter's gains for position and velocity.
     states: list[FloatArray]
     #: Accelerations at the filtered states of records, once they are known.
     rates: dict[int, FloatArray] = field(default_factory=dict)

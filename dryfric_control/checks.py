@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,12 +86,26 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
         )
 
 
+def string(name: str, value: object) -> str:
+    """Reject what is no text."""
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be text, got {short(value)}")
+    return value
+
+
+def file_path(name: str, value: object) -> Path:
+    """Convert to a path; whether there is a file is not looked at."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{name} must be the path of a file, got {short(value)}")
+    return Path(value)
+
+
 def known_keys(name: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse keys that nobody reads, with the nearest that somebody does."""
     known = list(known)
     for key in given:
         if key not in known:
-            near = did_you_mean(key, known)
+            near = did_you_mean(str(key), known)
             raise ValueError(f"{name}{key} is not known{near}; known are {', '.join(known)}")
 
 

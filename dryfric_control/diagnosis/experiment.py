@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import instance
+from dryfric_control.checks import file_path, instance
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
@@ -115,6 +115,7 @@ class Experiment(Result):
         ValueError
             If the experiment has no reference to follow.
         """
+        file_path("path", path)
         if not self.t.size:
             raise ValueError(
                 "this experiment is a change of the bench and has no reference to write: "

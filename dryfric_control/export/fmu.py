@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control._version import __version__
+from dryfric_control.checks import file_path
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, exported
@@ -112,10 +113,7 @@ def export_fmu(
     made = exported(obj, name, dt)
     if made.name in ("model", "fmi", "fmi2", "fmi3"):
         raise ValueError(f'name {made.name!r} is that of a file in every FMU: pass name="..."')
-    try:
-        target = Path(path)
-    except TypeError:
-        raise ValueError(f"path must be a file name, got {path!r}") from None
+    target = file_path("path", path)
     if target.suffix != ".fmu" or target.is_dir():
         raise ValueError(f"path must be a file that ends in .fmu, got {str(path)!r}")
     if not target.parent.is_dir():

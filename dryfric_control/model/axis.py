@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import finite, instance, places, positive, samples
+from dryfric_control.checks import finite, instance, places, positive, samples, string
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.block import Block
@@ -177,8 +177,7 @@ class FrictionAxis:
 
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
-        if not isinstance(self.name, str):
-            raise ValueError(f"name must be text, got {self.name!r}")
+        string("name", self.name)
         put("units", axis_units(self.units))
         put("mass", positive("mass", self.mass, unit=self.unit("kg")))
         put("viscous", positive("viscous", self.viscous, unit=self.unit("N s/m"), zero=True))
@@ -277,7 +276,7 @@ class FrictionAxis:
         dt : float
             Sampling time [s]; it sets the length of the delay line.
         """
-        return _arrays(self, dt)
+        return _arrays(self, positive("dt", dt, unit="s"))
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:
         """Breakaway friction force (1 + sigma) Fc of the base model.
@@ -635,7 +634,7 @@ class FrictionAxis:
         """
         fastest = usual_speed(self) if speed is None else positive("speed", speed, unit="m/s")
         places = (self.travel or (0.0, 0.0)) if span is None else span_of(span, "span")
-        axes = axes_of(ax, 1, figsize=(7.0, 4.2))
+        axes = axes_of(ax, 1, title, figsize=(7.0, 4.2))
         draw_friction(self, axes[0], fastest, places)
         legend_above(axes[0])
         title_above(axes[0], f"{self.name}: friction over velocity" if title is None else title)
@@ -955,7 +954,6 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
 
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
-    dt = positive("dt", dt, unit="s")
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]

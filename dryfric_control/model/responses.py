@@ -56,7 +56,7 @@ class Events:
         before, after : int
         """
         for name, mode in (("before", before), ("after", after)):
-            if mode not in MODE_NAMES:
+            if not isinstance(mode, (int, np.integer)) or mode not in MODE_NAMES:
                 raise ValueError(f"{name} must be 0 (stuck), +1 or -1 (sliding), got {mode!r}")
         return self.time[(self.before == before) & (self.after == after)]
 

@@ -9,7 +9,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control import drawing
 from dryfric_control.arrays import Bools, Floats
-from dryfric_control.checks import positive
+from dryfric_control.checks import file_path, finite, instance, positive, string
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
@@ -155,8 +154,8 @@ class Record:
         good: npt.ArrayLike | None = None,
     ) -> None:
         labels = checks.checked_units(units)
-        if name is not None and not isinstance(name, str):
-            raise ValueError(f"name must be text, got {name!r}")
+        if name is not None:
+            string("name", name)
         if quantum is not None:
             quantum = positive("quantum", quantum, zero=True)
         found, made = checks.vectors(t, u, x, reference, channels)
@@ -348,9 +347,11 @@ class Record:
             With the time, input and quantum of this one; it may stand still.
         """
         path = self._one_each("positions", positions)
+        instance("rng", rng, np.random.Generator, "numpy.random.default_rng(0)")
+        shift = None if origin is None else finite("origin", origin)
         x = path + self.resolution.fast * rng.standard_normal(path.size)
         if quantum := self.resolution.quantum:
-            shift = rng.uniform(0.0, quantum) if origin is None else origin
+            shift = rng.uniform(0.0, quantum) if shift is None else shift
             x = quantum * np.round((x - shift) / quantum) + shift
         return self._with("read anew", x=x, channels={}, masked=NONE)
 
@@ -642,6 +643,8 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
+        if name is not None:
+            string("name", name)
         found, _ = checks.vectors(t, u, x, reference, channels)
         tv = found["t"]
         steps = checks.increasing_steps(tv)
@@ -711,7 +714,7 @@ class Record:
             Named tuple ``(gain, offset, delay, rms)``: the channel is close to gain * expected +
             offset, `delay` later.
         """
-        if name not in self.channels:
+        if string("name", name) not in self.channels:
             raise ValueError(
                 f"the record has no channel {name!r}; it has {', '.join(self.channels) or 'none'}"
             )
@@ -766,7 +769,7 @@ class Record:
         path : path-like
             Where to; a file that is there already is replaced.
         """
-        target = Path(path)
+        target = file_path("path", path)
         if target.suffix.lower() != ".csv":
             raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
         columns = self._columns()

@@ -151,6 +151,10 @@ class Scaling:
         Scaling
             Without the table's `dt`, `rate` and `max_gap`, which `read_sampling` reads.
         """
+        if not isinstance(data, Mapping):
+            raise ValueError(
+                f'data must be a mapping such as {{"counts_per_turn": 4096}}, got {data!r}'
+            )
         known_keys("record.", data, [*(item.name for item in fields(cls)), *_SAMPLING])
         return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 

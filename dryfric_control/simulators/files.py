@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dryfric_control.checks import file_path
 from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
 from dryfric_control.identification import load_fit
 from dryfric_control.simulators.joint_values import SimulatorValues
@@ -17,15 +18,8 @@ from dryfric_control.store.saved import load_any
 
 def read_model(model: Any, out: Any) -> tuple[Path, bytes, Path]:
     """Path and bytes of a model file, and where to write it."""
-    path = existing_file(target("model", model))
-    return path, path.read_bytes(), path if out is None else target("out", out)
-
-
-def target(name: str, path: Any) -> Path:
-    """The path of a file."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise ValueError(f"{name} must be the path of a file, got {path!r}")
-    return Path(path)
+    path = existing_file(file_path("model", model))
+    return path, path.read_bytes(), path if out is None else file_path("out", out)
 
 
 def written(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValues:

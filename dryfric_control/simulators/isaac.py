@@ -8,8 +8,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from dryfric_control.checks import file_path
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, target, written
+from dryfric_control.simulators.files import number, written
 from dryfric_control.simulators.joint_values import SimulatorValues
 
 _ISAAC = joint_values.Format(
@@ -69,7 +70,7 @@ def to_isaac(
     <BLANKLINE>
     """
     joints = joint_values.joints_of(result, joint, {})
-    place = target("path", path)
+    place = file_path("path", path)
     loads = joint_values.checked_loads(load, joints)
     found = joint_values.described(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
+from dryfric_control.checks import file_path
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, target, written
+from dryfric_control.simulators.files import number, written
 from dryfric_control.simulators.joint_values import SimulatorValues
 
 # Breakaway velocities that are tried.
@@ -89,7 +90,7 @@ def to_simscape(
     set_param('arm/Elbow', 'brkwy_trq', '1.5', 'brkwy_trq_unit', 'N*m');
     """
     joints = joint_values.joints_of(result, joint, {}, tuple(_NAMES))
-    place = target("path", path)
+    place = file_path("path", path)
     found = joint_values.described(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():

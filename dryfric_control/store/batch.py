@@ -19,6 +19,7 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
+from dryfric_control.checks import file_path
 from dryfric_control.store.files import replacing
 
 # First entry of every store: what the file is, and how it is laid out.
@@ -200,9 +201,7 @@ def _whole_lines(path: Path) -> bytes:
 
 def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
     """Results that a store holds, by the text of their case."""
-    if not isinstance(store, (str, os.PathLike)):
-        raise ValueError(f"store must be the path of a file, got {store!r}")
-    path = Path(store)
+    path = file_path("store", store)
     if path.is_dir():
         raise ValueError(f"store {path} is a folder: name a file in it")
     if not path.parent.is_dir():

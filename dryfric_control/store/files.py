@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dryfric_control.checks import file_path
 from dryfric_control.text import did_you_mean
 
 T = TypeVar("T")
@@ -20,7 +21,7 @@ _ROOM = 4_000_000  # bytes, more than a report takes
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Where to write what takes the place of a file once the block ends without an error."""
-    target = Path(path)
+    target = file_path("path", path)
     if target.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file in it")
     if not target.parent.is_dir():

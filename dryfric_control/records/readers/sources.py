@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dryfric_control.checks import short
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.channels import Channels, Wanted
 from dryfric_control.records.readers.limits import too_long
@@ -44,9 +45,8 @@ def read_channels(
             kept = replace(kept, **channels.own_notes(meta, damaged))
         found = _selected(frame_columns(source), kept, wanted, listed=not kept.raw)
     else:
-        raise TypeError(
-            "read_record takes a path, a data frame or a mapping of arrays, "
-            f"got {type(source).__name__}"
+        raise ValueError(
+            f"source must be a path, a data frame or a mapping of arrays, got {short(source)}"
         )
     values, notes = found.values, found.notes
     own_time = "t" in values

@@ -939,6 +939,7 @@ def test_every_argument_is_in_the_table():
 # ------------------------------------------------------------------ warnings
 
 STRETCHES = (np.arange(N) < 700) | (np.arange(N) > 1994)
+PLAY = AXIS.replace(effects=fx.Backlash(1e-4, 0.5))
 CONTACT = AXIS.replace(effects=fx.Presliding(1e-5))
 COUNTS = "one count in m, not a number of counts"
 SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
@@ -950,6 +951,7 @@ SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
         "5 samples .* left out",
     ),
     "observer leaves out": (dfc.design_pi_observer, (CONTACT, DT), "leaves out presliding"),
+    "compensation leaves out": (dfc.design_compensation, (PLAY, DT), "leaves out backlash"),
     "observer, counts for metres": (
         functools.partial(dfc.design_pi_observer, encoder_quantum=1.0),
         (AXIS, DT),
@@ -964,5 +966,6 @@ SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
 @pytest.mark.parametrize("case", SUSPECT)
 def test_suspect_input_brings_a_warning(case):
     call, arguments, words = SUSPECT[case]
-    with pytest.warns(UserWarning, match=words):
+    with pytest.warns(UserWarning, match=words) as told:
         call(*arguments)
+    assert {one.filename for one in told} == {__file__}, "points into the package"

@@ -447,7 +447,7 @@ def _cut(
     """Windows of a record; ValueError if it cannot be diagnosed."""
     windows = cut(record, window, hold)
     check_units(axis, record, name)
-    warn_if_implausible(axis, record, 4)
+    warn_if_implausible(axis, record)
     if len(windows) < least:
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "

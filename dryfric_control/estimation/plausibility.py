@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
+from dryfric_control.checks import warn
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
@@ -22,7 +22,7 @@ _WEAK = 0.5
 _STRONG = 30.0
 
 
-def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3) -> None:
+def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
     """Warn about a record with wrong units, reversed sign or swapped columns.
 
     Parameters
@@ -31,8 +31,6 @@ def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3)
         The nominal axis.
     record : Record
         The measured record.
-    stacklevel : int, optional
-        Frames between the caller's caller and here.
 
     Warns
     -----
@@ -57,7 +55,7 @@ def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3)
     'positions run from 0 to 166 m, the axi'
     """
     for message in _messages(axis, record):
-        warnings.warn(message, RecordWarning, stacklevel=stacklevel)
+        warn(message, RecordWarning)
 
 
 def check_distinct(records: Sequence[Record]) -> None:

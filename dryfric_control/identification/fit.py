@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, whole
+from dryfric_control.checks import finite, instance, positive, warn, whole
 from dryfric_control.drawing import MEASURED, legend_above, panels
 from dryfric_control.estimation.continuation import continued
 from dryfric_control.estimation.force_residual import Sliding, force_start
@@ -538,11 +537,11 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
     factor = min(math.ceil(force / max(_DISTURBS * level, 1e-300)), len(record) // _FEWEST)
     if factor < 2:
         return record
-    warnings.warn(
+    warn(
         f"the velocity has noise of {noise:.3g} {axis.units[0]}/s: its integral is fitted at every "
         f"{factor}. sample, as record.decimated({factor}) does",
-        FitWarning, stacklevel=3,
-    )  # fmt: skip
+        FitWarning,
+    )
     return record.decimated(factor)
 
 
@@ -700,7 +699,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     messages += tuple(_far(problem, first, z))
     messages = tuple(rotary_words(message, axis.units[1]) for message in messages)
     for message in messages:
-        warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
+        warn(message, FitWarning)
     given = dict(zip(names, values.tolist(), strict=True))
     return Fit(
         axis,

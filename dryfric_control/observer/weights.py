@@ -9,14 +9,13 @@ uncertain force moves the mass within one sample, measured in noise.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import finite, increment, instance, positive
+from dryfric_control.checks import finite, increment, instance, positive, warn
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 
@@ -69,11 +68,10 @@ def own_axis(
     left = [effect for effect in acting.effects if effect.action in LEFT_OUT]
     if left:
         names = ", ".join(effect.slug for effect in left)
-        warnings.warn(
+        warn(
             f"the observer leaves out {names}: it runs the axis as one rigid mass that either "
             "rests or slides, and what that misses goes into its integral term and its mode",
             ObserverWarning,
-            stacklevel=3,  # the caller of design_pi_observer
         )
     return acting.replace(
         stribeck=None,
@@ -145,7 +143,7 @@ def default_weights(
         bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
     elif encoder_quantum is not None:
-        quantum = increment(encoder_quantum, axis.unit("m"), stacklevel=4)
+        quantum = increment(encoder_quantum, axis.unit("m"))
         bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
         bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2

@@ -186,8 +186,7 @@ class Record:
                 f"of {len(self)} readings of x these are masked: "
                 f"{told(self.bad | {'clipped': 0})}; the first is x[{k}] = "
                 f"{masked.readings[0]:.6g} at t = {self.t[k]:.6g} s. record.masked lists them, "
-                "good=np.ones(len(x), bool) keeps all",
-                stacklevel=3,
+                "good=np.ones(len(x), bool) keeps all"
             )
 
     def __setstate__(self, parts: Mapping[str, Any]) -> None:

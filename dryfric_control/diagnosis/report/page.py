@@ -79,7 +79,7 @@ def html_page(d: Findings) -> str:
         d=d,
         force=d.axis.units[1],
         pictures=_pictures(d, before, after),
-        references=[(name, f"{gain:+.0f}") for name, gain in d.references.items()],
+        references=[(name, f"{gain:+z.0f}") for name, gain in d.references.items()],
         evidence=_evidence_rows(d, before, after),
         acting=_acting_rows(d),
         toml=axis_text(d.extended),

@@ -272,7 +272,7 @@ def further_lines(d: Findings) -> list[str]:
     if d.remaining.rms > 0.0:
         lines.append(d.remaining.headline)
     if d.references:
-        names = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
+        names = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
         lines.append(
             f"gain of log-likelihood over references (positive: better than the reference): {names}"
         )

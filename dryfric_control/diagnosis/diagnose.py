@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
+from dryfric_control.diagnosis import gain_or_base
 from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
 from dryfric_control.diagnosis.causes import hardly_determined
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
@@ -317,7 +318,7 @@ def _answered(
     experiment = None
     if not (late or interrupted):
         tell("next experiment", model.causes)
-        experiment = _experiment(problem, model, final, rivals, records[0])
+        experiment = _experiment(problem, model, final, rivals, causes, records[0])
     finished = not (late or interrupted)
     return Diagnosis(
         axis=problem.believed,
@@ -418,12 +419,14 @@ def _experiment(
     model: Model,
     final: Solution,
     rivals: Mapping[str, dict[str, Solution]],
+    causes: Sequence[Any],
     record: Record,
 ) -> Experiment | None:
     """The experiment that separates the first doubtful cause from its alternatives."""
     doubtful = next((n for n in model.causes if rivals.get(n)), None)
     if doubtful is None:
-        return None
+        other = gain_or_base.rival(final.axis, problem.believed, causes)
+        return other and next_experiment(final.axis, other[:1], record, names=other[1:])
     some = dict(list(rivals[doubtful].items())[:RIVALS])
     return next_experiment(final.axis, axes_of(some), record, names=[doubtful, *some])
 

@@ -463,7 +463,9 @@ class FrictionAxis:
         dt : float, optional
             Sampling time [s]; 0 for continuous time.
         method : {"euler", "zoh"}, optional
-            The paper's Euler approximation (4), or the exact discretisation.
+            The paper's Euler approximation (4), an error of first order in dt, or the exact
+            discretisation with a held input.  The system prints which, its attribute
+            `method` has it.
         input : {"drive", "force"}, optional
             "drive": the matrix B_i of the known input, zero in mode 0, where
             friction cancels the drive.  "force": the matrix E_i of an unknown
@@ -545,7 +547,7 @@ class FrictionAxis:
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
         elif dt > 0.0:
             a, b = _held(a, b, dt, method)
-        return ModeStateSpace(
+        system = ModeStateSpace(
             a,
             b,
             c,
@@ -556,6 +558,8 @@ class FrictionAxis:
             states=states,
             name=f"{self.name}_{mode_label(index)}",
         )
+        system.method = method if dt > 0.0 else ""
+        return system
 
     def _slopes(self, index: int, at: Any) -> tuple[float, float, float, float]:
         """Slopes of a mode's acceleration by position, velocity and drive; of the reading."""
@@ -745,6 +749,17 @@ def _delayed(
 
 class ModeStateSpace(ct.StateSpace):
     """State space of one mode; where B = 0 (stuck) it is drawn without its transmission zeros."""
+
+    #: How it was sampled, "euler" or "zoh"; empty in continuous time.
+    method = ""
+
+    def __str__(self) -> str:
+        """Matrices, and how they were sampled."""
+        how = {
+            "euler": '\nsampled by Euler\'s rule, first order in dt; method="zoh" is exact',
+            "zoh": "\nsampled exactly, the input held",
+        }
+        return f"{super().__str__()}{how.get(self.method, '')}"
 
     def zeros(self) -> NDArray[np.complex128]:
         """Transmission zeros, none where the input has no effect."""

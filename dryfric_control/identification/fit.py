@@ -79,9 +79,11 @@ _SHOWN_BY = {
 # Length of the free runs [s], and their number in a record without a drive: enough blocks for
 # the standard errors.
 _WINDOW, _UNDRIVEN = 0.25, 8
-# Force of a velocity's noise that may act from sample to sample, over the Coulomb level; median of
-# the size of a normal variable; fewest samples that are left.
-_DISTURBS, _MEDIAN, _FEWEST = 0.3, 0.6745, 500
+# Least samples of a free run.
+_SHORTEST = 8
+# Force of a velocity's noise that may act from sample to sample, over the Coulomb level, and part
+# of it from which it counts; median of the size of a normal variable; fewest samples left.
+_DISTURBS, _SHOWS, _MEDIAN, _FEWEST = 0.1, 0.3, 0.6745, 500
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -534,7 +536,11 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
     noise = float(np.median(differences)) / (_MEDIAN * math.sqrt(20.0))
     level = axis.coulomb.mean or float(np.std(record.u))
     force = axis.mass * math.sqrt(2.0) * noise / record.dt
-    factor = min(math.ceil(force / max(_DISTURBS * level, 1e-300)), len(record) // _FEWEST)
+    # Over k samples it averages out as k^1.5.  It alternates, which a random force does not: taken
+    # sample by sample, even a small one is fitted by a wrong mass and a large random force.
+    share = force / max(_DISTURBS * level, 1e-300)
+    needed = max(share ** (2.0 / 3.0), 2.0) if share > _SHOWS else 1.0
+    factor = math.ceil(min(needed, len(record) // _FEWEST))
     if factor < 2:
         return record
     warn(
@@ -548,7 +554,7 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
 def _window(records: Sequence[Record]) -> float:
     """Length of the free runs where none is given [s]."""
     if any(np.any(r.u) for r in records):
-        return _WINDOW
+        return max(_WINDOW, _SHORTEST * max(r.dt for r in records))
     return max(_WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 

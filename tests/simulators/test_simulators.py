@@ -186,6 +186,17 @@ def test_a_fit_has_errors_and_free_runs(fitted, arm):
     assert "written: arm.xml" in found.summary()
 
 
+def test_a_modelica_table_of_few_velocities_is_the_curve(tmp_path):
+    """A knot between the samples would be free, and its friction zero."""
+    path, speeds = tmp_path / "Arm.mo", np.array([0.1, 0.5, 1.0])
+    path.write_bytes(MO)
+    dfc.to_modelica(PLAIN, path, velocities=np.r_[speeds, -speeds])
+    (table,) = re.findall(rb"tau_pos=\[([\d., ;e-]*)\],\s*w\(start", path.read_bytes())
+    rows = [[float(cell) for cell in row.split(b",")] for row in table.split(b";")]
+    expected = [[0.0, 1.2], *([w, 1.2 + 0.3 * w] for w in speeds)]
+    np.testing.assert_allclose(rows, expected, rtol=1e-5)
+
+
 def driven(mujoco, path, u, joint="elbow"):
     """Positions of the joint in MuJoCo under a held torque."""
     model = mujoco.MjModel.from_xml_path(str(path))
